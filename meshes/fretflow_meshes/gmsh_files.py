@@ -1,0 +1,166 @@
+"""The .msh files: the only place that calls gmsh."""
+
+from __future__ import annotations
+
+import inspect
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from fretflow.core.errors import MeshError
+from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP, GroupTag
+from numpy.typing import NDArray
+
+from fretflow_meshes.hexmesh import HexMesh
+
+# gmsh's element types: (hexahedron, quadrilateral) of each degree.
+_TYPES: Final = {1: (5, 3), 2: (12, 10)}
+_GROUPS: Final = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
+
+
+@contextmanager
+def gmsh_session(path: Path) -> Iterator[Any]:
+    """Open a quiet gmsh with an empty model; whatever gmsh says about `path` becomes a MeshError.
+
+    gmsh takes over the interrupt key when it is imported or initialised; the caller's handler is put back.
+    A gmsh that somebody else has initialised stays so.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    handler = signal.getsignal(signal.SIGINT)
+    import gmsh
+
+    owned = not _is_initialized(gmsh)
+    try:
+        if owned:
+            options = {"readConfigFiles": False, "interruptible": False}
+            known = inspect.signature(gmsh.initialize).parameters
+            gmsh.initialize(**{key: value for key, value in options.items() if key in known})
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("fretflow")
+        yield gmsh
+    except MeshError:
+        raise
+    except Exception as error:
+        if type(error) is not Exception:  # gmsh raises bare Exception only
+            raise
+        raise MeshError(f"{path}: gmsh says {str(error).strip()!r}; "
+                        "give a readable .msh file and a writable folder") from error
+    finally:
+        if owned:
+            gmsh.finalize()
+        else:
+            gmsh.model.remove()
+        if in_main and handler is not None:
+            signal.signal(signal.SIGINT, handler)
+
+
+def _is_initialized(gmsh: Any) -> bool:
+    if hasattr(gmsh, "isInitialized"):
+        return bool(gmsh.isInitialized())
+    try:  # before 4.9 a gmsh that is not initialised answers 0, or raises once it was finalised
+        return bool(gmsh.option.getNumber("Mesh.MshFileVersion") > 0.0)
+    except Exception as error:
+        if type(error) is not Exception:
+            raise
+        return False
+
+
+def write_mesh(mesh: HexMesh, path: Path) -> None:
+    """Write `mesh` as .msh 4.1 (binary, hence exact) with the physical groups contact, clamped and body.
+
+    Raises
+    ------
+    MeshError
+        If gmsh cannot write the file.
+    """
+    hexahedron, quadrilateral = _TYPES[mesh.degree]
+    parts = {CONTACT_GROUP: (GroupTag.CONTACT, quadrilateral, mesh.contact),
+             CLAMPED_GROUP: (GroupTag.CLAMPED, quadrilateral, mesh.clamped),
+             BODY_GROUP: (GroupTag.BODY, hexahedron, mesh.cells)}
+    with gmsh_session(path) as gmsh:
+        for name, (tag, _, _) in parts.items():
+            gmsh.model.addDiscreteEntity(_GROUPS[name], int(tag))
+            gmsh.model.addPhysicalGroup(_GROUPS[name], [int(tag)], int(tag))
+            gmsh.model.setPhysicalName(_GROUPS[name], int(tag), name)
+        numbers = np.arange(1, len(mesh.points) + 1)
+        gmsh.model.mesh.addNodes(_GROUPS[BODY_GROUP], int(GroupTag.BODY), numbers, mesh.points.ravel())
+        first = 1
+        for tag, kind, connectivity in parts.values():
+            elements = np.arange(first, first + len(connectivity))
+            gmsh.model.mesh.addElementsByType(int(tag), kind, elements, connectivity.ravel() + 1)
+            first += len(connectivity)
+        gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+        gmsh.option.setNumber("Mesh.Binary", 1)
+        gmsh.option.setNumber("Mesh.SaveAll", 0)
+        gmsh.write(str(path))
+
+
+def read_mesh(path: Path) -> HexMesh:
+    """Read the groups contact, clamped and body of a .msh file of any version.
+
+    Raises
+    ------
+    MeshError
+        If the file or a group is missing, or a group holds elements other than hexahedra of 8 or 27 nodes and
+        their faces.
+    """
+    _check_is_msh(path)
+    with gmsh_session(path) as gmsh:
+        gmsh.merge(str(path))
+        groups = _groups(gmsh, path)
+        hexahedra = [kind for kind, _ in _TYPES.values()]
+        connectivity = {BODY_GROUP: _elements(gmsh, path, BODY_GROUP, groups, hexahedra)}
+        degree = next(d for d in _TYPES if connectivity[BODY_GROUP].shape[1] == (d + 1) ** 3)
+        for name in (CONTACT_GROUP, CLAMPED_GROUP):
+            connectivity[name] = _elements(gmsh, path, name, groups, [_TYPES[degree][1]])
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    used = np.unique(np.concatenate([nodes.ravel() for nodes in connectivity.values()]))
+    order = np.argsort(tags)
+    points = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
+    number = {name: np.searchsorted(used, nodes) for name, nodes in connectivity.items()}
+    return HexMesh(points=points, cells=number[BODY_GROUP], contact=number[CONTACT_GROUP],
+                   clamped=number[CLAMPED_GROUP])
+
+
+def _check_is_msh(path: Path) -> None:
+    """Check that gmsh will take the file for a mesh; it runs any other text as a script."""
+    try:
+        with path.open("rb") as file:
+            is_mesh = path.suffix == ".msh" and file.read(1) == b"$"
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read ({error.strerror}); give the path of a .msh file") from error
+    if not is_mesh:
+        raise MeshError(f"{path}: is no .msh file; save the mesh in gmsh's format with that ending")
+
+
+def _groups(gmsh: Any, path: Path) -> dict[str, NDArray[np.int64]]:
+    """Return the entities of each needed physical group."""
+    found = {(gmsh.model.getPhysicalName(dim, tag), dim): tag for dim, tag in gmsh.model.getPhysicalGroups()}
+    for name, dim in _GROUPS.items():
+        if (name, dim) not in found:
+            kind = "volume" if dim == 3 else "surface"
+            have = ", ".join(sorted({n for n, _ in found if n})) or "none"
+            raise MeshError(f"{path}: lacks the physical {kind} {name!r} (it has: {have}); "
+                            "name the groups contact, clamped (surfaces) and body (volume)")
+    return {name: gmsh.model.getEntitiesForPhysicalGroup(dim, found[name, dim])
+            for name, dim in _GROUPS.items()}
+
+
+def _elements(gmsh: Any, path: Path, name: str, groups: dict[str, NDArray[np.int64]], accepted: list[int]
+              ) -> NDArray[np.int64]:
+    """Return the nodes (gmsh's tags) of the group's elements, which must all be of one `accepted` type."""
+    kinds: dict[int, list[NDArray[np.int64]]] = {}
+    for entity in groups[name]:
+        for kind, _, nodes in zip(*gmsh.model.mesh.getElements(_GROUPS[name], int(entity)), strict=True):
+            kinds.setdefault(int(kind), []).append(nodes)
+    if len(kinds) != 1 or next(iter(kinds)) not in accepted:
+        have, need = (" or ".join(gmsh.model.mesh.getElementProperties(k)[0] for k in of) or "no elements"
+                      for of in (kinds, accepted))
+        raise MeshError(f"{path}: group {name} holds {have}; it must hold {need} only, so recombine the mesh")
+    ((kind, blocks),) = kinds.items()
+    width = gmsh.model.mesh.getElementProperties(kind)[3]
+    return np.concatenate(blocks).astype(np.int64).reshape(-1, width)

@@ -1,0 +1,48 @@
+"""Element sizes that grow away from the contact."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+BISECTIONS = 60
+
+
+def graded_sizes(length: float, first: float, growth: float, largest: float) -> NDArray[np.float64]:
+    """Divide `length` into the fewest layers that start at `first` and grow by at most `growth`.
+
+    Sizes are ``min(first r^k, largest)`` with the one ratio r <= growth that fills `length` exactly. When
+    layers of constant size already exceed `length`, they are made equal and smaller than `first`.
+
+    Returns
+    -------
+    ndarray, shape (layers,), unit of `length`
+        Sizes from the contact outwards; their sum is `length` to rounding.
+    """
+    largest = max(largest, first)
+
+    def sizes(layers: int, ratio: float) -> NDArray[np.float64]:
+        exponents = np.arange(layers)
+        capped = np.log(largest / first) / np.log(ratio) if ratio > 1.0 else np.inf
+        return np.asarray(np.minimum(first * ratio ** np.minimum(exponents, capped), largest))
+
+    bound = int(np.ceil(length / first)) + 1  # constant sizes need the most layers
+    reach = np.cumsum(sizes(bound, growth))
+    layers = int(np.searchsorted(reach, length * (1.0 - 1e-9))) + 1
+    low, high = 1.0, growth
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if sizes(layers, middle).sum() > length else (middle, high)
+    result = sizes(layers, low)
+    return np.asarray(result * (length / result.sum()))
+
+
+def levels(start: float, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the layer boundaries, shape (layers + 1,), that begin at `start`."""
+    return start + np.concatenate(([0.0], np.cumsum(sizes)))
+
+
+def subdivide(values: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
+    """Insert the nodes of elements of `degree` between their boundaries, shape (degree * elements + 1,)."""
+    positions = np.arange(degree * (len(values) - 1) + 1) / degree
+    return np.interp(positions, np.arange(len(values)), values)

@@ -1,0 +1,102 @@
+"""Newton with GMRES: against dense algebra, and its ways out when the first guess or the iterations fail.
+
+What carries the weight: the dense Jacobian, formed column by column, gives the same steps; three routes
+(from sliding, from rest, by raising the load) end in one root.
+"""
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import PeriodicMethod, Solver
+from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.harmonic import dlft
+from fretflow.harmonic.newton import gmres, solve_newton
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+NODES = 5
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Return a row of nodes on an elastic foundation with neighbours coupled and one node apart by a gap."""
+    chain = 2.0 * np.eye(NODES) - np.eye(NODES, k=1) - np.eye(NODES, k=-1)
+    stiffness = np.kron(5e6 * np.eye(NODES) + 1e7 * chain, np.array([[1, 0, 0.1], [0, 1, 0], [0.1, 0, 1.3]]))
+    joint = QuasiStaticJoint.from_stiffness(stiffness, LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
+    gap = np.array([0.0, 0.0, 0.0, 1e-7, 1e-3])
+    interface = Interface(nodes=np.zeros((NODES, 2)), areas=np.full(NODES, 2e-7), gap=gap)
+    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
+                           excitation=60.0, normal_load=60.0)
+
+
+@pytest.fixture(scope="module")
+def equations(problem):
+    return dlft.build_equations(problem, dlft.Variant(3, 128, None))
+
+
+def test_gmres_solves_as_a_dense_solver():
+    rng = np.random.default_rng(0)
+    matrix, right = np.eye(40) + 0.3 * rng.normal(size=(40, 40)), rng.normal(size=40)
+    x, iterations = gmres(lambda v: matrix @ v, right, lambda v: v / np.diag(matrix), 1e-12)
+    assert x == pytest.approx(np.linalg.solve(matrix, right), rel=1e-9, abs=1e-11)
+    assert iterations <= 40
+
+
+def test_gmres_with_the_exact_inverse_needs_one_step():
+    matrix = np.diag([1.0, 10.0, 1e4])
+    x, iterations = gmres(lambda v: matrix @ v, np.ones(3), lambda v: v / np.diag(matrix), 1e-12)
+    assert iterations == 1
+    assert x == pytest.approx([1.0, 0.1, 1e-4], rel=1e-12)
+
+
+def test_all_routes_lead_to_one_root(equations):
+    rest = np.zeros((7, 3 * NODES))
+    roots = [solve_newton(equations, guess, equations.scale, 1e-11, 100).unknowns
+             for guess in (rest, dlft.free_sliding(equations))]
+    roots.append(dlft._raise_load(equations, 1e-11, 60).unknowns)
+    assert np.ptp(roots[0][:, 0]) > 1e-6  # it slides
+    for other in roots[1:]:
+        assert np.abs(other - roots[0]).max() < 1e-8 * np.abs(roots[0]).max()
+
+
+def test_convergence_at_the_end_is_quadratic(equations):
+    history = dlft.solve_equations(equations, None, 1e-11, 60).history
+    assert history[-1] < 1e-11
+    assert history[-1] < 1e3 * history[-2]**1.7
+
+
+def test_a_node_with_a_large_gap_never_touches(problem):
+    found = dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
+    assert np.all(found.force[:, 4] == 0.0)
+    assert found.force[:, :, 2].sum(axis=1).mean() == pytest.approx(60.0, rel=1e-8)
+    assert (problem.interface.gap[:3] + found.displacement[:, :3, 2]).min() > -1e-9
+
+
+def test_motion_of_the_rig_balances_the_forces_in_time(problem):
+    """The rig's equations of motion, the contact's harmonics in them, hold at every harmonic that is kept."""
+    found = dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
+    amplitudes = np.fft.rfft(found.rig_displacement, axis=0)[:4] / 64
+    friction = np.fft.rfft(found.friction_force)[:4] / 64
+    for h in (1, 2, 3):
+        load = np.array([60.0 if h == 1 else 0.0, -friction[h]])
+        impedance = problem.joint.rig.impedance(np.array([h * problem.omega]))[0]
+        assert impedance @ amplitudes[h] == pytest.approx(load, abs=1e-6)
+
+
+def test_failure_carries_its_history(problem):
+    settings = Solver(method=PeriodicMethod.DLFT, max_iterations=1)
+    with pytest.raises(NonConvergenceError, match="of the excitation") as caught:
+        dlft.DlftSolver(settings).solve(problem)
+    assert len(caught.value.history) == 2
+
+
+def test_samples_must_tell_the_harmonics_apart(problem):
+    with pytest.raises(InputError, match="samples"):
+        dlft.build_equations(problem, dlft.Variant(3, 6, None))
+    with pytest.raises(InputError, match="penalty"):
+        dlft.build_equations(problem, dlft.Variant(3, 128, -1.0))
+
+
+def test_default_penalty_is_the_largest_eigenvalue(equations):
+    assert equations.penalty == pytest.approx(np.linalg.eigvalsh(equations.stiffness[0].real)[-1], rel=1e-10)

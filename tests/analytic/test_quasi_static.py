@@ -1,0 +1,154 @@
+"""The true periodic solver against laws that its solution must obey, and its tangent against differences.
+
+What carries the weight: every sample of every node is audited against equilibrium, complementarity and the friction
+disc; the work of the excitation must equal friction and damping losses; a joint that sticks must be the linear one;
+and the tangent through the history must be that of central differences.
+"""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import Solver
+from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.contact_march import ContactMarch
+from fretflow.harmonic.contact_sample import ContactSystem
+from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex
+from fretflow.harmonic.periodic import ContactState, PeriodicProblem
+from fretflow.harmonic.quasi_static import QuasiStaticSolver, press
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
+MU, LOAD = 0.88, 60.0
+RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+JOINT = QuasiStaticJoint.from_stiffness(1e3 * DATA["K"], RIG)
+NODES = len(DATA["x"])
+DOME = 4e-7 * np.sum((DATA["x"][:, :2] / 0.5)**2, axis=1)  # m; opens the corners in part of the period
+
+
+def problem(force, gap=None, mu=MU):
+    interface = Interface(nodes=1e-3 * DATA["x"][:, :2], areas=np.full(NODES, 1e-6 / NODES),
+                          gap=np.zeros(NODES) if gap is None else gap)
+    return PeriodicProblem(joint=JOINT, interface=interface, friction_coefficient=mu, frequency=100.0,
+                           excitation=force, normal_load=LOAD)
+
+
+@cache
+def solution(force, domed=False, samples=128):
+    settings = Solver(harmonics=25, samples=samples, estimate_error=False)
+    return QuasiStaticSolver(settings).solve(problem(force, DOME if domed else None))
+
+
+CASES = [(30.0, False), (53.0, False), (75.0, False), (50.0, True), (75.0, True)]
+
+
+@pytest.mark.parametrize(("force", "domed"), CASES)
+def test_every_sample_obeys_the_contact_laws(force, domed):
+    found, gap = solution(force, domed), DOME if domed else np.zeros(NODES)
+    pressing, friction = found.force[:, :, 2], np.hypot(found.force[:, :, 0], found.force[:, :, 1])
+    opening = gap + found.displacement[:, :, 2]
+    small = 1e-8 * LOAD
+    assert pressing.min() >= -small
+    assert opening.min() >= -1e-14
+    assert np.abs(pressing * opening).max() < 1e-14 * LOAD
+    assert np.all(friction <= MU * pressing + small)
+    slip = found.displacement[:, :, :2] - np.roll(found.displacement[:, :, :2], 1, axis=0)
+    slips = found.state == ContactState.SLIP
+    assert np.all(np.abs(friction - MU * pressing)[slips] < small)
+    power = np.sum(found.force[:, :, :2] * slip, axis=2)
+    assert np.abs(power + MU * pressing * np.hypot(slip[..., 0], slip[..., 1]))[slips].max(initial=0.0) < 1e-6 * small
+    assert np.abs(slip[found.state == ContactState.STICK]).max() < 1e-15
+    assert np.any(found.state == ContactState.OPEN) or not domed
+
+
+@pytest.mark.parametrize(("force", "domed"), CASES)
+def test_equilibrium_of_the_contact_and_of_the_load(force, domed):
+    found = solution(force, domed)
+    forces = found.force.reshape(len(found.force), -1)
+    assert found.force[:, :, 2].sum(axis=1) == pytest.approx(LOAD, rel=1e-8)
+    assert -found.force[:, :, 0].sum(axis=1) == pytest.approx(found.friction_force, abs=1e-12)
+    # u - flexibility f is a rigid motion of the arm: all nodes share x and z, and y stays
+    rigid = (found.displacement.reshape(forces.shape) - forces @ JOINT.flexibility).reshape(len(forces), NODES, 3)
+    assert np.ptp(rigid, axis=1).max() < 1e-14
+    assert rigid[:, :, 0] == pytest.approx(np.broadcast_to(found.rig_displacement[:, 1:], rigid.shape[:2]), abs=1e-14)
+    assert np.abs(rigid[:, :, 1]).max() < 1e-14
+
+
+@pytest.mark.parametrize("force", [53.0, 75.0])
+def test_work_of_the_excitation_is_friction_and_damping(force):
+    """Work over a period by Fourier series of the motion alone; friction by forces times slips."""
+    found = solution(force, samples=256)
+    amplitudes = to_complex(analysis_matrix(25, 256) @ found.rig_displacement)
+    given = np.pi * force * np.imag(np.conj(amplitudes[1, 0]))
+    omega = 2 * np.pi * 100.0 * np.arange(26)
+    damped = sum(np.pi * w * k * (np.conj(a) @ RIG.damping @ a).real
+                 for w, k, a in zip(omega, np.arange(26), amplitudes, strict=True))
+    slid = found.displacement - np.roll(found.displacement, 1, axis=0)
+    rubbed = -np.sum(found.force[:, :, :2] * slid[:, :, :2])
+    assert given == pytest.approx(rubbed + damped, rel=5e-3)
+
+
+def test_a_joint_that_sticks_is_the_linear_joint():
+    found = solution(30.0)
+    omega = 2 * np.pi * 100.0
+    impedance = RIG.impedance(np.array([omega]))[0]
+    impedance[1, 1] += JOINT.motion[:, 0] @ JOINT.stiffness @ JOINT.motion[:, 0]
+    expected = np.linalg.solve(impedance, [30.0, 0.0])
+    amplitudes = to_complex(analysis_matrix(3, 128) @ found.rig_displacement)
+    assert amplitudes[1] == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize("stroke", [2.2e-6, 8e-6])
+def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
+    """In partial slip, where the contact remembers, and in gross slip, where it forgets."""
+    samples, harmonics = 64, 5
+    system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
+    synthesis = synthesis_matrix(harmonics, samples)
+    arm = np.zeros(2 * harmonics + 1)
+    arm[[1, 2, 5]] = 0.5 * stroke, 0.02 * stroke, 0.05 * stroke
+    direction = np.random.default_rng(3).normal(size=len(arm)) * 1e-6
+
+    def march(coefficients):
+        marching = ContactMarch(system, JOINT.flexibility)
+        return marching.period(synthesis @ coefficients, synthesis, marching.preloaded(), None, 1e-12)
+
+    found = march(arm)
+    h = 1e-6
+    plus, minus = (march(arm + s * h * direction).trajectory.friction for s in (1, -1))
+    differences = (plus - minus) / (2 * h)
+    assert found.tangent @ direction == pytest.approx(differences, rel=1e-5, abs=1e-5 * np.abs(differences).max())
+
+
+def test_a_load_pressed_on_against_friction_shears_the_faces_within_their_limit():
+    """No lateral slip, hence no lateral motion at all, where every node sticks; no net friction force either."""
+    given = replace(problem(53.0), frictional_preload=True)
+    pressed, smooth = press(given), press(problem(53.0))
+    normal, friction = pressed.force[2 * NODES:], pressed.force[:2 * NODES].reshape(2, NODES)
+    assert normal.sum() == pytest.approx(LOAD, rel=1e-10)
+    assert np.all(np.hypot(*friction) < MU * normal)
+    assert np.abs(friction.sum(axis=1)).max() < 1e-9 * LOAD
+    assert np.hypot(*friction).sum() > 0.1 * LOAD
+    assert np.all(pressed.displacement == 0.0)
+    assert np.any(np.abs(smooth.displacement[:2 * NODES]) > 1e-8)
+    # held laterally, the bodies are stiffer
+    assert abs(pressed.approach) < abs(smooth.approach)
+
+
+def test_a_warm_start_finds_the_same_period():
+    cold = solution(60.0)
+    warm = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(problem(60.5), cold)
+    again = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(problem(60.5))
+    assert len(warm.residual_history) < 6
+    assert warm.friction_force == pytest.approx(again.friction_force, abs=1e-5)
+    assert warm.displacement == pytest.approx(again.displacement, abs=1e-11)
+
+
+def test_giving_up_keeps_the_history():
+    with pytest.raises(NonConvergenceError) as error:
+        QuasiStaticSolver(Solver(harmonics=25, samples=128, max_iterations=1)).solve(problem(60.0))
+    assert len(error.value.history) == 2
+    assert error.value.exit_code == 3

@@ -1,0 +1,283 @@
+"""Sensitivities of the period against differences of full solutions and against laws that they must obey.
+
+What carries the weight: central differences of solutions solved again, for every kind of parameter, in gross slip, in
+partial slip with nodes stuck all the period, and with nodes that open; and three exact laws that no difference enters:
+the period is homogeneous in forces and lengths, in forces and stiffnesses, and unchanged when time is stretched.
+"""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import Solver
+from fretflow.core.errors import InputError
+from fretflow.harmonic import direction as along
+from fretflow.harmonic.contact_march import ContactMarch, Trajectory
+from fretflow.harmonic.contact_sample import ContactSystem
+from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex
+from fretflow.harmonic.periodic import ContactState, PeriodicProblem
+from fretflow.harmonic.quasi_static import ArmEquations, QuasiStaticSolver
+from fretflow.harmonic.sensitivity import sensitivities
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+from fretflow.stages.cycle import respond
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
+EVERY_OTHER = np.flatnonzero(np.isin(np.arange(49) // 7 % 2 + np.arange(49) % 7 % 2, 0))
+NODES, HARMONICS, SAMPLES = len(EVERY_OTHER), 8, 48
+RNG = np.random.default_rng(5)
+WEIGHTS, SPRINGS = RNG.random(NODES), 1e-9 * RNG.random(3 * NODES)
+AREAS = 1e-6 / NODES * (1.0 + 0.2 * RNG.random(NODES))
+TILT = 3e-8 * RNG.random(NODES)
+DOME = TILT + 6e-7 * np.sum((DATA["x"][EVERY_OTHER, :2] / 0.5)**2, axis=1)
+RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+PARTS = {"moving_mass": 1.0, "arm_mass": 50.0, "ground_stiffness": 10.0, "hinge_stiffness": 50.0,
+         "ground_damping": 100.0, "hinge_damping": 3000.0}
+SOLVER = QuasiStaticSolver(Solver(harmonics=HARMONICS, samples=SAMPLES, estimate_error=False))
+GROSS, PARTIAL, OPENING = (75.0, False), (38.0, False), (60.0, True)
+
+
+def joint():
+    dofs = (3 * EVERY_OTHER[:, None] + np.arange(3)).ravel()
+    flexibility = np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)]
+    observed = np.random.default_rng(8).normal(size=(2, 3, 3 * NODES))
+    return replace(with_flexibility(0.5 * (flexibility + flexibility.T)), upper_compliance=1e-9 * observed[0],
+                   lower_compliance=1e-9 * observed[1])
+
+
+def with_flexibility(flexibility, model=None):
+    stiffness = np.linalg.inv(flexibility)
+    if model is None:
+        return QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T), RIG)
+    return replace(model, stiffness=0.5 * (stiffness + stiffness.T), flexibility=flexibility)
+
+
+@cache
+def problem(force, domed, mu=0.88):
+    interface = Interface(nodes=1e-3 * DATA["x"][EVERY_OTHER, :2], areas=AREAS, gap=DOME if domed else TILT)
+    return PeriodicProblem(joint=joint(), interface=interface, friction_coefficient=mu, frequency=100.0,
+                           excitation=force, normal_load=60.0)
+
+
+@cache
+def solution(force, domed, mu=0.88):
+    given = problem(force, domed, mu)
+    return solve_again(given, SOLVER.solve(given))
+
+
+def solve_again(given, start):
+    """Solve from `start` to round-off: differences of loosely converged periods would show their looseness."""
+    model, synthesis = given.joint, synthesis_matrix(HARMONICS, SAMPLES)
+    equations = ArmEquations.build(model.rig, given.omega, given.excitation, HARMONICS, SAMPLES)
+    march = ContactMarch(ContactSystem.build(model.stiffness, given.interface.gap, given.friction_coefficient,
+                                             given.normal_load), model.flexibility)
+    approach = start.displacement[:, 0, 2] - start.force.reshape(SAMPLES, -1) @ model.flexibility[2]
+    u, f = (a.transpose(0, 2, 1).reshape(SAMPLES, -1) for a in (start.displacement, start.force))
+    near = Trajectory(start.rig_displacement[:, 1], u, f, approach, start.state)
+    arm = equations.analysis @ near.arm
+    for turn in range(10):
+        period = march.period(synthesis @ arm, synthesis, near.sample(-1), near, 1e-14)
+        near = period.trajectory
+        residual = equations.impedance @ arm - equations.load - equations.analysis @ near.friction
+        if turn > 2 and np.linalg.norm(residual) < 1e-13 * given.excitation:
+            break
+        arm = arm - np.linalg.solve(equations.impedance - equations.analysis @ period.tangent, residual)
+    else:
+        pytest.fail(f"residual {np.linalg.norm(residual)} N")
+    u, f = (a.reshape(SAMPLES, 3, NODES).transpose(0, 2, 1) for a in (near.displacement, near.force))
+    upper, lower = model.observe(np.column_stack([synthesis @ arm, near.approach]), f.reshape(SAMPLES, -1))
+    return replace(start, displacement=u, force=f, state=near.state, friction_force=-near.friction,
+                   rig_displacement=np.column_stack([equations.block_motion(arm), synthesis @ arm]),
+                   upper_observation=upper, lower_observation=lower)
+
+
+def perturbations(given):
+    """Return for each direction how the problem changes by e units of it, and a unit of its size."""
+    model, face = given.joint, given.interface
+    changes = [
+        (along.friction(), lambda e: replace(given, friction_coefficient=0.88 + e), 0.88),
+        (along.friction(WEIGHTS), lambda e: replace(given, friction_coefficient=0.88 + e * WEIGHTS), 0.88),
+        (along.normal_load(), lambda e: replace(given, normal_load=60.0 + e), 60.0),
+        (along.gap(WEIGHTS), lambda e: replace(given, interface=replace(face, gap=face.gap + e * WEIGHTS)), 1e-5),
+        (along.compliance(SPRINGS), lambda e: replace(
+            given, joint=with_flexibility(model.flexibility + e * np.diag(SPRINGS), model)), 50.0),
+        (along.flexibility(model.flexibility), lambda e: replace(
+            given, joint=with_flexibility((1.0 + e) * model.flexibility, model)), 3.0),
+        (along.excitation(), lambda e: replace(given, excitation=given.excitation + e), given.excitation),
+        (along.frequency(), lambda e: replace(given, frequency=100.0 + e), 100.0)]
+    for part, slightness in PARTS.items():  # how much more of it is needed for a like change
+        size = getattr(RIG, part) * slightness
+        changes.append((getattr(along, part)(), lambda e, part=part: replace(
+            given, joint=replace(model, rig=replace(RIG, **{part: getattr(RIG, part) + e}))), size))
+    return changes
+
+
+def quantities(given, found):
+    """Return what a period is differentiated for, from the period alone."""
+    response, areas = respond(found, given.interface), given.interface.areas
+    return {
+        "arm": analysis_matrix(HARMONICS, SAMPLES) @ found.rig_displacement[:, 1],
+        "rig_displacement": found.rig_displacement,
+        "relative_displacement": found.displacement[:, :, 0] @ areas / areas.sum(),
+        "friction_force": found.friction_force, "upper_observation": found.upper_observation,
+        "lower_observation": found.lower_observation, "sliding_distance": response.sliding_distance,
+        "dissipated_energy": response.dissipated_energy, "pressure_sliding": response.pressure_sliding,
+        "slip_path": response.slip_path, "mean_pressure": response.mean_pressure,
+        "mean_opening": response.mean_opening}
+
+
+def test_the_cases_are_what_they_are_called():
+    state = {case: solution(*case).state for case in (GROSS, PARTIAL, OPENING)}
+    assert np.all(state[GROSS] != ContactState.STICK, axis=1).any()
+    assert 0 < np.all(state[PARTIAL] == ContactState.STICK, axis=0).sum() < NODES
+    assert np.any(state[PARTIAL] == ContactState.SLIP)
+    opens = np.any(state[OPENING] == ContactState.OPEN, axis=0)
+    assert np.any(opens & np.any(state[OPENING] != ContactState.OPEN, axis=0))
+
+
+@pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
+def test_every_direction_is_that_of_central_differences(case):
+    given, found = problem(*case), solution(*case)
+    changes, values = perturbations(given), quantities(given, found)
+    exact = sensitivities(given, found, [direction for direction, _, _ in changes], HARMONICS)
+    missed = {}
+    for i, (direction, change, size) in enumerate(changes):
+        h = 1e-5 * size
+        plus, minus = (quantities(p, solve_again(p, found)) for p in (change(h), change(-h)))
+        turned = np.abs(exact.arm[i]).max() / np.abs(values["arm"]).max()
+        for name, value in values.items():
+            difference, own = (plus[name] - minus[name]) / (2.0 * h), getattr(exact, name)[i]
+            # a dashpot shifts the phase, on which means do not depend: their own change is what is left
+            scale = max(np.abs(difference).max(), 1e-2 * turned * np.abs(value).max(), 1e-300)
+            error = np.abs(own - difference).max() / scale
+            if error > 1e-5:
+                missed[direction.name, name] = error
+    assert not missed
+
+
+FORCES = ("friction_force",)
+LENGTHS = ("arm", "rig_displacement", "relative_displacement", "sliding_distance", "slip_path", "mean_opening")
+
+
+def weighted(given, found, directions, weights):
+    """Return the change of each quantity along a combination of directions, its value and its scale."""
+    exact, values = sensitivities(given, found, directions, HARMONICS), quantities(given, found)
+    return {name: (np.tensordot(weights, getattr(exact, name), 1), value, np.abs(value).max())
+            for name, value in values.items()}
+
+
+@pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
+def test_homogeneous_in_forces_and_lengths(case):
+    """Euler: scaling excitation, load, gap and what stuck positions remember scales forces and lengths alike."""
+    given, found = problem(*case), solution(*case)
+    directions = [along.excitation(), along.normal_load(), along.gap(given.interface.gap),
+                  along.locked(found.displacement[0, :, :2])]
+    degree = dict.fromkeys((*FORCES, *LENGTHS, "upper_observation", "lower_observation", "mean_pressure"), 1.0)
+    degree |= dict.fromkeys(("dissipated_energy", "pressure_sliding"), 2.0)
+    for name, (change, value, scale) in weighted(given, found, directions,
+                                                 [given.excitation, given.normal_load, 1.0, 1.0]).items():
+        assert change == pytest.approx(degree[name] * value, abs=1e-8 * scale), name
+
+
+def rig_directions():
+    return [getattr(along, part)() for part in PARTS], [getattr(RIG, part) for part in PARTS]
+
+
+@pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
+def test_homogeneous_in_forces_and_stiffnesses(case):
+    """Scaling all forces, springs, dashpots, masses and the contact's stiffness leaves every motion as it is."""
+    given, found = problem(*case), solution(*case)
+    rig, sizes = rig_directions()
+    directions = [*rig, along.excitation(), along.normal_load(), along.flexibility(given.joint.flexibility)]
+    weights = [*sizes, given.excitation, given.normal_load, -1.0]
+    for name, (change, value, scale) in weighted(given, found, directions, weights).items():
+        if name not in ("upper_observation", "lower_observation"):  # their compliance is not scaled
+            expected = 0.0 if name in LENGTHS else 1.0
+            assert change == pytest.approx(expected * value, abs=1e-8 * scale), name
+
+
+@pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
+def test_stretching_time_changes_nothing(case):
+    """A contact without rate: frequency times its derivative is that of masses twice and of dashpots once."""
+    given, found = problem(*case), solution(*case)
+    rig, sizes = rig_directions()
+    powers = np.array([2.0 if "mass" in part else 1.0 if "damping" in part else 0.0 for part in PARTS])
+    weights = [given.frequency, *(-powers * sizes)]
+    single = sensitivities(given, found, [along.frequency()], HARMONICS)
+    for name, (change, _, _) in weighted(given, found, [along.frequency(), *rig], weights).items():
+        assert np.abs(change).max() < 1e-9 * given.frequency * np.abs(getattr(single, name)).max() + 1e-30, name
+
+
+def test_a_joint_that_sticks_is_the_linear_joint():
+    """With X = (Z + k)^-1 F, each derivative is -(Z + k)^-1 dZ X, in closed form."""
+    given, found = problem(30.0, False, 50.0), solution(30.0, False, 50.0)
+    assert np.all(found.state == ContactState.STICK)
+    stiffness = given.joint.motion[:, 0] @ given.joint.stiffness @ given.joint.motion[:, 0]
+    omega = 2.0 * np.pi * 100.0
+    linear = RIG.impedance(np.array([omega]))[0] + np.diag([0.0, stiffness])
+    motion = np.linalg.solve(linear, [30.0, 0.0])
+    changes = [(along.moving_mass(), -omega**2 * np.diag([1.0, 0.0])),
+               (along.arm_mass(), -omega**2 * np.diag([0.0, 1.0])),
+               (along.ground_stiffness(), np.diag([1.0, 0.0])),
+               (along.hinge_stiffness(), np.array([[1.0, -1.0], [-1.0, 1.0]])),
+               (along.hinge_damping(), 1j * omega * np.array([[1.0, -1.0], [-1.0, 1.0]])),
+               (along.frequency(), 2.0 * np.pi * (1j * RIG.damping - 2.0 * omega * RIG.mass)),
+               (along.flexibility(given.joint.flexibility), -stiffness * np.diag([0.0, 1.0]))]
+    exact = sensitivities(given, found, [direction for direction, _ in changes], HARMONICS)
+    for i, (_, change) in enumerate(changes):
+        amplitudes = to_complex(analysis_matrix(HARMONICS, SAMPLES) @ exact.rig_displacement[i])
+        assert amplitudes[1] == pytest.approx(-np.linalg.solve(linear, change @ motion), rel=1e-9, abs=1e-30)
+        assert np.abs(exact.slip_path[i]).max() == 0.0
+        assert np.abs(exact.dissipated_energy[i]) == 0.0
+
+
+@pytest.mark.parametrize("case", [GROSS, PARTIAL])
+def test_a_spring_or_dashpot_as_a_force_is_the_spring_or_dashpot(case):
+    given, found = problem(*case), solution(*case)
+    block = found.rig_displacement[:, 0]
+    amplitudes = np.fft.rfft(block)
+    speed = np.fft.irfft(1j * given.omega * np.arange(len(amplitudes)) * amplitudes, SAMPLES)
+    histories = [np.column_stack([-h, np.zeros(SAMPLES)]) for h in (block, speed)]
+    pushed = sensitivities(given, found, [along.rig_force(h, "added") for h in histories], HARMONICS)
+    built = sensitivities(given, found, [along.ground_stiffness(), along.ground_damping()], HARMONICS)
+    for name in ("rig_displacement", "friction_force", "pressure_sliding"):
+        scale = np.abs(getattr(built, name)).max(axis=tuple(range(1, getattr(built, name).ndim)), keepdims=True)
+        assert getattr(pushed, name) / scale == pytest.approx(getattr(built, name) / scale, abs=1e-9)
+
+
+def test_friction_and_load_may_vary_in_time():
+    """Histories of one value are that value, and friction matters only where and when a node slips."""
+    given, found = problem(*OPENING), solution(*OPENING)
+    slips = found.state == ContactState.SLIP
+    directions = [along.friction(), along.friction(np.ones((SAMPLES, NODES))), along.friction(1.0 * slips),
+                  along.friction(1.0 * ~slips), along.normal_load(), along.normal_load(np.ones(SAMPLES))]
+    exact = sensitivities(given, found, directions, HARMONICS)
+    for name in ("arm", "relative_displacement", "dissipated_energy", "mean_pressure"):
+        rows = getattr(exact, name)
+        scale = np.abs(rows[0]).max()
+        assert rows[1] == pytest.approx(rows[0], rel=1e-9, abs=1e-12 * scale)
+        assert rows[2] == pytest.approx(rows[0], rel=1e-9, abs=1e-12 * scale)
+        assert np.abs(rows[3]).max() < 1e-12 * scale
+        assert rows[5] == pytest.approx(rows[4], rel=1e-9, abs=1e-12 * np.abs(rows[4]).max())
+
+
+def test_combinations_are_directions():
+    given, found = problem(*OPENING), solution(*OPENING)
+    exact = sensitivities(given, found, [along.gap(WEIGHTS), *along.gap_of_each_node(NODES)], HARMONICS)
+    for name in ("rig_displacement", "mean_pressure", "sliding_distance", "pressure_sliding"):
+        rows = getattr(exact, name)
+        summed = np.tensordot(WEIGHTS, rows[1:], 1)
+        assert summed == pytest.approx(rows[0], rel=1e-9, abs=1e-10 * np.abs(rows[0]).max())
+
+
+def test_what_cannot_be_differentiated_is_refused():
+    given, found = problem(*GROSS), solution(*GROSS)
+    with pytest.raises(InputError, match="harmonics"):
+        sensitivities(given, found, [along.friction()], HARMONICS - 2)
+    with pytest.raises(InputError, match="dlft"):
+        sensitivities(given, replace(found, method="dlft"), [along.friction()], HARMONICS)
+    with pytest.raises(InputError, match="direction gap: gap has shape"):
+        sensitivities(given, found, [along.gap(np.ones(NODES + 1))], HARMONICS)

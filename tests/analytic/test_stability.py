@@ -1,0 +1,114 @@
+"""Floquet multipliers against those of linear rigs in closed form and against perturbed marches of the nonlinear one.
+
+What carries the weight: on a contact that sticks the multipliers are ``exp(lambda T)`` of the rig's own eigenvalues,
+damped or driven unstable by a negative dashpot; on a contact that slides, the monodromy matrix must be that of
+differences between two nonlinear marches of rig and contact.
+"""
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.harmonic.contact_march import Trajectory
+from fretflow.harmonic.contact_sample import STICK, SampleSolver, SampleState
+from fretflow.harmonic.continuation_system import ArmSystem
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.harmonic.stability import RIG_STATES, floquet_multipliers, is_stable, monodromy_matrix
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+STIFFNESS = 2e6  # N/m
+
+
+def rig(ground_damping=60.0):
+    return LumpedRig(moving_mass=10.0, arm_mass=0.5, ground_stiffness=6e5, hinge_stiffness=4e6,
+                     ground_damping=ground_damping, hinge_damping=150.0)
+
+
+def converged(force, frequency, samples, rig_, nodes=1, gap=None, mu=0.6):
+    spread = 1.0 + 0.3 * np.arange(3 * nodes) / (3 * nodes)
+    stiffness = np.diag(STIFFNESS / nodes * spread)
+    joint = QuasiStaticJoint.from_stiffness(stiffness, rig_)
+    interface = Interface(nodes=np.zeros((nodes, 2)), areas=np.ones(nodes),
+                          gap=np.zeros(nodes) if gap is None else gap)
+    problem = PeriodicProblem(joint=joint, interface=interface, friction_coefficient=mu, frequency=frequency,
+                              excitation=force, normal_load=60.0)
+    system = ArmSystem(problem, min(15, samples // 4), samples, 1e-9, 30)
+    omega = 2 * np.pi * frequency
+    guess = system.guess(omega) if force > 1.0 else 1e-9 * np.ones(2 * system.harmonics + 1)
+    return system, system.at_frequency(omega, guess, system.march.preloaded())
+
+
+@pytest.mark.parametrize("ground_damping", [60.0, -40.0, 3.0])
+def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping):
+    own, frequency = rig(ground_damping), 60.0
+    errors = []
+    for samples in (128, 256):
+        system, point = converged(1.0, frequency, samples, own)
+        assert np.all(point.period.trajectory.state == STICK)
+        found = floquet_multipliers(own, system.march.system, point.period.trajectory, frequency)
+        stiffness = own.stiffness + np.diag([0.0, STIFFNESS])
+        companion = np.block([[np.zeros((2, 2)), np.eye(2)],
+                              [-np.linalg.solve(own.mass, stiffness), -np.linalg.solve(own.mass, own.damping)]])
+        exact = np.exp(np.linalg.eigvals(companion) / frequency)
+        exact = exact[np.argsort(-np.abs(exact))]
+        assert is_stable(found) == (ground_damping > 0.0)
+        assert np.abs(found[4:]).max() < 1e-10  # the friction force is no state of its own
+        errors.append(max(np.abs(exact - value).min() for value in found[:2]))
+        assert np.abs(found[0]) == pytest.approx(np.abs(exact[0]), rel=2e-3)
+    assert errors[1] < 0.27 * errors[0] < 0.05  # second order in the samples
+
+
+@pytest.mark.parametrize(("force", "nodes"), [(60.0, 1), (45.0, 3)])
+def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
+    own, frequency, samples = rig(), 45.0, 96
+    system, point = converged(force, frequency, samples, own, nodes)
+    period, contact = point.period.trajectory, system.march.system
+    # begin where nodes stick that slip later: there the contact remembers
+    stuck = np.all(period.state == STICK, axis=1) & np.all(np.roll(period.state, 1, axis=0) == STICK, axis=1)
+    assert 0 < np.sum(stuck) < samples
+    first = int(np.argmax(stuck))
+    period = Trajectory(*(np.roll(values, -first, axis=0) for values in vars(period).values()))
+    n, h = contact.size, 1.0 / (frequency * samples)
+    moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
+    memory = np.concatenate([moving, n + moving])
+    inert = own.mass * 4.0 / h**2 + own.damping * 2.0 / h
+
+    def march(perturbation):
+        """Step rig and contact implicitly around the period, the rig's motion and forces as deviations."""
+        solver = SampleSolver(contact)
+        solver.tolerance = 1e-13 * contact.load
+        x, v, phi = perturbation[:2].copy(), perturbation[2:4].copy(), perturbation[4]
+        before = period.sample(-1)
+        before = SampleState(before.displacement.copy(), before.force, before.approach, before.state)
+        before.displacement[memory] += perturbation[RIG_STATES:]
+        for j in range(samples):
+            after, x1 = before, x.copy()
+            push = inert @ x + 4.0 / h * own.mass @ v - own.stiffness @ x
+            for _ in range(40):
+                after = solver.solve(period.arm[j] + x1[1], before.displacement, period.sample(j), period.arm[j - 1])
+                new = after.force[:n].sum() - period.force[j, :n].sum()
+                residual = (inert + own.stiffness) @ x1 - push - np.array([0.0, phi + new])
+                if np.abs(residual).max() < 1e-12:
+                    break
+                _, slope = solver.tangent(after, before.displacement, np.zeros((3 * n, 1)), np.ones(1))
+                x1 -= np.linalg.solve(inert + own.stiffness - np.diag([0.0, slope[0]]), residual)
+            x, v, phi, before = x1, 2.0 / h * (x1 - x) - v, new, after
+        return np.concatenate([x, v, [phi], (before.displacement - period.displacement[-1])[memory]])
+
+    matrix = monodromy_matrix(own, contact, period, frequency)
+    rng = np.random.default_rng(5)
+    scales = np.concatenate([[1e-6, 1e-6, 1e-3, 1e-3, 1.0], np.full(len(memory), 1e-6)])
+    direction = rng.normal(size=len(matrix)) * scales * 1e-5
+    differences = 0.5 * (march(direction) - march(-direction))
+    expected = matrix @ direction
+    size = np.abs(matrix) @ np.abs(direction)
+    assert np.all(np.abs(differences - expected) < 1e-6 * size + 1e-9 * np.abs(scales))
+
+
+def test_sliding_damps():
+    own = rig(3.0)
+    moduli = {}
+    for force in (1.0, 60.0):
+        system, point = converged(force, 45.0, 96, own)
+        moduli[force] = np.abs(floquet_multipliers(own, system.march.system, point.period.trajectory, 45.0)[0])
+    assert moduli[60.0] < 0.9 * moduli[1.0] < 0.9

@@ -1,0 +1,179 @@
+"""Craig-Bampton reduction of a real specimen against its full model.
+
+What carries the weight: the full model is solved here by SciPy alone, from the assembled matrices, and the
+reduced one must give its static flexibility to round-off and its frequencies to 0.1 %, better with more modes.
+"""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse as sparse
+import scipy.sparse.linalg as sparse_linalg
+from fretflow.assembly.elasticity import assemble
+from fretflow.assembly.mesh_file import read_mesh
+from fretflow.core import config
+from fretflow.core.errors import AuditError, InputError, MeshError
+from fretflow.core.records import record
+from fretflow.reduction import craig_bampton
+from fretflow.reduction.modes import component_modes, full_frequencies
+from fretflow.reduction.reduce import reduce_specimen
+from fretflow_meshes.specimen import Side, build_specimen
+from mpi4py import MPI
+
+pytestmark = pytest.mark.fem
+
+SPECIMEN = config.Specimen()
+
+
+@record
+class Full:
+    """A specimen, its assembled body and its matrices in SciPy."""
+
+    path: object
+    summary: object
+    body: object
+    stiffness: object
+    mass: object
+    observation: int
+
+
+@pytest.fixture(scope="module", params=["square", "round"])
+def full(request, tmp_path_factory):
+    specimen = config.Specimen(body=request.param)
+    path = tmp_path_factory.mktemp("specimen") / "upper.msh"
+    summary = build_specimen(specimen, config.Mesh(contact_elements=4), Side.UPPER, path)
+    body = assemble(read_mesh(path, MPI.COMM_WORLD), specimen, 1)
+    matrices = []
+    for matrix in (body.stiffness, body.mass):
+        indptr, indices, data = matrix.getValuesCSR()
+        matrices.append(sparse.csr_matrix((data, indices, indptr), shape=matrix.getSize()))
+    observation = body.nearest_inner_node(summary.observation_point)[0]
+    yield Full(path=path, summary=summary, body=body, stiffness=matrices[0], mass=matrices[1],
+               observation=observation)
+    body.destroy()
+
+
+def dofs(nodes):
+    return (3 * np.atleast_1d(nodes)[:, None] + np.arange(3)).ravel()
+
+
+def clamped_full(full):
+    """Return the full frequencies (Hz) with the clamped face fixed, by SciPy."""
+    free = np.setdiff1d(np.arange(full.body.full_dofs), dofs(full.body.clamped.nodes))
+    squares = sparse_linalg.eigsh(full.stiffness[free][:, free].tocsc(), 10, full.mass[free][:, free], sigma=0.0,
+                                  return_eigenvectors=False)
+    return np.sqrt(np.sort(squares)) / (2 * np.pi)
+
+
+def test_full_frequencies_are_those_of_another_solver(full):
+    assert full_frequencies(full.body, 10) == pytest.approx(clamped_full(full), rel=1e-9)
+
+
+def test_frequencies_within_a_tenth_of_a_percent_and_better_with_more_modes(full):
+    exact = clamped_full(full)
+    worst, mean = [], []
+    for count in (5, 10, 20, 40):
+        modes = component_modes(full.body, full.observation, count)
+        reduced = craig_bampton.clamped_frequencies(modes, 3 * len(full.body.contact.nodes), 10)
+        error = reduced / exact - 1.0
+        assert error.min() > -1e-9
+        worst.append(error.max())
+        mean.append(error.mean())
+    assert worst[1] < 1e-3
+    assert np.all(np.diff(worst) < 0.0)
+    assert mean[-1] < 0.2 * mean[1]
+
+
+def test_free_body_with_rigid_clamped_face(full):
+    """With no support at all, the reduced body keeps six rigid motions and the first elastic frequencies."""
+    body = full.body
+    clamped = dofs(body.clamped.nodes)
+    free = np.setdiff1d(np.arange(body.full_dofs), clamped)
+    arm = body.clamped.points - body.clamped.centroid
+    spin = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2).reshape(-1, 3)
+    motion = sparse.lil_matrix((body.full_dofs, len(free) + 6))
+    motion[free, np.arange(len(free))] = 1.0
+    motion[clamped, len(free):] = np.hstack([np.tile(np.eye(3), (len(arm), 1)), spin])
+    motion = motion.tocsr()
+    stiffness, mass = ((motion.T @ m @ motion).tocsc() for m in (full.stiffness, full.mass))
+    squares = np.sort(sparse_linalg.eigsh(stiffness, 10, mass, sigma=-1e9, return_eigenvectors=False))
+    modes = component_modes(body, full.observation, 10)
+    reduced = scipy.linalg.eigh(modes.stiffness, modes.mass, eigvals_only=True)[:10]
+    assert np.all(np.abs(reduced[:6]) < 1e-7 * reduced[6])
+    assert np.sqrt(reduced[6:] / squares[6:]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_static_flexibility_is_that_of_the_full_model(full):
+    body = full.body
+    free = np.setdiff1d(np.arange(body.full_dofs), dofs(body.clamped.nodes))
+    masters = np.concatenate([dofs(body.contact.nodes), dofs(full.observation)])
+    position = np.searchsorted(free, masters)
+    loads = np.zeros((len(free), len(masters)))
+    loads[position, np.arange(len(masters))] = 1.0
+    exact = sparse_linalg.splu(full.stiffness[free][:, free].tocsc()).solve(loads)[position]
+    modes = component_modes(body, full.observation, 3)
+    n = 3 * len(body.contact.nodes)
+    kept = np.concatenate([np.arange(n), np.arange(n + 6, n + 9)])
+    reduced = np.linalg.inv(modes.stiffness[np.ix_(kept, kept)])
+    assert np.abs(reduced - exact).max() < 1e-10 * np.abs(exact).max()
+    condensed = craig_bampton.condense(modes.stiffness[np.ix_(kept, kept)], np.arange(n))
+    assert np.abs(condensed @ exact[:n, :n] - np.eye(n)).max() < 1e-8
+
+
+def test_condensing_what_is_not_held_is_refused():
+    with pytest.raises(InputError, match="not held"):
+        craig_bampton.condense(np.diag([1.0, 0.0]), np.array([0]))
+
+
+@pytest.fixture(scope="module")
+def reduced(tmp_path_factory):
+    path = tmp_path_factory.mktemp("reduced") / "lower.msh"
+    summary = build_specimen(SPECIMEN, config.Mesh(contact_elements=3, degree=2), Side.LOWER, path)
+    return path, summary, reduce_specimen(path, summary, SPECIMEN, config.Reduction(), 2, MPI.COMM_WORLD)
+
+
+def test_reduced_specimen_at_degree_two(reduced):
+    _, summary, specimen = reduced
+    assert specimen.contact_nodes == pytest.approx(summary.contact_nodes, abs=1e-12)
+    assert specimen.contact_areas.sum() == pytest.approx(1e-6, rel=1e-12)
+    assert specimen.observation_point == pytest.approx(summary.observation_point, abs=1e-12)
+    assert specimen.full_dofs == 3 * summary.nodes
+    assert specimen.frequency_error.max() < 1e-3
+    motion = np.zeros(len(specimen.stiffness))
+    motion[1:specimen.rigid.start:3] = motion[specimen.rigid.start + 1] = motion[specimen.observation.start + 1] = 1.0
+    volume = 6e-3 * 6e-3 * 5e-3 + 1e-3 * 1e-3 * 6e-3
+    assert motion @ specimen.mass @ motion == pytest.approx(8000.0 * volume, rel=1e-9)
+
+
+@pytest.mark.parametrize(("change", "law"), [
+    (lambda k, m: (k + np.triu(k, 1) * 1e-6, m), "asymmetry of the reduced stiffness"),
+    (lambda k, m: (k + np.eye(len(k)) * 1e-5 * k[0, 0], m), "rigid motion"),
+    (lambda k, m: (k, m * 1.001), "mass of the reduced body"),
+    (lambda k, m: (k, m + np.diag(np.append(np.zeros(len(m) - 1), 1e-3))), "orthonormality"),
+])
+def test_the_audit_sees_a_broken_law(reduced, change, law):
+    path, _, specimen = reduced
+    body = assemble(read_mesh(path, MPI.COMM_WORLD), SPECIMEN, 2)
+    body.destroy()
+    craig_bampton.audit(specimen, body.clamped.centroid, body.total_mass)
+    stiffness, mass = change(specimen.stiffness, specimen.mass)
+    fields = {f: getattr(specimen, f) for f in specimen.__dataclass_fields__}
+    broken = type(specimen)(**{**fields, "stiffness": stiffness, "mass": mass})
+    with pytest.raises(AuditError, match=law):
+        craig_bampton.audit(broken, body.clamped.centroid, body.total_mass)
+
+
+def test_a_mesh_that_does_not_fit_its_summary_is_refused(reduced):
+    path, summary, _ = reduced
+    with pytest.raises(MeshError, match="contact nodes at this degree"):
+        reduce_specimen(path, summary, SPECIMEN, config.Reduction(), 1, MPI.COMM_WORLD)
+    fields = {f: getattr(summary, f) for f in summary.__dataclass_fields__}
+    moved = type(summary)(**{**fields, "contact_nodes": summary.contact_nodes + 1e-5})
+    with pytest.raises(MeshError, match="not those of its summary"):
+        reduce_specimen(path, moved, SPECIMEN, config.Reduction(), 2, MPI.COMM_WORLD)
+
+
+def test_other_degrees_are_refused(reduced):
+    path, summary, _ = reduced
+    with pytest.raises(InputError, match=r"mesh\.degree"):
+        reduce_specimen(path, summary, SPECIMEN, config.Reduction(), 3, MPI.COMM_WORLD)

@@ -1,0 +1,199 @@
+"""Wear schemes on the stiffness of two crossed ridge specimens, sliding under a held load.
+
+Normal contact is solved exactly at each depth (active sets), and the slip path shrinks with the elastic
+shear under the friction of the pressure, so that the schemes' Jacobian with frozen slip path is not exact.
+The weight lies on fitted orders, on the implicit scheme meeting the explicit one at a fraction of its
+solutions, and on the face found directly being the one that marching tends to.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.core.config import WearScheme
+from fretflow.core.records import quantity, record
+from fretflow.wear.asymptotic import find_asymptotic_shape
+from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.feedback import Feedback
+from fretflow.wear.history import WearSettings
+from fretflow.wear.implicit import Implicit
+from fretflow.wear.march import run_history
+from fretflow.wear.scheme import WearingJoint
+
+DATA = Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz"
+K_W, LOAD, MU, CYCLES = 1.1e-14, 60.0, 0.88, 1_900_000
+PITCH = 1e-3 / 6
+EQUIVALENT_MODULUS = 193e9 / (2.0 * (1.0 - 0.29**2))
+
+
+@record
+class Nothing:
+    """A state that carries nothing over."""
+
+    flag: float = quantity("1")
+
+
+class Ridges:
+    """Crossed ridges sliding by a stroke (m, one way) of their back faces."""
+
+    state_type = Nothing
+
+    def __init__(self, stroke=7.5e-6, radius=None):
+        data = np.load(DATA)
+        flexibility = np.linalg.inv(data["K"] * 1e3)
+        place = data["x"][:, :2] * 1e-3
+        inside = np.isclose(np.abs(place - place.mean(axis=0)), 0.5e-3, atol=1e-9)
+        self.areas = PITCH**2 * np.prod(np.where(inside, 0.5, 1.0), axis=1)
+        self.normal_flexibility, self.shear_flexibility = flexibility[2::3, 2::3], flexibility[0::3, 0::3]
+        self.gap = np.zeros(49)
+        if radius is not None:
+            self.gap = np.sum((place - place.mean(axis=0)) ** 2, axis=1) / (2.0 * radius)
+        self.stroke, self.calls = stroke, 0
+
+    def press(self, gap):
+        """Return forces and gaps of the frictionless contact under the load."""
+        closed = np.ones(49, dtype=bool)
+        while True:
+            index = np.flatnonzero(closed)
+            matrix = np.ones((index.size + 1, index.size + 1))
+            matrix[:-1, :-1], matrix[-1, -1] = self.normal_flexibility[np.ix_(index, index)], 0.0
+            *found, approach = np.linalg.solve(matrix, np.r_[-gap[index], LOAD])
+            force = np.zeros(49)
+            force[index] = found
+            opening = gap + approach + self.normal_flexibility @ force
+            new = (closed & (force > 0.0)) | (~closed & (opening < 0.0))
+            if np.array_equal(new, closed):
+                return force, opening
+            closed = new
+
+    def cycle(self, depth, start):
+        self.calls += 1
+        force, opening = self.press(self.gap + depth)
+        path = 4.0 * (self.stroke - self.shear_flexibility @ (MU * force))
+        path = np.where(force > 0.0, path, 0.0)
+        pressure = force / self.areas
+        return CycleResponse(
+            pressure_sliding=pressure * path, mean_pressure=pressure, slip_path=path,
+            mean_opening=np.maximum(opening, 0.0), contact_share=(force > 0.0) * 1.0,
+            dissipated_energy=float(MU * force @ path),
+            sliding_distance=float(self.areas @ path / self.areas.sum() / 2.0)), Nothing(flag=0.0)
+
+
+def settings(**changes):
+    return WearSettings(**{"coefficient": K_W, "cycles": CYCLES, **changes})
+
+
+@pytest.fixture(scope="module")
+def explicit():
+    return run_history(Ridges(), settings(stops=(190_000,), max_depth_per_jump=5e-8))
+
+
+@pytest.fixture(scope="module")
+def implicit():
+    return run_history(Ridges(), settings(stops=(190_000,), scheme=WearScheme.IMPLICIT))
+
+
+def test_setting_is_that_of_the_rig():
+    response, _ = Ridges().cycle(np.zeros(49), None)
+    assert 10e-6 < response.sliding_distance < 14e-6
+    assert response.contact_share.min() == 1.0
+
+
+def test_explicit_order():
+    coarse, middle, fine, finest = (
+        run_history(Ridges(), settings(cycles=20_000, max_depth_per_jump=most)).depth[-1]
+        for most in (4e-8, 2e-8, 1e-8, 2e-10))
+    errors = [np.abs(depth - finest).max() for depth in (coarse, middle, fine)]
+    assert np.polyfit(np.log([4.0, 2.0, 1.0]), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.1)
+
+
+def implicit_depth(parts, cycles):
+    joint = WearingJoint(Ridges(), settings(), Feedback(Ridges().normal_flexibility, Ridges().areas))
+    now, state = joint.unworn()
+    for _ in range(parts):
+        depth, _, state = Implicit(joint).attempt(now, cycles // parts, state)
+        now, state = joint.settled(now.cycles + cycles // parts, depth, state, 1)
+    return now.depth
+
+
+def test_implicit_order_with_an_inexact_jacobian():
+    cycles = 61_440
+    finest = implicit_depth(1024, cycles)
+    errors = [np.abs(implicit_depth(parts, cycles) - finest).max() for parts in (30, 60, 120, 240)]
+    assert np.polyfit(np.log([8.0, 4.0, 2.0, 1.0]), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.25)
+
+
+def test_halving_the_jump_hardly_changes_the_volume(explicit):
+    halved = run_history(Ridges(), settings(stops=(190_000,), max_depth_per_jump=2.5e-8))
+    default = run_history(Ridges(), settings(stops=(190_000,)))
+    for cycles in (190_000, CYCLES):
+        volumes = [h.volume[h.cycles == cycles][0] for h in (default, explicit, halved)]
+        assert np.ptp(volumes) < 1e-3 * volumes[0]
+
+
+def test_implicit_meets_explicit_at_a_fifth_of_the_solutions(explicit, implicit):
+    default = run_history(Ridges(), settings(stops=(190_000,)))
+    assert implicit.solves <= default.solves / 5
+    for cycles in (190_000, CYCLES):
+        a, b = (h.depth[h.cycles == cycles][0] for h in (explicit, implicit))
+        volumes = [h.volume[h.cycles == cycles][0] for h in (explicit, implicit)]
+        assert volumes[1] == pytest.approx(volumes[0], rel=2e-3, abs=0.0)
+        assert np.abs(a - b).max() < 2e-3 * a.max()
+
+
+def test_stability_bound_agrees_with_the_estimate_and_with_what_happens():
+    model = Ridges()
+    response, _ = model.cycle(np.zeros(49), None)
+    feedback = Feedback(model.normal_flexibility, model.areas)
+    mean_pressure = LOAD / model.areas.sum()
+    estimate = mean_pressure * PITCH / EQUIVALENT_MODULUS
+    assert feedback.depth_scale(response) == pytest.approx(estimate, rel=0.2, abs=0.0)
+    flat = find_asymptotic_shape(model, K_W, 1e-12)
+    worn, _ = model.cycle(flat.depth, None)
+    bound = feedback.stability_bound(K_W, worn)
+    wave = 1e-11 * np.random.default_rng(1).standard_normal(49)
+    sizes = []
+    for share in (0.9, 1.1):
+        depth, base = flat.depth + wave, flat.depth
+        for _ in range(60):
+            depth = depth + share * bound * K_W * model.cycle(depth, None)[0].pressure_sliding
+            base = base + share * bound * K_W * model.cycle(base, None)[0].pressure_sliding
+        sizes.append(np.linalg.norm(depth - base) / np.linalg.norm(wave))
+    assert sizes[0] < 0.1
+    assert sizes[1] > 10.0
+
+
+def test_marching_tends_to_the_asymptotic_face(implicit):
+    face = find_asymptotic_shape(Ridges(), K_W, float(implicit.volume[-1]))
+    distance = [find_asymptotic_shape(Ridges(), K_W, float(v)).distance(d)
+                for v, d in zip(implicit.volume[2::3], implicit.depth[2::3], strict=True)]
+    assert np.all(np.diff(distance) < 0.0)
+    assert distance[0] > 0.5
+    assert face.distance(implicit.depth[-1]) < 1e-5
+    assert face.solves <= 10
+    assert np.ptp(Ridges().cycle(face.depth, None)[0].pressure_sliding) * K_W < 2e-6 * face.rate
+
+
+def test_a_crowned_face_grows_into_contact_alike_by_every_way():
+    crowned = {"radius": 0.05}
+    marched = run_history(Ridges(**crowned), settings(scheme=WearScheme.IMPLICIT))
+    reference = run_history(Ridges(**crowned), settings())
+    closed = [(rate > 0.0).sum() for rate in reference.rate]
+    assert closed[0] < 20
+    assert closed[-1] == 49
+    assert marched.solves <= reference.solves / 3
+    assert marched.volume[-1] == pytest.approx(reference.volume[-1], rel=2e-3, abs=0.0)
+    assert np.abs(marched.depth[-1] - reference.depth[-1]).max() < 2e-3 * reference.depth[-1].max()
+    face = find_asymptotic_shape(Ridges(**crowned), K_W, float(marched.volume[-1]))
+    assert face.distance(marched.depth[-1]) < 1e-4
+
+
+def test_asymptotic_face_of_a_crowned_face_leaves_its_corners_unworn():
+    model = Ridges(radius=0.01)
+    face = find_asymptotic_shape(model, K_W, 1e-11)
+    assert face.solves <= 10
+    worn = face.depth > 0.0
+    assert np.flatnonzero(~worn).tolist() == [0, 6, 42, 48]
+    rate = K_W * model.cycle(face.depth, None)[0].pressure_sliding
+    np.testing.assert_allclose(rate[worn], face.rate, rtol=1e-5)
+    assert np.all(rate[~worn] <= face.rate)

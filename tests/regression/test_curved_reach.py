@@ -1,0 +1,79 @@
+"""Leaving out the nodes that never touch must not change the period, nor what is seen of it.
+
+What carries the weight: the same period with every node solved for, and with too few of them taken at first.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import Solver
+from fretflow.harmonic import reach
+from fretflow.harmonic.periodic import ContactState, PeriodicProblem
+from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
+RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+PLACE = 1e-3 * (DATA["x"][:, :2] - DATA["x"][:, :2].mean(axis=0))
+SETTINGS = Solver(harmonics=9, samples=64, estimate_error=False)
+
+
+def problem(force=75.0):
+    """Return a crown of 40 mm radius on the 1 mm square of 7 x 7 nodes; the observed points follow some nodes."""
+    bare = QuasiStaticJoint.from_stiffness(1e3 * DATA["K"], RIG)
+    joint = QuasiStaticJoint(stiffness=bare.stiffness, flexibility=bare.flexibility, motion=bare.motion, rig=RIG,
+                             upper_compliance=0.3 * bare.flexibility[:3], lower_compliance=bare.flexibility[-3:])
+    crown = Interface(nodes=PLACE, areas=np.full(49, 1e-6 / 49), gap=np.sum(PLACE**2, axis=1) / 0.08)
+    return PeriodicProblem(joint=joint, interface=crown, friction_coefficient=0.88, frequency=100.0,
+                           excitation=force, normal_load=60.0)
+
+
+def solve(monkeypatch, margin, first=None):
+    """Solve with another margin, or with the nodes `first` at first; return the sizes of the contacts solved."""
+    sizes = []
+
+    def count(whole, joint, nodes):
+        sizes.append(int(nodes.sum()))
+        return restrict(whole, joint, nodes)
+
+    restrict = reach.restrict
+    monkeypatch.setattr(reach, "MARGIN", margin)
+    monkeypatch.setattr("fretflow.harmonic.quasi_static.restrict", count)
+    if first is not None:
+        monkeypatch.setattr("fretflow.harmonic.quasi_static.within_reach", lambda *_: first)
+    found = QuasiStaticSolver(SETTINGS).solve(problem())
+    monkeypatch.undo()
+    return found, sizes
+
+
+def same(a, b):
+    newton, metre = 1e-6, 1e-12
+    for name in ("displacement", "rig_displacement", "upper_observation", "lower_observation"):
+        assert getattr(a, name) == pytest.approx(getattr(b, name), rel=0.0, abs=metre)
+    assert a.force == pytest.approx(b.force, rel=0.0, abs=newton)
+    assert np.array_equal(a.state, b.state)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    with pytest.MonkeyPatch.context() as patch:
+        found, sizes = solve(patch, np.inf)
+    assert sizes == []  # every node was solved for
+    return found
+
+
+def test_nodes_out_of_reach_change_nothing(whole, monkeypatch):
+    found, sizes = solve(monkeypatch, reach.MARGIN)
+    touched = int(np.any(whole.state != ContactState.OPEN, axis=0).sum())
+    assert touched <= sizes[0] < 25
+    same(found, whole)
+
+
+def test_nodes_that_touch_unforeseen_are_taken_in(whole, monkeypatch):
+    middle = np.max(np.abs(PLACE), axis=1) < 2e-4
+    found, sizes = solve(monkeypatch, reach.MARGIN, middle)
+    assert sizes[0] == 9 < np.any(whole.state != ContactState.OPEN, axis=0).sum()
+    same(found, whole)

@@ -1,0 +1,124 @@
+"""DLFT on a pair of ridge specimens against the same equations solved in time.
+
+What carries the weight: the references come from other methods and share nothing with DLFT but the
+equations. At the paper's settings DLFT is far off, by known amounts; the difference must fall as harmonics
+are added, and so must its dependence on the penalty.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import PeriodicMethod, Solver
+from fretflow.harmonic.dlft import DlftSolver
+from fretflow.harmonic.periodic import ContactState, PeriodicProblem
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+PERIODIC = Path(__file__).parents[1] / "data" / "periodic"
+SPECTRAL_RADIUS = None
+
+
+@cache
+def problem(force):
+    data = np.load(PERIODIC / "krel_49.npz")
+    nodes = len(data["x"])
+    rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+    joint = QuasiStaticJoint.from_stiffness(1e3 * data["K"], rig)
+    areas = np.ones(nodes) * 1e-6 / nodes  # the references state the plain mean over the nodes
+    interface = Interface(nodes=1e-3 * data["x"][:, :2], areas=areas, gap=np.zeros(nodes))
+    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
+                           excitation=force, normal_load=60.0)
+
+
+@cache
+def solution(force, harmonics, penalty=SPECTRAL_RADIUS, estimate=False):
+    settings = Solver(method=PeriodicMethod.DLFT, harmonics=harmonics, samples=128, estimate_error=estimate,
+                      penalty=None if penalty is None else f"{penalty} N/mm")
+    return DlftSolver(settings).solve(problem(force))
+
+
+def mean_sliding(found):
+    """Return the mean relative displacement in x over the period, in um."""
+    return 1e6 * found.displacement[:, :, 0].mean(axis=1)
+
+
+def reference(force):
+    return np.loadtxt(PERIODIC / f"rigid_{force:.0f}N.csv", delimiter=",", skiprows=1)[:-1]
+
+
+@pytest.mark.parametrize(("force", "harmonics", "penalty", "micrometres"), [
+    (53.0, 3, None, 6.4), (60.0, 3, None, 18.5), (75.0, 3, None, 32.3),
+    (53.0, 3, 1000, 11.1), (60.0, 3, 1000, 22.3), (75.0, 3, 1000, 35.9),
+    (53.0, 3, 300, 12.4), (60.0, 3, 300, 23.3), (75.0, 3, 300, 37.0),
+    (53.0, 7, None, 9.7), (60.0, 7, None, 21.3), (75.0, 7, None, 35.8),
+    (53.0, 13, None, 10.9), (60.0, 13, None, 22.3), (75.0, 13, None, 35.8)])
+def test_sliding_distance_is_that_of_another_dlft_code(force, harmonics, penalty, micrometres):
+    """To one unit of the last digit that the other code's table gives."""
+    assert np.ptp(mean_sliding(solution(force, harmonics, penalty))) == pytest.approx(micrometres, abs=0.1)
+
+
+@pytest.mark.parametrize("force", [53.0, 60.0, 75.0])
+def test_the_history_approaches_the_one_solved_in_time(force):
+    expected = reference(force)[::2, 2]
+    found = [mean_sliding(solution(force, h)) for h in (3, 7, 13)]
+    rms = [float(np.sqrt(np.mean((u - expected)**2))) / np.ptp(expected) for u in found]
+    assert rms[1] < 0.6 * rms[0]
+    assert rms[2] < 0.8 * rms[1]
+    assert rms[2] < 0.02
+
+
+@pytest.mark.parametrize("force", [53.0, 75.0])
+def test_dependence_on_the_penalty_falls_with_harmonics(force):
+    sliding = [[np.ptp(mean_sliding(solution(force, h, p))) for p in (None, 1000)] for h in (3, 7, 13)]
+    spread = np.abs(np.diff(sliding, axis=1))[:, 0]
+    assert spread[1] < 0.6 * spread[0]
+    assert spread[2] < 0.6 * spread[1]
+
+
+def test_the_error_estimate_covers_the_error():
+    """Where the truncated solution is far off, it says so."""
+    for force in (53.0, 75.0):
+        found = solution(force, 3, estimate=True)
+        exact = np.ptp(reference(force)[:, 2])
+        error = abs(np.ptp(mean_sliding(found)) / exact - 1.0)
+        assert 0.8 * error < found.error_estimate < 3.0 * error
+
+
+@pytest.mark.parametrize("force", [53.0, 60.0, 75.0])
+def test_forces_obey_the_contact_law_at_every_sample(force):
+    found = solution(force, 3)
+    normal, friction = found.force[:, :, 2], np.linalg.norm(found.force[:, :, :2], axis=2)
+    newton = 1e-9 * normal.max()
+    assert normal.min() >= 0.0
+    assert (friction - 0.88 * normal).max() <= newton
+    assert np.all(normal[found.state == ContactState.OPEN] == 0.0)
+    slips = found.state == ContactState.SLIP
+    assert np.abs(friction - 0.88 * normal)[slips].max() <= newton
+    assert normal.sum(axis=1).mean() == pytest.approx(60.0, rel=1e-8)
+
+
+def test_friction_and_rig_follow_the_reference_in_time():
+    """At 75 N, where DLFT with 13 harmonics is close, so are the friction force and the arm's motion."""
+    found, expected = solution(75.0, 13), reference(75.0)[::2]
+    rms = np.sqrt(np.mean((found.friction_force - expected[:, 3])**2))
+    assert rms < 0.04 * np.ptp(expected[:, 3])  # all of it at the reversals
+    arm = 1e6 * found.rig_displacement[:, 1]
+    assert arm == pytest.approx(expected[:, 4], abs=0.005 * np.ptp(expected[:, 4]))
+
+
+def test_a_warm_start_costs_nothing_and_changes_nothing():
+    cold = solution(60.0, 3)
+    settings = Solver(method=PeriodicMethod.DLFT, estimate_error=False)
+    warm = DlftSolver(settings).solve(problem(60.0), cold)
+    assert len(warm.residual_history) == 1
+    assert warm.displacement == pytest.approx(cold.displacement, abs=1e-15)
+
+
+def test_a_stuck_joint_does_not_move():
+    found = solution(10.0, 3, estimate=True)
+    assert np.all(found.state == ContactState.STICK)
+    assert np.abs(found.displacement).max() < 1e-15
+    assert found.error_estimate == pytest.approx(0.0, abs=1e-3)

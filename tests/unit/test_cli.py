@@ -1,0 +1,170 @@
+"""The command line: what each command leaves behind, and how every kind of error reaches the user.
+
+What carries the weight: an error is one line on stderr with its exit code and no traceback, and help and
+`show` load no numerical library.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from fretflow import __version__, cli, cli_pipeline
+from fretflow.core.config import load_case
+from fretflow.core.errors import AuditError, MeshError, NonConvergenceError
+from fretflow.stages.stage import Stage
+
+EXAMPLE = str(Path(__file__).parents[2] / "examples" / "test1.toml")
+CASE = """format = "fretflow-case/1"
+name = "{name}"
+[test]
+excitation_amplitude = "53 N"
+cycles = {cycles}
+"""
+
+
+@pytest.fixture
+def case(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.format(name="small", cycles=10))
+    return path
+
+
+def fretflow(*arguments):
+    return cli.execute([str(argument) for argument in arguments])
+
+
+def one_line(capsys):
+    error = capsys.readouterr().err
+    assert error.startswith("fretflow: ")
+    assert error.endswith("\n")
+    assert error.count("\n") == 1
+    return error
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Replace the pipeline by a single stage that raises what it is given."""
+
+    def prepare(error):
+        def fail(context):
+            (context.folder / "state").touch()
+            raise error
+
+        monkeypatch.setattr(cli_pipeline, "pipeline", lambda: (Stage("mesh", 1, lambda case: 0, (), fail),))
+
+    return prepare
+
+
+def test_init_writes_a_case_to_start_from_and_leaves_an_existing_one_alone(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    assert fretflow("init", path) == 0
+    assert load_case(path).test.cycles == 100_000
+    assert f"fretflow run {path}" in capsys.readouterr().out
+    path.write_text("mine")
+    assert fretflow("init", path) == 2
+    assert "exists and is left as it is" in one_line(capsys)
+    assert path.read_text() == "mine"
+    assert fretflow("init", tmp_path / "no" / "case.toml") == 2
+    assert "cannot be written" in one_line(capsys)
+
+
+def test_show_lists_every_value_in_readable_units(case, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
+    assert fretflow("show", case) == 0
+    shown = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["excitation_amplitude", "53", "N", "amplitude"] == next(
+        line[:4] for line in shown if line[:1] == ["excitation_amplitude"])
+    assert ["youngs_modulus", "193", "GPa", "default"] in [line[:4] for line in shown]
+    assert ["harmonics", "40", "default"] in [line[:3] for line in shown]
+
+
+def test_version(capsys):
+    assert fretflow("--version") == 0
+    assert capsys.readouterr().out.strip() == __version__
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["polish"], "polish"),
+        (["run"], "CASE"),
+        (["run", "{case}", "--untill", "mesh"], "untill"),
+        (["run", "{case}", "--until", "polish"], "choose one of mesh"),
+        (["show", "absent.toml"], "absent.toml"),
+        (["render", "{case}"], "holds no run"),
+        (["run", "{case}", "{case}"], "'small' is the name of several cases"),
+        (["run", "{case}", "--out", "{case}"], "cannot be written"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(case, capsys, arguments, message):
+    assert fretflow(*(argument.format(case=case) for argument in arguments)) == 2
+    assert message in one_line(capsys)
+
+
+def test_a_bad_case_is_one_line_that_names_file_and_field(case, capsys):
+    case.write_text(CASE.format(name="small", cycles=-1))
+    for command in ("run", "show", "modes"):
+        assert fretflow(command, case) == 2
+        assert f"{case}: test.cycles: " in one_line(capsys)
+
+
+@pytest.mark.parametrize(("error", "code"), [
+    (MeshError("upper.msh: has no group contact;\nname it"), 2), (AuditError("friction cone: violated"), 3)])
+def test_errors_on_purpose_keep_their_exit_code(case, failing, capsys, tmp_path, error, code):
+    failing(error)
+    assert fretflow("run", case, "--out", tmp_path / "runs") == code
+    assert " ".join(str(error).split()) in one_line(capsys)
+
+
+def test_non_convergence_names_the_history_and_the_last_good_state(case, failing, capsys, tmp_path):
+    failing(NonConvergenceError("period: no step helps", history=[1.0, 0.5]))
+    assert fretflow("run", case, "--out", tmp_path / "runs") == 3
+    line = one_line(capsys)
+    words = line.split()
+    history = Path(words[words.index("history") + 2].rstrip(";"))
+    assert history.read_text().splitlines()[-1] == "1,0.5"
+    assert (Path(words[-1]) / "state").exists()
+
+
+def test_an_interrupt_says_that_the_run_goes_on_where_it_stopped(case, failing, capsys, tmp_path):
+    failing(KeyboardInterrupt())
+    assert fretflow("run", case, "--out", tmp_path / "runs") == 130
+    assert "continues where it stopped" in one_line(capsys)
+
+
+def test_the_unexpected_is_one_line_with_its_traceback_in_a_file(case, failing, capsys, tmp_path):
+    failing(ZeroDivisionError("oh"))
+    assert fretflow("run", case, "--out", tmp_path / "runs") == 1
+    line = one_line(capsys)
+    assert "unexpected ZeroDivisionError: oh" in line
+    kept = Path(line.split()[-1])
+    assert "Traceback" in kept.read_text()
+    assert "raise error" in kept.read_text()
+    kept.unlink()
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["show", "{case}"], ["show", EXAMPLE]])
+def test_help_and_show_load_no_numerical_library(case, arguments):
+    arguments = [argument.format(case=case) for argument in arguments]
+    program = (
+        "import sys; from fretflow import cli\n"
+        "try:\n    cli.execute(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'scipy', 'h5py', 'mpi4py', 'dolfinx', 'gmsh', 'pyvista', 'matplotlib'}\n"
+        "sys.exit(', '.join(heavy & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "7"}, "7")])
+def test_one_blas_thread_unless_the_user_has_chosen(monkeypatch, given, expected):
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(variable, raising=False)
+    for variable, value in given.items():
+        monkeypatch.setenv(variable, value)
+    cli._limit_threads()
+    assert os.environ["OMP_NUM_THREADS"] == expected

@@ -1,0 +1,129 @@
+"""The composed pipeline and the figures that it ends with.
+
+What carries the weight: each stage's hash covers what its result depends on and nothing that it does not, which the
+names of the stages' folders show.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from fretflow import cli_pipeline
+from fretflow.core.config import load_case
+from fretflow.core.errors import MeshError, StoreError
+from fretflow.stages.ranks import Ranks
+from fretflow.stages.runner import Runner
+from fretflow.stages.stage import StageContext
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+QUICK = EXAMPLES / "quick.toml"
+STAGES = ["mesh", "reduce", "preload", "solve", "wear", "response", "render"]
+
+
+def keys_of(path):
+    return Runner(cli_pipeline.pipeline(), Path("unused"), Ranks(), None).keys(load_case(path))
+
+
+def changed(tmp_path, old, new):
+    """Return the stages whose hash differs after `old` in the quick example became `new`."""
+    text = QUICK.read_text()
+    assert old in text
+    path = tmp_path / "case.toml"
+    path.write_text(text.replace(old, new))
+    before, after = keys_of(QUICK), keys_of(path)
+    return [stage for stage in STAGES if before[stage] != after[stage]]
+
+
+def test_the_stages_stand_in_an_order_that_their_needs_allow():
+    names = [stage.name for stage in cli_pipeline.pipeline()]
+    assert names == STAGES
+    for index, stage in enumerate(cli_pipeline.pipeline()):
+        assert set(stage.needs) <= set(names[:index])
+    assert [stage.name for stage in cli_pipeline.pipeline() if stage.collective] == ["reduce"]
+
+
+@pytest.mark.parametrize(("old", "new", "first"), [
+    ("contact_elements = 4", "contact_elements = 5", "mesh"),
+    ("[mesh]", "[specimen]\nyoungs_modulus = '200 GPa'\n[mesh]", "reduce"),
+    ("[mesh]", "[reduction]\nfixed_interface_modes = 8\n[mesh]", "reduce"),
+    ("cycles = 20_000", "cycles = 20_001", "wear"),
+    ("1.1e-14", "1.2e-14", "wear"),
+    ("loop_cycles = [10_000]", "loop_cycles = [9_000]", "wear"),
+    ("points = ", "points = 1", "response"),
+])
+def test_a_change_reaches_the_stage_that_it_concerns_and_all_behind_it(tmp_path, old, new, first):
+    expected = STAGES[STAGES.index(first):]
+    if first == "wear":
+        expected = ["wear", "response", "render"]
+    assert changed(tmp_path, old, new) == expected
+
+
+@pytest.mark.parametrize(("old", "new"), [
+    ('excitation_amplitude = "75 N"', 'excitation_amplitude = "76 N"'), ("samples = 64", "samples = 128"),
+    ("[mesh]", "[contact]\nfriction_coefficient = 0.8\n[mesh]"), ("[mesh]", "[rig]\narm_mass = '1 kg'\n[mesh]")])
+def test_what_concerns_the_period_leaves_the_preload_alone(tmp_path, old, new):
+    assert changed(tmp_path, old, new) == ["solve", "wear", "response", "render"]
+
+
+def test_the_load_concerns_the_preload_and_the_period(tmp_path):
+    assert changed(tmp_path, '"60 N"', '"61 N"') == STAGES[2:]
+
+
+def test_names_and_titles_concern_no_result(tmp_path):
+    assert changed(tmp_path, 'title = "A first look, coarse and short"', 'title = "Another"') == []
+
+
+def test_own_meshes_count_by_their_content(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(QUICK.read_text().replace("[mesh]", '[mesh]\nupper = "u.msh"\nlower = "l.msh"'))
+    for name in ("u.msh", "l.msh"):
+        (tmp_path / name).write_text("first")
+    before = keys_of(path)
+    assert keys_of(path) == before
+    (tmp_path / "l.msh").write_text("second")
+    assert keys_of(path)["mesh"] != before["mesh"]
+
+
+@pytest.mark.parametrize("name", ["quick", "test1", "test2", "test3", "test4", "test5"])
+def test_every_example_is_valid_and_bears_its_file_s_name(name):
+    assert load_case(EXAMPLES / f"{name}.toml").name == name
+
+
+def test_the_five_tests_are_the_paper_s():
+    tests = [load_case(EXAMPLES / f"test{k}.toml") for k in range(1, 6)]
+    assert [t.test.excitation_amplitude for t in tests] == [53.0, 53.0, 75.0, 75.0, 75.0]
+    hours = [t.test.total_cycles / (3600 * 100) for t in tests]
+    assert hours == pytest.approx([5.28, 5.5, 0.6, 3.6, 9.0], abs=0.01)  # test 1 ends at the paper's last map
+    for t in tests:
+        assert (t.test.normal_load, t.contact.friction_coefficient, t.wear.coefficient) == (60.0, 0.88, 1.1e-14)
+        assert (t.mesh.contact_elements + 1) ** 2 == 121
+
+
+def test_a_full_disk_is_named_where_gmsh_only_fails_to_read_back(tmp_path, monkeypatch):
+    import fretflow_meshes
+
+    def fail(case, folder):
+        raise MeshError("upper.msh: could not read nodes")
+
+    monkeypatch.setattr(fretflow_meshes, "run_mesh", fail)
+    context = StageContext(load_case(QUICK), tmp_path, {}, lambda share, text: None)
+    with pytest.raises(MeshError, match="could not read nodes"):
+        cli_pipeline.MESH.run(context)
+    usage = type("Usage", (), {"free": 0})
+    monkeypatch.setattr(cli_pipeline.shutil, "disk_usage", lambda path: usage)
+    with pytest.raises(StoreError, match="the disk is full"):
+        cli_pipeline.MESH.run(context)
+
+
+def test_a_folder_without_a_run_or_with_a_truncated_result_is_refused(tmp_path):
+    with pytest.raises(StoreError, match=r"holds no run \(run\.json"):
+        cli_pipeline.complete_stages(tmp_path)
+    stage = tmp_path / "mesh-1"
+    stage.mkdir()
+    (tmp_path / "run.json").write_text(json.dumps({"case": "x", "stages": {"mesh": "mesh-1"}}))
+    with pytest.raises(StoreError, match=r"manifest\.json: missing or damaged"):
+        cli_pipeline.complete_stages(tmp_path)
+    os.truncate(tmp_path / "run.json", 5)
+    with pytest.raises(StoreError, match="holds no run"):
+        cli_pipeline.complete_stages(tmp_path)

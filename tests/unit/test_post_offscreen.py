@@ -1,0 +1,43 @@
+"""A machine without OpenGL gets one clear line: the crash of VTK stays in the process that asked."""
+
+import os
+
+import pytest
+from fretflow.core.errors import PlatformError
+from fretflow_post import offscreen
+
+
+@pytest.fixture(autouse=True)
+def _fresh(monkeypatch):
+    monkeypatch.setenv(offscreen.WINDOW_VARIABLE, "unset")
+    offscreen._working_window.cache_clear()
+    yield
+    offscreen._working_window.cache_clear()
+
+
+@pytest.mark.parametrize("probe", [
+    "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",  # what VTK does when it finds nothing
+    "import os, signal; print('vtkEGLRenderWindow', flush=True); os.kill(os.getpid(), signal.SIGSEGV)",
+    "raise ImportError('libGL.so.1')",
+    "print('vtkXOpenGLRenderWindow')"])
+def test_missing_opengl_names_the_packages(monkeypatch, probe):
+    monkeypatch.setattr(offscreen, "_PROBE", probe)
+    with pytest.raises(PlatformError, match=r"neither EGL nor OSMesa.*apt install libegl1") as caught:
+        offscreen.require_offscreen()
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_the_window_that_drew_is_used_and_asked_for_once(monkeypatch):
+    monkeypatch.setattr(offscreen, "_PROBE", "print('noise'); print('vtkOSOpenGLRenderWindow')")
+    offscreen.require_offscreen()
+    assert os.environ[offscreen.WINDOW_VARIABLE] == "vtkOSOpenGLRenderWindow"
+    monkeypatch.setattr(offscreen, "_PROBE", "raise SystemExit(1)")
+    offscreen.require_offscreen()
+
+
+@pytest.mark.render
+def test_this_machine_can_draw(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":99")  # a display that does not answer must not matter
+    offscreen.require_offscreen()
+    assert os.environ[offscreen.WINDOW_VARIABLE] in offscreen.WINDOWS

@@ -1,0 +1,64 @@
+"""Scales and numbers for people: a scale covers its data with few round ticks, whatever their size."""
+
+import itertools
+
+import numpy as np
+import pytest
+from fretflow_post import style
+from hypothesis import given
+from hypothesis import strategies as st
+
+SIZES = st.floats(1e-12, 1e12)
+
+
+@given(SIZES)
+def test_round_scale_covers_the_data_with_few_round_equal_steps(largest):
+    top, ticks = style.round_scale(largest)
+    assert ticks[0] == 0.0
+    assert ticks[-1] == top
+    assert largest <= top * (1.0 + 1e-9)
+    assert top <= 2.0 * largest
+    assert 3 <= len(ticks) <= 8
+    step = np.diff(ticks)
+    assert step == pytest.approx(step[0])
+    assert round(float(f"{step[0]:e}".partition("e")[0]), 6) in (1.0, 2.0, 2.5, 5.0)
+
+
+@given(SIZES)
+def test_root_ticks_are_round_and_clear_of_each_other(largest):
+    top = style.round_scale(largest)[0]
+    ticks = style.root_ticks(top)
+    assert ticks[0] == 0.0
+    assert ticks[-1] == top
+    assert np.diff(np.sqrt(np.array(ticks) / top)).min() > 0.06
+    assert len(ticks) >= 4
+    assert all(f"{tick:.6e}"[:2] in ("1.", "2.", "5.") for tick in ticks[1:-1])
+
+
+def test_scale_of_nothing_is_still_a_scale():
+    assert style.round_scale(0.0)[0] == 1.0
+
+
+@given(st.floats(1.0, 1e9))
+def test_round_factor_is_the_next_lower_of_one_two_five(value):
+    factor = style.round_factor(value)
+    assert factor <= value * (1.0 + 1e-9)
+    assert value < 2.5 * factor * (1.0 + 1e-9)
+    assert f"{factor:e}"[0] in "125"
+    assert float(f"{factor:.0e}") == factor
+
+
+def test_heights_are_never_drawn_smaller_than_they_are():
+    assert style.round_factor(0.3) == 1.0
+
+
+@pytest.mark.parametrize(("value", "text"), [
+    (0.0, "0"), (0.39612, "0.396"), (1.0, "1.00"), (12.345, "12.3"), (136.7, "137"), (20655.0, "20,655"),
+    (3.2e-7, "3.2e-07")])
+def test_figures_keep_three_digits(value, text):
+    assert style.figures(value) == text
+
+
+def test_neighbouring_curves_differ_in_colour_and_line():
+    looks = [style.curve_look(k) for k in range(10)]
+    assert all(a[0] != b[0] and a[1] != b[1] for a, b in itertools.pairwise(looks))

@@ -1,0 +1,59 @@
+"""Records cannot change after they were made.
+
+What carries the weight: neither the record nor whoever made its arrays can alter it later.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record, unit_of
+from numpy.typing import NDArray
+
+
+@record
+class Pair:
+    force: NDArray[np.float64] = quantity("N", "(n,)")
+    count: int = 1
+
+    def check(self):
+        if self.count < 0:
+            raise InputError("count: must not be negative")
+
+
+def test_fields_and_arrays_are_read_only():
+    pair = Pair(force=np.ones(3))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        pair.count = 2
+    with pytest.raises(ValueError, match="read-only"):
+        pair.force[0] = 2.0
+
+
+@pytest.mark.parametrize("view", [lambda a: a[:], lambda a: a.T, lambda a: np.broadcast_to(a[:1], 3)])
+def test_a_view_is_copied_so_that_its_base_cannot_change_the_record(view):
+    base = np.ones(3)
+    pair = Pair(force=view(base))
+    base[:] = 5.0
+    assert pair.force.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_a_read_only_view_is_copied_too():
+    base = np.ones(3)
+    window = base[:]
+    window.setflags(write=False)
+    pair = Pair(force=window)
+    base[0] = 5.0
+    assert pair.force[0] == 1.0
+
+
+def test_check_runs_also_on_a_changed_copy():
+    with pytest.raises(InputError, match="count"):
+        dataclasses.replace(Pair(force=np.ones(1)), count=-1)
+
+
+def test_units_are_known_by_field():
+    assert unit_of(Pair, "force") == "N"
+    assert unit_of(Pair, "count") == ""
+    with pytest.raises(KeyError, match="no field mass"):
+        unit_of(Pair, "mass")

@@ -1,0 +1,60 @@
+"""ParaView files: what is read back from them is what the records hold, at the right points."""
+
+import numpy as np
+import pytest
+import pyvista as pv
+from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
+from fretflow.wear.history import WearHistory
+from fretflow_post.paraview import write_specimen, write_wear_series
+from fretflow_post.specimens import MeshedSpecimen
+
+RANDOM = np.random.default_rng(3)
+
+
+def block():
+    """Return 2 x 1 x 1 cubes of 1 mm whose lower face is the contact, with one mid-node as of degree 2."""
+    points = 1e-3 * np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1, 2)])
+    cells = np.array([[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]])
+    nodes = 1e-3 * np.array([(0, 0, 0), (0, 1, 0), (0.5, 0.5, 0), (1, 0, 0), (1, 1, 0), (2, 0, 0), (2, 1, 0)])
+    summary = MeshSummary(
+        file="m.msh", degree=2, cells=2, nodes=12, contact_nodes=nodes, profile=np.zeros(7),
+        observation_point=np.zeros(3), min_scaled_jacobian=1.0, min_jacobian=1e-9)
+    return MeshedSpecimen(MeshGeometry(points=points, hexahedra=cells), summary)
+
+
+def test_boundary_and_contact_faces_of_two_cubes():
+    free, contact = block().faces()
+    assert len(free) == 8
+    assert sorted(map(sorted, contact)) == [[0, 1, 3, 4], [1, 2, 4, 5]]
+
+
+def test_contact_values_stand_at_their_points_and_nowhere_else(tmp_path):
+    depth = np.array([1.0, 2.0, 99.0, 4.0, 5.0, 6.0, 7.0])
+    grid = pv.read(write_specimen(tmp_path / "a.vtu", block(), {"wear_depth_um": depth}))
+    assert grid.n_cells == 2
+    assert grid.volume == pytest.approx(2.0)  # mm3
+    read = grid.point_data["wear_depth_um"]
+    assert read[[0, 3, 1, 4, 2, 5]] == pytest.approx([1.0, 2.0, 4.0, 5.0, 6.0, 7.0])
+    assert np.all(np.isnan(read[6:]))
+    assert list(grid.point_data["contact_face"]) == [1] * 6 + [0] * 6
+
+
+def test_wear_series_reads_back_at_each_cycle_count(tmp_path):
+    nodes = 1e-3 * np.array([(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 1.0)])
+    history = WearHistory(
+        cycles=np.array([0, 190_000, 1_900_000]), depth=1e-6 * RANDOM.random((3, 6)),
+        rate=1e-12 * RANDOM.random((3, 6)), volume=np.zeros(3), dissipated_energy=np.zeros(3),
+        sliding_distance=np.zeros(3), upper_share=0.25, solves=3, stopped_by="cycles")
+    reader = pv.get_reader(write_wear_series(tmp_path / "wear.pvd", nodes, history))
+    assert reader.time_values == [0.0, 190_000.0, 1_900_000.0]
+    for row, time in enumerate(reader.time_values):
+        reader.set_active_time_value(time)
+        face = reader.read()[0]
+        assert face.n_cells == 2
+        assert face.points[:, :2] == pytest.approx(1e3 * nodes)
+        assert face.point_data["wear_depth_um"] == pytest.approx(1e6 * history.depth[row])
+        assert face.point_data["wear_depth_upper_um"] == pytest.approx(0.25e6 * history.depth[row])
+        assert face.point_data["wear_depth_lower_um"] == pytest.approx(0.75e6 * history.depth[row])
+        assert face.point_data["wear_rate_nm_per_cycle"] == pytest.approx(1e9 * history.rate[row])
+        assert face.point_data["wear_of_lower_mm"][:, 2] == pytest.approx(-0.75e3 * history.depth[row])
+        assert face.point_data["wear_of_upper_mm"][:, 2] == pytest.approx(0.25e3 * history.depth[row])

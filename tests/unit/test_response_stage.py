@@ -1,0 +1,172 @@
+"""Frequency stepping and loop readings around solvers whose answer is known.
+
+What carries the weight: the resonance found is that of the oscillator put in, each solution starts from its
+nearest neighbour, and a failing neighbour is replaced by a start from zero before anything is given up.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import validate_case
+from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+from fretflow.stages.response import first_harmonic, forced_response, read_loops
+
+RESONANCE, DAMPING, STATIC = 137.0, 0.02, 1e-6
+TAU = 2.0 * np.pi * np.arange(64) / 64
+PROBLEM = PeriodicProblem(
+    joint=QuasiStaticJoint.from_stiffness(
+        np.eye(3) * 1e7, LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+    ),
+    interface=Interface(nodes=np.zeros((1, 2)), areas=np.ones(1), gap=np.zeros(1)),
+    friction_coefficient=0.5,
+    frequency=100.0,
+    excitation=53.0,
+    normal_load=60.0,
+)
+CASE = validate_case({
+    "format": "fretflow-case/1", "name": "x", "test": {"excitation_amplitude": "53 N", "cycles": 1},
+    "output": {"frequency_response": {"start": "50 Hz", "stop": "400 Hz", "points": 15}}})
+
+
+def amplitude(frequency):
+    ratio = frequency / RESONANCE
+    return STATIC / (1.0 - ratio**2 + 2j * DAMPING * ratio)
+
+
+class Oscillator:
+    """A periodic solver of one linear oscillator."""
+
+    def __init__(self, fails=lambda frequency, start: False):
+        self.fails = fails
+        self.starts = {}
+
+    def solve(self, problem, start=None):
+        frequency = problem.frequency
+        if self.fails(frequency, start):
+            raise NonConvergenceError("no", history=[1.0])
+        self.starts[frequency] = start
+        motion = (amplitude(frequency) * np.exp(1j * TAU)).real
+        return PeriodicSolution(
+            method="oscillator",
+            frequency=frequency,
+            displacement=np.zeros((64, 1, 3)),
+            force=np.zeros((64, 1, 3)),
+            state=np.zeros((64, 1), dtype=np.int8),
+            rig_displacement=np.column_stack([motion, motion]),
+            upper_observation=np.zeros((64, 3)),
+            lower_observation=np.zeros((64, 3)),
+            friction_force=np.zeros(64),
+            residual_history=(0.0,),
+            error_estimate=0.0,
+        )
+
+
+def respond(solver):
+    return forced_response(CASE, solver, PROBLEM, 7, lambda share: None)
+
+
+def test_the_response_is_that_of_the_oscillator():
+    solver = Oscillator()
+    found = respond(solver)
+    assert np.all(np.diff(found.frequency) > 0)
+    assert (found.frequency[0], found.frequency[-1]) == pytest.approx((50.0, 400.0))
+    exact = amplitude(found.frequency)
+    np.testing.assert_allclose(found.amplitude, np.abs(exact), rtol=1e-12)
+    np.testing.assert_allclose(found.phase, -np.angle(exact), rtol=1e-9)  # behind the force, 0 to pi
+    assert found.cycles == 7
+    assert found.excitation == 53.0
+
+
+def test_points_gather_at_the_peak_so_that_the_resonance_is_found_between_the_asked_ones():
+    found = respond(Oscillator())
+    true_peak = RESONANCE * np.sqrt(1.0 - 2.0 * DAMPING**2)
+    assert found.resonance == pytest.approx(true_peak, rel=2e-3)
+    asked = np.geomspace(50.0, 400.0, 15)
+    assert (
+        np.abs(asked - true_peak).min() / true_peak > 0.02
+    )  # the asked points alone miss it by ten times that
+
+
+def test_each_solution_starts_from_its_nearest_neighbour():
+    solver = Oscillator()
+    respond(solver)
+    order = list(solver.starts)
+    assert solver.starts[order[0]] is None
+    for k, frequency in enumerate(order[1:], start=1):
+        nearest = min(order[:k], key=lambda known: abs(known - frequency))
+        assert solver.starts[frequency].frequency == nearest
+
+
+def test_a_failing_neighbour_is_replaced_by_a_start_from_zero():
+    solver = Oscillator(fails=lambda frequency, start: frequency > 200.0 and start is not None)
+    respond(solver)
+    assert all(start is None for frequency, start in solver.starts.items() if frequency > 200.0)
+
+
+def test_a_frequency_that_cannot_be_solved_is_named():
+    with pytest.raises(NonConvergenceError, match=r"forced response at 400 Hz") as caught:
+        respond(Oscillator(fails=lambda frequency, start: frequency > 390.0))
+    assert caught.value.history == (1.0,)
+
+
+def test_a_peak_at_the_end_of_the_range_is_given_as_it_is():
+    case = replace_range(start="200 Hz", stop="400 Hz")
+    found = forced_response(case, Oscillator(), PROBLEM, 0, lambda share: None)
+    assert found.resonance == pytest.approx(200.0)
+
+
+def replace_range(**values):
+    response = CASE.output.frequency_response.model_dump()
+    raw = {key: f"{value} Hz" for key, value in response.items() if key != "points"} | {"points": 15} | values
+    return validate_case({
+        "format": "fretflow-case/1", "name": "x", "test": {"excitation_amplitude": "53 N", "cycles": 1},
+        "output": {"frequency_response": raw}})
+
+
+def test_the_first_harmonic_is_that_of_the_moving_mass():
+    period = Oscillator().solve(PROBLEM)
+    motion = np.column_stack([1.0 + 3.0 * np.cos(TAU - 0.4) + np.cos(2 * TAU), np.zeros(64)])
+    assert first_harmonic(replace(period, rig_displacement=motion)) == pytest.approx(3.0 * np.exp(-0.4j))
+
+
+def parallelogram(limit, stiffness, slide, samples=400):
+    """Return displacement and force of a loop: stick slope `stiffness`, sliding by `slide` at `limit`."""
+    elastic = 2.0 * limit / stiffness
+    corners_x = np.array([0.0, elastic, elastic + slide, slide, 0.0])
+    corners_f = np.array([-limit, limit, limit, -limit, -limit])
+    path = np.concatenate(
+        [[0.0], np.cumsum(np.hypot(np.diff(corners_x) / slide, np.diff(corners_f) / limit))]
+    )
+    along = np.linspace(0.0, path[-1], samples, endpoint=False)
+    return np.interp(along, path, corners_x), np.interp(along, path, corners_f)
+
+
+def test_loops_are_read_at_every_kept_cycle_count():
+    limits = {0: 20.0, 1000: 30.0}
+    periods = {}
+    for cycles, limit in limits.items():
+        x, force = parallelogram(limit, 20e6, 10e-6)
+        periods[cycles] = replace(Oscillator().solve(PROBLEM), friction_force=force,
+                                  rig_displacement=np.column_stack([x, x]))
+    series = read_loops(periods, 60.0, lambda period: period.rig_displacement[:, 0])
+    assert series.cycles.tolist() == [0, 1000]
+    np.testing.assert_allclose(series.friction_coefficient, [20 / 60, 30 / 60], rtol=0.01)
+    np.testing.assert_allclose(series.tangential_stiffness, 20e6, rtol=0.01)
+    np.testing.assert_allclose(series.dissipated_energy, [2 * 20 * 10e-6, 2 * 30 * 10e-6], rtol=0.01)
+    np.testing.assert_allclose(series.sliding_distance, 10e-6, rtol=0.01)
+    assert series.regime == ("gross slip", "gross slip")
+
+
+def test_what_a_loop_does_not_show_is_nan():
+    x, force = 1e-6 * np.cos(TAU), 20.0 * np.cos(TAU - 1e-3)  # an ellipse, nearly a line: no plateau
+    period = replace(
+        Oscillator().solve(PROBLEM), friction_force=force, rig_displacement=np.column_stack([x, x])
+    )
+    series = read_loops({5: period}, 60.0, lambda period: period.rig_displacement[:, 0])
+    assert np.isnan(series.friction_coefficient[0])
+    assert series.regime != ("gross slip",)

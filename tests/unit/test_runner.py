@@ -1,0 +1,213 @@
+"""The runner's promises, on stages of a few lines.
+
+What carries the weight: a stage is computed again exactly when something that it depends on has changed, a
+folder under its final name is always whole, and whatever goes wrong keeps what was complete.
+"""
+
+import json
+import os
+import shutil
+
+import pytest
+from fretflow.core.config import validate_case
+from fretflow.core.errors import InputError, NonConvergenceError, StoreError
+from fretflow.stages.ranks import Ranks
+from fretflow.stages.runner import Runner
+from fretflow.stages.stage import Manifest, Stage
+
+
+class Silent:
+    def begin(self, stage):
+        pass
+
+    def advance(self, stage, share, text):
+        pass
+
+    def end(self, result):
+        pass
+
+
+class Pipeline:
+    """Three stages in a chain, each of which counts its calls and writes what it read."""
+
+    def __init__(self, root):
+        self.root = root
+        self.calls = []
+        self.failing = {}
+        self.stages = [self.stage("mesh", (), lambda case: case.mesh.degree),
+                       self.stage("solve", ("mesh",), lambda case: case.contact.friction_coefficient),
+                       self.stage("wear", ("solve",), lambda case: case.test.total_cycles)]
+
+    def stage(self, name, needs, config_slice, version=1):
+        def run(context):
+            self.calls.append(name)
+            read = [(context.inputs[need] / f"{need}.txt").read_text() for need in needs]
+            (context.folder / f"{name}.txt").write_text(f"{config_slice(context.case)} {read}")
+            if name in self.failing:
+                raise self.failing[name]
+            return {"residual": 1e-12}
+
+        return Stage(name, version, config_slice, needs, run)
+
+    def run(self, case, **options):
+        self.calls.clear()
+        return Runner(self.stages, self.root, Ranks(), Silent()).run(case, **options)
+
+
+def a_case(mu=0.88, cycles=10, degree=1):
+    return validate_case({"format": "fretflow-case/1", "name": "small", "mesh": {"degree": degree},
+                          "contact": {"friction_coefficient": mu},
+                          "test": {"excitation_amplitude": "53 N", "cycles": cycles}})
+
+
+@pytest.fixture
+def pipeline(tmp_path):
+    return Pipeline(tmp_path)
+
+
+def test_only_what_depends_on_a_change_is_computed_again(pipeline):
+    first = pipeline.run(a_case())
+    assert pipeline.calls == ["mesh", "solve", "wear"]
+    assert all(result.reused for result in pipeline.run(a_case()).values())
+    assert pipeline.calls == []
+    other = pipeline.run(a_case(mu=0.5))
+    assert pipeline.calls == ["solve", "wear"]
+    assert other["mesh"].folder == first["mesh"].folder
+    assert other["wear"].folder != first["wear"].folder
+    pipeline.run(a_case(cycles=20))
+    assert pipeline.calls == ["wear"]
+    pipeline.run(a_case())  # the first results are still there
+    assert pipeline.calls == []
+
+
+def test_a_new_schema_version_is_computed_again_with_what_depends_on_it(pipeline):
+    pipeline.run(a_case())
+    pipeline.stages[1] = pipeline.stage(
+        "solve", ("mesh",), lambda case: case.contact.friction_coefficient, version=2
+    )
+    pipeline.run(a_case())
+    assert pipeline.calls == ["solve", "wear"]
+
+
+def test_force_computes_all_again_and_replaces_it(pipeline):
+    first = pipeline.run(a_case())
+    marker = first["mesh"].folder / "old"
+    marker.touch()
+    pipeline.run(a_case(), force=True)
+    assert pipeline.calls == ["mesh", "solve", "wear"]
+    assert not marker.exists()
+
+
+def test_until_stops_there_and_keeps_what_is_known_of_later_stages(pipeline):
+    pipeline.run(a_case())
+    assert list(pipeline.run(a_case(), until="solve")) == ["mesh", "solve"]
+    run = json.loads((pipeline.root / "small" / "run.json").read_text())
+    assert set(run["stages"]) == {"mesh", "solve", "wear"}
+    with pytest.raises(InputError, match="choose one of mesh, solve, wear"):
+        pipeline.run(a_case(), until="polish")
+
+
+def test_an_interrupted_stage_gets_its_checkpoints_back(pipeline):
+    pipeline.failing["wear"] = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(a_case())
+    [partial] = pipeline.root.glob("small/wear-*")
+    assert partial.suffix == ".partial"
+    (partial / "checkpoint").write_text("step 3")
+    pipeline.failing.clear()
+    result = pipeline.run(a_case())["wear"]
+    assert pipeline.calls == ["wear"]
+    assert (result.folder / "checkpoint").read_text() == "step 3"
+    assert result.manifest.resumed
+    assert not partial.exists()
+
+
+def test_a_complete_stage_that_was_not_renamed_yet_is_computed_anew_from_its_files(pipeline):
+    result = pipeline.run(a_case())["wear"]
+    result.folder.rename(result.folder.with_name(result.folder.name + ".partial"))
+    again = pipeline.run(a_case())["wear"]
+    assert again.folder == result.folder
+    assert not again.reused
+
+
+def test_force_after_a_kill_between_its_two_renames_loses_nothing(pipeline):
+    result = pipeline.run(a_case())["wear"]
+    shutil.copytree(result.folder, result.folder.with_name(result.folder.name + ".partial"))
+    result.folder.rename(result.folder.with_name(result.folder.name + ".replaced"))
+    again = pipeline.run(a_case())["wear"]
+    assert (again.folder / "wear.txt").read_text()
+    assert not list(pipeline.root.glob("small/*.replaced"))
+
+
+def test_non_convergence_keeps_its_history_and_names_the_last_good_state(pipeline):
+    pipeline.failing["solve"] = NonConvergenceError("no step helps", history=[1.0, 0.25])
+    with pytest.raises(NonConvergenceError) as caught:
+        pipeline.run(a_case())
+    assert caught.value.history_file.read_text().split() == ["iteration,relative_residual", "0,1.0", "1,0.25"]
+    assert (caught.value.last_good / "solve.txt").is_file()
+    assert pipeline.calls == ["mesh", "solve"]
+    pipeline.failing.clear()
+    result = pipeline.run(a_case())
+    assert pipeline.calls == ["solve", "wear"]
+    assert not (result["solve"].folder / caught.value.history_file.name).exists()
+
+
+@pytest.mark.parametrize("damage", ["truncate", "remove"])
+def test_a_damaged_result_is_refused_by_name(pipeline, damage):
+    file = pipeline.run(a_case())["solve"].folder / "solve.txt"
+    if damage == "truncate":
+        os.truncate(file, 1)
+    else:
+        file.unlink()
+    with pytest.raises(StoreError, match=r"solve\.txt: .*run again"):
+        pipeline.run(a_case())
+
+
+def test_a_damaged_manifest_is_refused_by_name(pipeline):
+    manifest = pipeline.run(a_case())["solve"].folder / "manifest.json"
+    os.truncate(manifest, manifest.stat().st_size // 2)
+    with pytest.raises(StoreError, match=r"manifest\.json: .*run again"):
+        pipeline.run(a_case())
+
+
+def test_the_manifest_says_what_was_used_and_what_it_cost(pipeline):
+    results = pipeline.run(a_case())
+    manifest = Manifest.read(results["wear"].folder)
+    assert manifest.figures == {"residual": 1e-12}
+    assert manifest.inputs == {"solve": results["solve"].folder.name}
+    assert {"fretflow", "python"} <= set(manifest.versions)
+    assert manifest.ranks == 1
+    assert manifest.seconds >= 0.0
+    assert 1e6 < manifest.peak_memory < 1e11
+    assert manifest.files == {"wear.txt": (results["wear"].folder / "wear.txt").stat().st_size}
+
+
+def test_a_second_run_in_the_same_folder_is_told_so(pipeline):
+    inner = []
+
+    def run_again(context):
+        with pytest.raises(InputError, match=rf"in use by another run \(process {os.getpid()}\)") as caught:
+            Runner(pipeline.stages, pipeline.root, Ranks(), Silent()).run(a_case())
+        inner.append(caught)
+        return {}
+
+    Runner([Stage("mesh", 1, lambda case: 0, (), run_again)], pipeline.root, Ranks(), Silent()).run(a_case())
+    assert len(inner) == 1
+    pipeline.run(a_case())  # the lock is free again
+
+
+def test_a_full_disk_is_one_clear_error_and_complete_stages_stay(pipeline):
+    pipeline.failing["solve"] = OSError(28, "No space left on device", "somewhere/solution.h5")
+    with pytest.raises(
+        StoreError, match=r"solution\.h5: cannot be written \(No space left on device\).*--out"
+    ):
+        pipeline.run(a_case())
+    pipeline.failing.clear()
+    pipeline.run(a_case())
+    assert pipeline.calls == ["solve", "wear"]
+
+
+def test_an_output_path_through_a_file_is_one_clear_error(pipeline, tmp_path):
+    (tmp_path / "small").write_text("a file")
+    with pytest.raises(StoreError, match="cannot be written"):
+        pipeline.run(a_case())

@@ -1,0 +1,155 @@
+"""Records on disk.
+
+What carries the weight: a record reads back equal with its units beside it, a file under its name is whole,
+and every kind of damage is refused by the file's name.
+"""
+
+import os
+import resource
+import signal
+from enum import Enum, IntEnum
+
+import h5py
+import numpy as np
+import pytest
+from fretflow.core.errors import StoreError
+from fretflow.core.records import quantity, record
+from fretflow.core.store import read_record, write_record
+from numpy.typing import NDArray
+
+
+class Kind(Enum):
+    ROUND = "round"
+
+
+class Level(IntEnum):
+    HIGH = 3
+
+
+@record
+class Inner:
+    mass: float = quantity("kg")
+
+
+@record
+class Sample:
+    field: NDArray[np.float64] = quantity("m", "(nodes, 3)")
+    spectrum: NDArray[np.complex128] = quantity("N", "(harmonics,)")
+    state: NDArray[np.int8] = quantity("1", "(nodes,)")
+    inner: Inner
+    kind: Kind
+    level: Level
+    name: str
+    words: tuple[str, ...]
+    history: tuple[float, ...]
+    counts: tuple[int, ...]
+    limit: float | None
+    other: float | None
+    steps: int
+    done: bool
+
+
+def a_sample(nodes=400):
+    rng = np.random.default_rng(3)
+    return Sample(
+        field=rng.normal(size=(nodes, 3)),
+        spectrum=rng.normal(size=4) * (1 + 2j),
+        state=np.arange(nodes, dtype=np.int8),
+        inner=Inner(mass=2.5),
+        kind=Kind.ROUND,
+        level=Level.HIGH,
+        name="µ-joint",
+        words=("a", "µ"),
+        history=(1.0, 1e-12),
+        counts=(),
+        limit=None,
+        other=0.1,
+        steps=7,
+        done=True,
+    )
+
+
+def test_a_record_reads_back_equal(tmp_path):
+    before = a_sample()
+    after = read_record(write_record(tmp_path / "a.h5", before), Sample)
+    for name in ("field", "spectrum", "state"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+        assert getattr(after, name).dtype == getattr(before, name).dtype
+        assert not getattr(after, name).flags.writeable
+    for name in (
+        "inner",
+        "kind",
+        "level",
+        "name",
+        "words",
+        "history",
+        "counts",
+        "limit",
+        "other",
+        "steps",
+        "done",
+    ):
+        assert getattr(after, name) == getattr(before, name), name
+        assert type(getattr(after, name)) is type(getattr(before, name)), name
+
+
+def test_units_and_shapes_stand_beside_the_numbers(tmp_path):
+    with h5py.File(write_record(tmp_path / "a.h5", a_sample())) as file:
+        assert file["field"].attrs["unit"] == "m"
+        assert file["field"].attrs["shape"] == "(nodes, 3)"
+        assert file["inner/mass"].attrs["unit"] == "kg"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_truncated_file_is_refused_by_name(tmp_path, share):
+    path = write_record(tmp_path / "a.h5", a_sample())
+    os.truncate(path, int(share * path.stat().st_size))
+    with pytest.raises(StoreError, match=r"a\.h5: truncated or damaged"):
+        read_record(path, Sample)
+
+
+def test_a_missing_file_another_record_and_another_file_are_refused(tmp_path):
+    with pytest.raises(StoreError, match=r"a\.h5: no such result file"):
+        read_record(tmp_path / "a.h5", Sample)
+    path = write_record(tmp_path / "a.h5", a_sample())
+    with pytest.raises(StoreError, match=r"a\.h5: holds no Inner"):
+        read_record(path, Inner)
+    with h5py.File(path, "a") as file:
+        del file["name"]
+    with pytest.raises(StoreError, match=r"a\.h5: incomplete Sample"):
+        read_record(path, Sample)
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["x"] = 1
+    with pytest.raises(StoreError, match=r"b\.h5: holds no Sample"):
+        read_record(tmp_path / "b.h5", Sample)
+
+
+def test_a_disk_that_fills_up_leaves_the_old_file_whole(tmp_path):
+    path = write_record(tmp_path / "a.h5", a_sample())
+    old = path.read_bytes()
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    try:
+        with pytest.raises(StoreError, match=r"a\.h5: cannot be written .*--out"):
+            write_record(path, a_sample(nodes=50_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert path.read_bytes() == old
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_rewritten_file_is_put_in_place_whole(tmp_path):
+    path = write_record(tmp_path / "a.h5", a_sample())
+    with path.open("rb") as reader:  # someone who reads while it is written again
+        old = path.read_bytes()
+        write_record(path, a_sample(nodes=500))
+        assert reader.read() == old
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match="cannot be written"):
+        write_record(tmp_path / "file" / "a.h5", Inner(mass=1.0))

@@ -1,0 +1,328 @@
+"""The command line of fretflow: what is asked for, and how errors reach the user.
+
+Imports stay inside the commands, so that help and `show` start without numerical libraries.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+
+from fretflow import __version__
+from fretflow.core.errors import FretflowError, InputError, NonConvergenceError
+from fretflow.stages.ranks import started_rank
+
+if TYPE_CHECKING:
+    from fretflow.core.config import Case
+    from fretflow.stages.ensemble import Workers
+    from fretflow.stages.runner import Runner, Watcher
+    from fretflow.stages.stage import StageResult
+
+INTERRUPTED = 130
+BAD_USAGE = 2
+UNEXPECTED = 1
+
+app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
+          exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
+          help="Vibration and fretting wear of structures held together by friction.")
+
+Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/<name>")]
+Force = Annotated[bool, Parameter(negative="", help="compute again what is already there")]
+
+
+@app.command
+def run(
+    case: Path, /, *cases: Path, until: str | None = None, out: Out = Path("runs"), force: Force = False,
+    jobs: int = 1, executor: str = "local",
+) -> None:
+    """Run all stages of one or more cases: mesh, reduce, preload, solve, wear, response, render.
+
+    Complete stages are reused and an interrupted one goes on where it stopped. Several cases end with one table
+    of what was found beside what each case says was measured; a case that fails does not stop the others, and
+    the exit code is that of the worst.
+
+    Parameters
+    ----------
+    case
+        case file to run; more may follow
+    cases
+        more case files
+    until
+        last stage to run
+    jobs
+        cases run at a time on this machine
+    executor
+        where cases run: local processes; mpi, the ranks of `mpirun -n N fretflow run ...`, of which one leads;
+        or dask=ADDRESS of a scheduler whose workers see the same files
+    """
+    from fretflow.core.config import load_case
+    from fretflow.stages.ensemble import Workers
+
+    parsed = [load_case(path) for path in (case, *cases)]
+    _check_names(parsed)
+    workers = Workers.parse(executor, jobs)
+    if workers.in_turn:
+        _run_in_turn(parsed, until, out, force)
+    else:
+        _run_at_once(parsed, until, out, force, workers)
+
+
+def _run_in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -> None:
+    from fretflow.cli_ensemble import Ended, report
+    from fretflow.cli_report import Progress
+
+    progress, ends = Progress(), []
+    with _leading(out, progress) as runner:
+        for case in cases:
+            try:
+                with progress:
+                    results = runner.run(case, until, force)
+                _summarise(case, results, out / case.name)
+            except Exception as error:
+                if len(cases) == 1:
+                    raise
+                message, code = _describe(error)
+                _say(f"{case.name}: {message}", code)
+                ends.append(Ended(code, message))
+            else:
+                ends.append(Ended())
+    if len(cases) > 1:
+        report(cases, out, ends)
+
+
+def _run_at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
+    from fretflow.cli_ensemble import Ended, Task, report, run_at_once
+    from fretflow.cli_report import show_ended
+
+    ends = [Ended()] * len(cases)
+    tasks = [Task(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
+    for done, outcome in run_at_once(tasks, workers):
+        if outcome.error is not None:
+            message, code = _describe(outcome.error)
+            ends[outcome.index] = Ended(code, message)
+        show_ended(done, len(cases), cases[outcome.index].name, ends[outcome.index].message)
+    if workers.leads:
+        report(cases, out, ends)
+
+
+def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
+    from fretflow.cli_report import show_files, show_summary
+    from fretflow.stages.summary import summarise, write_summary
+
+    figures, trends = summarise(case, {name: result.folder for name, result in results.items()})
+    show_summary(case, figures, trends, results)
+    files = [write_summary(home / "summary.json", figures, trends)]
+    for result in results.values():
+        files += [
+            result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))
+        ]
+    show_files(files, "pictures and curves")
+
+
+@app.command
+def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> None:
+    """List each specimen's natural frequencies: full model against Craig-Bampton; with a CSV and a plot.
+
+    Parameters
+    ----------
+    case
+        case file
+    """
+    from fretflow_post.curves import plot_modes
+
+    from fretflow.cli_report import Progress, show_files, show_modes
+    from fretflow.core.config import load_case
+    from fretflow.core.store import read_record
+    from fretflow.reduction.reduced_specimen import ReducedSpecimen
+
+    parsed = load_case(case)
+    progress = Progress()
+    with _leading(out, progress) as runner, progress:
+        folder = runner.run(parsed, "reduce", force)["reduce"].folder
+    specimens = {side: read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")}
+    show_modes(specimens)
+    show_files(plot_modes(out / parsed.name / "modes.png", *specimens.values()), "files")
+
+
+@app.command
+def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs")) -> None:
+    """Identify the rig and the wear coefficient from what the cases' [measured] tables hold.
+
+    Masses, springs (by the two modes) and damping follow from in_phase_frequency, out_of_phase_frequency and the
+    sliding_distance of every case given, the wear coefficient from worn_volume; each with a 95 % interval and whether
+    the data determine it. Standard deviations that are not given are assumed: 5 % of a distance or a volume, 1 % of a
+    mode. Cases that are calibrated together are of one joint. Writes OUT/<name>-calibrated.toml for each case and
+    OUT/calibration.json.
+
+    Parameters
+    ----------
+    case
+        case file with a [measured] table; more may follow
+    cases
+        the same joint at other loads
+    """
+    from fretflow.cli_calibrate import calibrate_cases
+    from fretflow.cli_report import Progress
+    from fretflow.core.config import load_case
+
+    parsed = [load_case(path) for path in (case, *cases)]
+    _check_names(parsed)
+    progress = Progress()
+    with _leading(out, progress) as runner, progress:
+        calibrate_cases(parsed, runner, out)
+
+
+@app.command
+def render(run: Path, /) -> None:
+    """Draw the pictures of a run again, off-screen, as far as its stages are complete.
+
+    Parameters
+    ----------
+    run
+        result folder of a case, for example runs/test1
+    """
+    from fretflow.cli_pipeline import render_run
+    from fretflow.cli_report import show_files
+
+    show_files(render_run(run), "files")
+
+
+@app.command
+def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out = Path("runs")) -> None:
+    """Check a run's solved periods, unworn and worn, by time integration; exit code 1 if they differ by over 1 %.
+
+    Parameters
+    ----------
+    run
+        result folder of a case, for example runs/test1, or its case file
+    periods
+        fewest periods to integrate; up to ten times as many while the motion still drifts
+    steps
+        steps a period; by default four a sample of the solution, at least 512
+    """
+    from fretflow.cli_verify import verify as check
+
+    check(run, periods, steps, out)
+
+
+@app.command
+def init(path: Path = Path("case.toml"), /) -> None:
+    """Write a commented case file to start from.
+
+    Parameters
+    ----------
+    path
+        file to write; an existing one is left alone
+    """
+    from fretflow.core.casefile import starting_case
+
+    try:
+        with path.open("x", encoding="utf-8") as handle:
+            handle.write(starting_case())
+    except FileExistsError as error:
+        raise InputError(f"{path}: exists and is left as it is; name another file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); name another file") from error
+    sys.stdout.write(f"{path} written; `fretflow run {path}` runs it\n")
+
+
+@app.command
+def show(case: Path, /) -> None:
+    """Show the parsed case: every value with its unit, and which ones are defaults.
+
+    Parameters
+    ----------
+    case
+        case file
+    """
+    from fretflow.cli_report import show_case
+    from fretflow.core.config import load_case
+
+    show_case(load_case(case))
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 2 bad input, 3 no convergence, 130 interrupted, 1 unexpected."""
+    _limit_threads()
+    sys.exit(execute(sys.argv[1:]))
+
+
+def execute(arguments: list[str]) -> int:
+    """Run the command line with `arguments` and return the exit code; errors become one line on stderr."""
+    try:
+        app(arguments)
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the user gets one line
+        return _say(*_describe(error))
+    return 0
+
+
+def _describe(error: BaseException) -> tuple[str, int]:
+    """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
+    if isinstance(error, CycloptsError):
+        return f"{error}; `fretflow --help` lists what there is", BAD_USAGE
+    if isinstance(error, NonConvergenceError):
+        history = f"; residual history in {error.history_file}" if error.history_file else ""
+        state = f"; last good state in {error.last_good}" if error.last_good else ""
+        return f"{error}{history}{state}", error.exit_code
+    if isinstance(error, FretflowError):
+        return str(error), error.exit_code
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted; the same command continues where it stopped", INTERRUPTED
+    kept = _keep_traceback(error)
+    return f"unexpected {type(error).__name__}: {error}; traceback in {kept}", UNEXPECTED
+
+
+@contextmanager
+def _leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
+    """Give rank 0 the runner; every other rank serves it here until the run is over, and exits."""
+    from fretflow.cli_pipeline import pipeline
+    from fretflow.stages.ranks import Ranks
+    from fretflow.stages.runner import Runner
+
+    ranks = Ranks()
+    runner = Runner(pipeline(), out, ranks, watcher)
+    if ranks.rank > 0:
+        runner.serve()
+        sys.exit(0)
+    try:
+        yield runner
+    finally:
+        ranks.dismiss()
+
+
+def _check_names(cases: Sequence[Case]) -> None:
+    names = [case.name for case in cases]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"name: {name!r} is the name of several cases; give each its own")
+
+
+def _say(message: str, code: int) -> int:
+    """Write one line to stderr, once for all ranks, and return `code`."""
+    if started_rank() == 0:
+        sys.stderr.write(f"fretflow: {' '.join(message.split())}\n")
+    return code
+
+
+def _keep_traceback(error: BaseException) -> Path:
+    handle, name = tempfile.mkstemp(prefix="fretflow-traceback-", suffix=".txt")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        traceback.print_exception(error, file=file)
+    return Path(name)
+
+
+def _limit_threads() -> None:
+    """Give BLAS one thread, unless the user has chosen; before NumPy loads it.
+
+    The contact's matrices have a few hundred rows: a second thread spends ten times what it gains on waiting.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")

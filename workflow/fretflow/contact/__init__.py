@@ -1,0 +1,1 @@
+"""The contact interface and the laws that act on it."""

@@ -1,0 +1,41 @@
+"""The contact interface: matching node pairs of two faces, their areas and the gap between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+
+
+@record
+class Interface:
+    """Node pairs of the contact.
+
+    The DOF order everywhere is x, y, z per node, node after node: DOF ``3 m + c`` is direction c of node m.
+    """
+
+    nodes: NDArray[np.float64] = quantity("m", "(nodes, 2)")
+    areas: NDArray[np.float64] = quantity("m^2", "(nodes,)")
+    gap: NDArray[np.float64] = quantity("m", "(nodes,)")
+
+    def check(self) -> None:
+        """Check shapes and signs.
+
+        Raises
+        ------
+        InputError
+            If the arrays do not match or an area is not positive.
+        """
+        n = len(self.areas)
+        if self.nodes.shape != (n, 2) or self.gap.shape != (n,):
+            raise InputError(f"interface: nodes {self.nodes.shape}, areas {self.areas.shape} and gap "
+                             f"{self.gap.shape} do not match; give one row a node")
+        if not (np.all(self.areas > 0.0) and np.all(np.isfinite(self.gap))):
+            raise InputError("interface: areas must be positive and gaps finite")
+
+    @property
+    def size(self) -> int:
+        """Return the number of node pairs."""
+        return len(self.areas)

@@ -1,0 +1,193 @@
+"""Hysteresis loops, and what the rig's users read off them.
+
+As in Fantetti et al., Tribol. Int. 138 (2019), and Tubita et al., section 2.1: the friction coefficient is
+the friction limit (the horizontal portion of the loop) over the normal load, the tangential contact
+stiffness the slope of the stick portion after a reversal. Both are means over the two half-cycles, so that
+a constant offset of either channel does not matter. A loop without a horizontal portion has no friction
+limit to read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+
+Array = NDArray[np.float64]
+
+MIN_SAMPLES = 16
+STICK_WINDOW = (0.05, 0.4)  # of the force swing after a reversal
+PLATEAU_WINDOW = (0.2, 0.8)  # of the slip in a half-cycle: the ends are the knee and the edges of a scar
+PLATEAU_SLOPE = 0.1  # steepest plateau, as share of the stick slope
+SHORTEST_SLIDE = 0.02  # of the peak-to-peak displacement
+
+
+class SlidingRegime(StrEnum):
+    """How far a loop gets: no slip that shows, slip without a friction limit, or sliding at one."""
+
+    STICK = "stick"
+    PARTIAL_SLIP = "partial slip"
+    GROSS_SLIP = "gross slip"
+
+
+@record
+class HysteresisLoop:
+    """One closed steady loop, in order of time.
+
+    Displacement is that of the upper side relative to the lower, force that of the upper specimen on the
+    lower, so that the loop encloses a positive dissipated energy.
+    """
+
+    displacement: Array = quantity("m", "(N,)")
+    force: Array = quantity("N", "(N,)")
+
+    def check(self) -> None:
+        """Check that the loop can be read.
+
+        Raises
+        ------
+        InputError
+            If the arrays do not match, are too short, not finite or constant, or the loop runs the wrong
+            way round.
+        """
+        x, force = self.displacement, self.force
+        if x.ndim != 1 or x.shape != force.shape or len(x) < MIN_SAMPLES:
+            raise InputError(f"loop: displacement {x.shape} and force {force.shape} must be arrays of one "
+                             f"length, {MIN_SAMPLES} samples or more")
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(force))):
+            raise InputError("loop: displacement or force is NaN or infinite; clean the recording first")
+        if not (np.ptp(x) > 0.0 and np.ptp(force) > 0.0):
+            raise InputError("loop: displacement or force is constant; nothing can be read off it")
+        if dissipated_energy(self) < -0.05 * np.ptp(x) * np.ptp(force):
+            raise InputError("loop: its energy is negative; reverse the sign of one channel")
+
+
+@record
+class LoopReadings:
+    """What is read off a loop; None where the loop does not show it."""
+
+    regime: SlidingRegime
+    friction_coefficient: float | None = quantity("1")  # None without a plateau
+    tangential_stiffness: float | None = quantity("N/m")  # None with too few samples
+    dissipated_energy: float = quantity("J")
+    sliding_distance: float = quantity("m")  # width at mid force: peak to peak without the elastic part
+    peak_to_peak: float = quantity("m")
+
+
+def read_loop(loop: HysteresisLoop, normal_load: float) -> LoopReadings:
+    """Read a loop under `normal_load` (N).
+
+    Raises
+    ------
+    InputError
+        If the load is not positive.
+    """
+    if not normal_load > 0.0:
+        raise InputError(f"normal_load: must be positive, got {normal_load}")
+    there, back = half_cycles(loop)
+    stiffness = tangential_stiffness(there, back)
+    sliding = sliding_distance(there, back)
+    peak_to_peak = float(np.ptp(loop.displacement))
+    limit = friction_limit(there, back, stiffness)
+    if limit is not None:
+        regime = SlidingRegime.GROSS_SLIP
+    else:
+        slides = sliding > SHORTEST_SLIDE * peak_to_peak
+        regime = SlidingRegime.PARTIAL_SLIP if slides else SlidingRegime.STICK
+    return LoopReadings(
+        regime=regime, friction_coefficient=None if limit is None else limit / normal_load,
+        tangential_stiffness=stiffness, dissipated_energy=dissipated_energy(loop), sliding_distance=sliding,
+        peak_to_peak=peak_to_peak)
+
+
+def dissipated_energy(loop: HysteresisLoop) -> float:
+    """Return the loop's area in J, by the trapezoidal rule over the closed polygon."""
+    x, force = loop.displacement, loop.force
+    return 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(x, -1) - x)))
+
+
+@dataclass(frozen=True)
+class HalfCycle:
+    """Half a loop between reversals, turned so that displacement (m) and force (N) grow."""
+
+    displacement: Array
+    force: Array
+    sign: float  # that turns it back
+
+    @property
+    def swing(self) -> float:
+        """Return the force from the reversal to the end of the half-cycle, N."""
+        return float(self.force[-1] - self.force[0])
+
+
+def half_cycles(loop: HysteresisLoop) -> tuple[HalfCycle, HalfCycle]:
+    """Split a loop at its extreme displacements into the way there (growing) and the way back."""
+    x = loop.displacement
+    low, high, n = int(np.argmin(x)), int(np.argmax(x)), len(x)
+    there = np.arange(low, high + 1 if high > low else high + n + 1) % n
+    back = np.arange(high, low + 1 if low > high else low + n + 1) % n
+    return HalfCycle(x[there], loop.force[there], 1.0), HalfCycle(-x[back], -loop.force[back], -1.0)
+
+
+def tangential_stiffness(*halves: HalfCycle) -> float | None:
+    """Return the mean slope of the stick portions in N/m, or None if no half has three samples there.
+
+    Displacement is fitted on force: the window is one of force, and force varies much more than its noise
+    there.
+    """
+    compliances = []
+    for half in halves:
+        share = (half.force - half.force[0]) / half.swing if half.swing > 0.0 else np.zeros_like(half.force)
+        beyond = np.flatnonzero(share > STICK_WINDOW[1])
+        stick = share[:beyond[0] if beyond.size else len(share)] >= STICK_WINDOW[0]
+        samples = np.flatnonzero(stick)
+        if samples.size >= 3:
+            compliances.append(np.polyfit(half.force[samples], half.displacement[samples], 1)[0])
+    mean = float(np.mean(compliances)) if compliances else 0.0
+    return 1.0 / mean if mean > 0.0 else None
+
+
+def sliding_distance(there: HalfCycle, back: HalfCycle) -> float:
+    """Return the loop's width in m at the middle of its forces.
+
+    In a loop of sticks and plateaus this is the peak-to-peak displacement without the elastic part.
+    """
+    middle = 0.5 * (there.force.max() - back.force.max())
+    rising, falling = (_crossing(half, half.sign * middle) for half in (there, back))
+    return max(0.0, -falling - rising) if rising is not None and falling is not None else 0.0
+
+
+def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -> float | None:
+    """Return the mean absolute force of both plateaus in N, or None if one half-cycle has no plateau.
+
+    A `stiffness` (N/m) of None stands for a stick portion too steep to be read, without elastic displacement.
+    """
+    compliance = 0.0 if stiffness is None else 1.0 / stiffness
+    levels = []
+    for half in (there, back):
+        x = half.displacement - half.displacement[0]
+        slip = x - (half.force - half.force[0]) * compliance
+        low, high = (share * slip[-1] for share in PLATEAU_WINDOW)
+        samples = np.flatnonzero((slip >= low) & (slip <= high))
+        if slip[-1] < SHORTEST_SLIDE * x[-1] or samples.size < 3:
+            return None
+        slope, level = np.polyfit(x[samples] - x[samples].mean(), half.force[samples], 1)
+        if slope > PLATEAU_SLOPE * (stiffness or half.swing / x[-1]):
+            return None
+        levels.append(level)
+    return 0.5 * float(levels[0] + levels[1])
+
+
+def _crossing(half: HalfCycle, level: float) -> float | None:
+    """Return the mean displacement at which the force crosses `level`, or None if it does not."""
+    above = half.force > level
+    k = np.flatnonzero(above[1:] != above[:-1])
+    if not k.size:
+        return None
+    share = (level - half.force[k]) / (half.force[k + 1] - half.force[k])
+    return float(np.mean(half.displacement[k] + share * (half.displacement[k + 1] - half.displacement[k])))

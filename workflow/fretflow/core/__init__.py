@@ -1,0 +1,1 @@
+"""Shared ground: configuration, units, errors, records, storage and provenance."""

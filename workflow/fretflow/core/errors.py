@@ -1,0 +1,85 @@
+"""The errors that fretflow raises, by what the user can do about them.
+
+Every message is one line: the field or file, what is wrong, and the way out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+class FretflowError(Exception):
+    """Base of every error that fretflow raises on purpose."""
+
+    exit_code = 1
+
+
+class InputError(FretflowError):
+    """The user's input cannot be used: a field, a file, a mesh. Exit code 2."""
+
+    exit_code = 2
+
+
+class ConfigError(InputError):
+    """A case file has a missing, unknown or impossible value."""
+
+
+class UnitError(InputError):
+    """A physical number lacks its unit or has one of the wrong dimension."""
+
+
+class MeshError(InputError):
+    """A mesh lacks its groups, has unmatched contact nodes or an inverted element."""
+
+
+class StoreError(InputError):
+    """A result file is missing, truncated or of another schema."""
+
+
+class PlatformError(FretflowError):
+    """Something that the machine should provide is missing."""
+
+    exit_code = 2
+
+
+class NonConvergenceError(FretflowError):
+    """An iteration did not reach its tolerance. Exit code 3.
+
+    Attributes
+    ----------
+    history : tuple of float
+        Residual norm of each iteration, relative to the load unless the message says otherwise.
+    last_good : Path or None
+        Where the last good state is kept, if one was written.
+    history_file : Path or None
+        File that keeps the history, once a run has written it.
+    """
+
+    exit_code = 3
+
+    def __init__(self, message: str, history: Sequence[float] = (), last_good: Path | None = None) -> None:
+        super().__init__(message)
+        self.history = tuple(float(r) for r in history)
+        self.last_good = last_good
+        self.history_file: Path | None = None
+
+
+class AuditError(FretflowError):
+    """A result violates a law that it must satisfy: a balance, a cone, an orthogonality. Exit code 3."""
+
+    exit_code = 3
+
+
+class EnsembleError(FretflowError):
+    """Some of several cases failed while the others were completed.
+
+    Attributes
+    ----------
+    exit_code : int
+        That of the worst case.
+    """
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code

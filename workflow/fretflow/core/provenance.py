@@ -1,0 +1,92 @@
+"""Where a result comes from: versions, commit, machine, and what it cost."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+import threading
+import time
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import fretflow
+
+SAMPLING_INTERVAL = 0.05  # s, between two looks at the memory
+
+# Module name (looked for among those loaded) and the distribution that states its version.
+_WITNESSES = {
+    "numpy": "numpy",
+    "scipy": "scipy",
+    "h5py": "h5py",
+    "dolfinx": "fenics-dolfinx",
+    "petsc4py": "petsc4py",
+    "slepc4py": "slepc4py",
+    "mpi4py": "mpi4py",
+    "gmsh": "gmsh",
+    "pyvista": "pyvista",
+}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of fretflow, Python and those libraries that this process has loaded."""
+    found = {"fretflow": fretflow.__version__, "python": platform.python_version()}
+    for module, distribution in _WITNESSES.items():
+        if module in sys.modules:
+            found[module] = _version(module, distribution)
+    return found
+
+
+def _version(module: str, distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:  # Debian ships some modules without metadata
+        return str(getattr(sys.modules[module], "__version__", "unknown"))
+
+
+@cache
+def commit() -> str | None:
+    """Return the git commit of the checkout that fretflow runs from, ``-dirty`` if edited; None outside."""
+    source = Path(fretflow.__file__).resolve().parent
+    if not any((parent / ".git").exists() for parent in source.parents):
+        return None
+    command = ["git", "-C", str(source), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+class CostMeter:
+    """Measures wall time and peak resident memory of this process while a ``with`` block runs.
+
+    Memory is sampled by a thread, so that a stage's own peak is found and not that since the process began.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.peak_memory = 0  # bytes
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> CostMeter:
+        self._start = time.perf_counter()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.seconds = time.perf_counter() - self._start
+        self._stop.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        import psutil
+
+        process = psutil.Process()
+        while True:
+            self.peak_memory = max(self.peak_memory, int(process.memory_info().rss))
+            if self._stop.wait(SAMPLING_INTERVAL):
+                self.peak_memory = max(self.peak_memory, int(process.memory_info().rss))
+                return

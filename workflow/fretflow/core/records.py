@@ -1,0 +1,54 @@
+"""Frozen records: results that cannot change after they were made.
+
+A record is a frozen dataclass whose arrays are read-only. Each field that is a physical
+quantity carries its unit, and `core.store` writes any record to HDF5 with those units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar, dataclass_transform
+
+import numpy as np
+
+T = TypeVar("T")
+
+
+def quantity(unit: str, shape: str = "", **kwargs: Any) -> Any:
+    """Declare a record field with its unit and, for arrays, its shape in words such as ``"(nodes, 3)"``."""
+    return field(metadata={"unit": unit, "shape": shape}, **kwargs)
+
+
+def _freeze_arrays(self: Any) -> None:
+    for f in fields(self):
+        value = getattr(self, f.name)
+        if isinstance(value, np.ndarray) and (value.flags.writeable or value.base is not None):
+            # A view is copied: whoever holds its base could change it.
+            value = value.copy() if value.base is not None else value
+            value.setflags(write=False)
+            object.__setattr__(self, f.name, value)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(quantity, field))
+def record(cls: type[T]) -> type[T]:
+    """Make `cls` a keyword-only frozen dataclass with read-only arrays.
+
+    A class may define ``check(self)`` to validate itself; it runs after construction.
+    """
+
+    def __post_init__(self: Any) -> None:
+        _freeze_arrays(self)
+        check = getattr(self, "check", None)
+        if check is not None:
+            check()
+
+    cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    return dataclass(frozen=True, kw_only=True)(cls)
+
+
+def unit_of(cls: type[Any], name: str) -> str:
+    """Return the unit declared for field `name` of record class `cls`, or ``""``."""
+    for f in fields(cls):
+        if f.name == name:
+            return str(f.metadata.get("unit", ""))
+    raise KeyError(f"{cls.__name__} has no field {name}")

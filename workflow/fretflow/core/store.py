@@ -1,0 +1,163 @@
+"""Records in HDF5: one file a record, units as attributes, written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import StoreError
+
+T = TypeVar("T")
+FORMAT = "fretflow-record/1"
+
+
+def write_record(path: Path, record: Any) -> Path:
+    """Write `record` to the HDF5 file `path` through a temporary file and a rename.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written (disk full, read-only directory).
+    """
+    # The file is made in memory: HDF5 that meets a full disk can neither finish nor close its file.
+    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
+        file.attrs["format"] = FORMAT
+        _write_group(file, record)
+        file.flush()
+        image = file.id.get_file_image()
+    write_whole(path, image)
+    return path
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write `content` to `path` through a temporary file and a rename.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written (disk full, read-only directory).
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as handle:
+            handle.write(content)
+            handle.flush()
+            os.fsync(handle.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            temporary.unlink()
+        raise StoreError(
+            f"{path}: cannot be written ({error.strerror}); complete results are kept: free some "
+            "space or choose another --out, then run again"
+        ) from error
+
+
+def write_csv(path: Path, columns: Mapping[str, Sequence[object] | NDArray[Any]]) -> Path:
+    """Write equally long `columns` to the CSV file `path`; a column's name ends in its unit.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True))
+    write_whole(path, text.getvalue().encode())
+    return path
+
+
+def read_record(path: Path, cls: type[T]) -> T:
+    """Read a record of class `cls` from the HDF5 file `path`.
+
+    Raises
+    ------
+    StoreError
+        If the file is missing, truncated or holds another kind of record.
+    """
+    if not path.is_file():
+        raise StoreError(f"{path}: no such result file; run the stage that writes it again")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT or file.attrs.get("record") != cls.__name__:
+                raise StoreError(f"{path}: holds no {cls.__name__} of {FORMAT}; run again with --force")
+            return _read_group(file, cls)
+    except (OSError, KeyError, RuntimeError) as error:
+        raise StoreError(f"{path}: truncated or damaged ({error}); remove it and run again") from error
+
+
+def _write_group(group: h5py.Group, record: Any) -> None:
+    group.attrs["record"] = type(record).__name__
+    for f in fields(record):
+        value = getattr(record, f.name)
+        if value is None:
+            continue
+        if is_dataclass(value):
+            _write_group(group.create_group(f.name), value)
+            continue
+        if isinstance(value, Enum):
+            value = value.value
+        if isinstance(value, tuple):
+            value = np.asarray(value)
+            if value.dtype.kind == "U":
+                value = value.astype(h5py.string_dtype())
+        compress = isinstance(value, np.ndarray) and value.nbytes > 4096
+        dataset = group.create_dataset(f.name, data=value, compression="gzip" if compress else None,
+                                       compression_opts=1 if compress else None, shuffle=compress)
+        for key in ("unit", "shape"):
+            if f.metadata.get(key):
+                dataset.attrs[key] = f.metadata[key]
+
+
+def _read_group(group: h5py.Group, cls: type[T]) -> T:
+    hints = get_type_hints(cls)
+    values: dict[str, Any] = {}
+    for f in fields(cls):  # type: ignore[arg-type]
+        kind = hints[f.name]
+        if f.name not in group:
+            if type(None) in get_args(kind):
+                values[f.name] = None
+            continue
+        values[f.name] = _read_value(group[f.name], _plain(kind))
+    try:
+        return cls(**values)
+    except TypeError as error:
+        raise StoreError(f"{group.file.filename}: incomplete {cls.__name__} ({error}); run again with --force"
+                         ) from error
+
+
+def _plain(kind: Any) -> Any:
+    """Strip ``| None`` from a type hint."""
+    options = [k for k in get_args(kind) if k is not type(None)]
+    if type(None) in get_args(kind) and len(options) == 1:
+        return options[0]
+    return kind
+
+
+def _read_value(item: h5py.Group | h5py.Dataset, kind: Any) -> Any:
+    if isinstance(item, h5py.Group):
+        return _read_group(item, kind)
+    value = item[()]
+    origin = getattr(kind, "__origin__", kind)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(value.decode() if isinstance(value, bytes) else value)
+    if origin is tuple:
+        return tuple(v.decode() if isinstance(v, bytes) else v.item() for v in np.atleast_1d(value))
+    if kind is str:
+        return value.decode()
+    if kind in (int, float, bool):
+        return kind(value)
+    return value

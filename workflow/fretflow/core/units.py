@@ -1,0 +1,137 @@
+"""Units at the boundary: text with a unit in, SI floats inside, text with a unit out."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from tokenize import TokenError
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator
+from pydantic_core import PydanticCustomError
+
+if TYPE_CHECKING:
+    import pint
+
+
+@cache
+def registry() -> pint.UnitRegistry[Any]:
+    """Return the one unit registry of the process."""
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
+
+
+# Units that engineers write and read, with their size in SI, largest first; these do not need pint.
+_READABLE = {
+    "m": (("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9)),
+    "Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
+    "N/m": (("N/um", 1e6), ("N/mm", 1e3), ("N/m", 1.0)),
+    "N": (("kN", 1e3), ("N", 1.0), ("mN", 1e-3)),
+    "Hz": (("kHz", 1e3), ("Hz", 1.0)),
+    "kg": (("kg", 1.0), ("g", 1e-3)),
+    "s": (("h", 3600.0), ("min", 60.0), ("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)),
+    "m^3": (("mm^3", 1e-9), ("um^3", 1e-18)),
+    "J": (("J", 1.0), ("mJ", 1e-3), ("uJ", 1e-6)),
+}
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+def parse_quantity(value: object, unit: str) -> float:
+    """Convert a text such as ``"60 N"`` to a float in `unit`.
+
+    Parameters
+    ----------
+    value : object
+        Text with one number and its unit.
+    unit : str
+        The SI unit that the result is expressed in.
+
+    Raises
+    ------
+    ValueError
+        If the unit is missing, unknown or of another dimension, or the number is not finite. Angles count as
+        a dimension: an angular frequency is no frequency.
+    """
+    example = f'write it as text with its unit, for example "1 {unit}"'
+    match = _NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise ValueError(f"{value!r} is not text with a number and its unit; {example}")
+    if not match[2]:
+        raise ValueError(f"{value!r} has no unit; {example}")
+    number = float(match[1]) * _factor(match[2], unit, f"{value!r}", example)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not a finite number")
+    return number
+
+
+def _factor(given: str, unit: str, value: str, example: str) -> float:
+    if given == unit:
+        return 1.0
+    if given in (sizes := dict(_READABLE.get(unit, ()))):
+        return sizes[given]
+    import pint
+
+    try:
+        source = registry().Quantity(1.0, registry().parse_units(given))
+        target = registry().Quantity(1.0, unit)
+    except (pint.PintError, TokenError, ValueError, TypeError, AttributeError, SyntaxError, KeyError,
+            ArithmeticError, AssertionError) as error:
+        raise ValueError(f"{value} is not a number with a known unit; {example}") from error
+    if source.to_root_units().units != target.to_root_units().units:
+        raise ValueError(f"{value} has the wrong dimension, expected a unit like {unit}; {example}")
+    return float(source.to(unit).magnitude)
+
+
+def format_quantity(value: float, unit: str, digits: int = 6) -> str:
+    """Return `value`, in the SI unit `unit`, as text in the unit that engineers read, like ``"14.2 um"``."""
+    choices = _READABLE.get(unit, ((unit, 1.0),))
+    name, size = next((c for c in choices if abs(value) >= c[1] * 0.999999), choices[-1])
+    if value == 0.0:
+        name, size = unit, 1.0
+    return f"{value / size:.{digits}g} {name}".rstrip()
+
+
+class Unit:
+    """Marks an annotated float field with the SI unit that it is kept in."""
+
+    def __init__(self, unit: str) -> None:
+        self.unit = unit
+
+
+def _parser(unit: str) -> BeforeValidator:
+    def parse(value: object) -> float:
+        try:
+            return parse_quantity(value, unit)
+        except ValueError as error:
+            raise PydanticCustomError("unit", "{reason}", {"reason": str(error)}) from error
+
+    return BeforeValidator(parse)
+
+
+def _positive(value: float) -> float:
+    if not value > 0.0:
+        raise PydanticCustomError("positive", "must be positive, got {value}", {"value": value})
+    return value
+
+
+def _not_negative(value: float) -> float:
+    if value < 0.0:
+        raise PydanticCustomError("not_negative", "must not be negative, got {value}", {"value": value})
+    return value
+
+
+Frequency = Annotated[float, Unit("Hz"), _parser("Hz"), AfterValidator(_positive)]
+Force = Annotated[float, Unit("N"), _parser("N"), AfterValidator(_positive)]
+Mass = Annotated[float, Unit("kg"), _parser("kg"), AfterValidator(_positive)]
+Length = Annotated[float, Unit("m"), _parser("m"), AfterValidator(_positive)]
+Volume = Annotated[float, Unit("m^3"), _parser("m^3"), AfterValidator(_positive)]
+Duration = Annotated[float, Unit("s"), _parser("s"), AfterValidator(_positive)]
+Pressure = Annotated[float, Unit("Pa"), _parser("Pa"), AfterValidator(_positive)]
+Density = Annotated[float, Unit("kg/m^3"), _parser("kg/m^3"), AfterValidator(_positive)]
+Stiffness = Annotated[float, Unit("N/m"), _parser("N/m"), AfterValidator(_positive)]
+WearCoefficient = Annotated[float, Unit("m^2/N"), _parser("m^2/N"), AfterValidator(_not_negative)]
+RayleighMass = Annotated[float, Unit("1/s"), _parser("1/s"), AfterValidator(_not_negative)]
+RayleighStiffness = Annotated[float, Unit("s"), _parser("s"), AfterValidator(_not_negative)]

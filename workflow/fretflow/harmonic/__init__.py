@@ -1,0 +1,1 @@
+"""Periodic solutions: harmonic balance, DLFT and quasi-static contact."""

@@ -1,0 +1,258 @@
+"""The contact marched through a period of arm motion, with the exact tangent of its friction force.
+
+The friction force is a functional of the arm's motion: what a sample does depends on what slid before. The tangent
+carries the derivative of the displacement from sample to sample with the same factors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.contact_sample import OPEN, STICK, Array, ContactSystem, SampleSolver, SampleState
+from fretflow.harmonic.periodic import PeriodicProblem
+
+MAX_PERIODS = 60
+MAX_PRELOAD_STEPS = 100
+PRELOAD_PARTS = 20  # of a load applied against friction
+MAX_EXTRAPOLATION = 2.0
+NEWTON_AFTER = 3  # periods
+PERSISTS = 1e-6
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A marched period: arm q_x (N,), u and f (N, 3 n) in component order, arm q_z (N,), state (N, n)."""
+
+    arm: Array
+    displacement: Array
+    force: Array
+    approach: Array
+    state: NDArray[np.int8]
+
+    def sample(self, j: int) -> SampleState:
+        """Return sample j."""
+        return SampleState(self.displacement[j], self.force[j], float(self.approach[j]), self.state[j])
+
+
+    @property
+    def friction(self) -> Array:
+        """Return the x force on the upper specimen, (N,) in N."""
+        n = self.state.shape[1]
+        force: Array = self.force[:, :n].sum(axis=1)
+        return force
+
+
+@dataclass(frozen=True)
+class PeriodicMarch:
+    """A period that repeats, and the tangent of its friction force to arm motions, (N, p)."""
+
+    trajectory: Trajectory
+    tangent: Array
+    periods: int
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One marched period and where it ended; slope (3 n, p) is the end's derivative."""
+
+    trajectory: Trajectory
+    tangent: Array
+    end: SampleState
+    slope: Array
+
+
+def frictionless_preload(system: ContactSystem, flexibility_zz: Array) -> tuple[Array, float, NDArray[np.bool_]]:
+    """Press the faces together without friction by an active-set iteration.
+
+    Parameters
+    ----------
+    system : ContactSystem
+    flexibility_zz : (n, n)
+        Normal flexibility of the contact nodes, m/N.
+
+    Returns
+    -------
+    (n,), float, (n,)
+        Normal forces in N, approach of the arm in m, and which nodes are closed.
+
+    Raises
+    ------
+    NonConvergenceError
+        If the set of closed nodes does not settle.
+    """
+    closed: NDArray[np.bool_] = np.ones(system.size, dtype=bool)
+    for _ in range(MAX_PRELOAD_STEPS):
+        i = np.flatnonzero(closed)
+        matrix = np.ones((len(i) + 1, len(i) + 1))
+        matrix[:-1, :-1], matrix[-1, -1] = flexibility_zz[np.ix_(i, i)], 0.0
+        found = np.linalg.solve(matrix, np.append(-system.gap[i], system.load))
+        force = np.zeros(system.size)
+        force[i], approach = found[:-1], float(found[-1])
+        opening = system.gap + approach + flexibility_zz @ force
+        new = np.where(closed, force > 0.0, opening < 0.0)
+        if np.array_equal(new, closed):
+            return force, approach, closed
+        closed = new
+    raise NonConvergenceError("static preload: the set of closed nodes did not settle; check the gap of the faces")
+
+
+class ContactMarch:
+    """Marches the contact of one system through periods of arm motion."""
+
+    def __init__(self, system: ContactSystem, flexibility: Array) -> None:
+        """Take the flexibility (3 n, 3 n) in node order, m/N."""
+        self.system = system
+        self.flexibility = flexibility
+        self.solver = SampleSolver(system)
+        self.repeat = 0.0  # N, see `period`
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem) -> ContactMarch:
+        """Return the contact of `problem`."""
+        joint = problem.joint.quasi_static()
+        friction = np.asarray(problem.friction_coefficient)
+        system = ContactSystem.build(joint.stiffness, problem.interface.gap, friction, problem.normal_load)
+        return cls(system, joint.flexibility)
+
+    def preloaded(self, frictional: bool = False) -> SampleState:
+        """Return the joint under its normal load, the faces frictionless or not while it is applied."""
+        return self._pressed() if frictional else self._settled()
+
+    def _pressed(self) -> SampleState:
+        """Apply the load in small parts against friction, the arm held along x."""
+        n = self.system.size
+        state = SampleState(np.zeros(3 * n), np.zeros(3 * n), 0.0, np.full(n, STICK, dtype=np.int8))
+        state.displacement[2 * n:] = -self.system.gap
+        for share in np.arange(1, PRELOAD_PARTS + 1) / PRELOAD_PARTS:
+            part = ContactSystem(self.system.stiffness, self.system.gap, self.system.friction,
+                                 share * self.system.load, self.system.penalty)
+            state = SampleSolver(part).solve(0.0, state.displacement, state, 0.0)
+        return state
+
+    def _settled(self) -> SampleState:
+        n = self.system.size
+        normal, approach, closed = frictionless_preload(self.system, self.flexibility[2::3, 2::3])
+        u = (self.flexibility[:, 2::3] @ normal).reshape(n, 3).T.copy()
+        u[2] += approach
+        force = np.concatenate([np.zeros(2 * n), normal])
+        return SampleState(u.ravel(), force, approach, np.where(closed, STICK, OPEN).astype(np.int8))
+
+    def period(self, arm: Array, directions: Array, start: SampleState, guess: Trajectory | None,
+               tolerance: float, repeat: float = 0.0) -> PeriodicMarch:
+        """March until the contact repeats itself, and with it the tangent.
+
+        Parameters
+        ----------
+        arm : (N,)
+            Arm positions in m.
+        directions : (N, p)
+            Derivative of the arm positions by p parameters.
+        start : SampleState
+            Contact before the first sample of the first period.
+        guess : Trajectory or None
+            A neighbouring period.
+        tolerance : float
+            Largest force residual at a node, relative to the mean nodal load.
+        repeat : float
+            Largest change of a nodal force from period to period, likewise; at least a hundred tolerances.
+
+        Raises
+        ------
+        NonConvergenceError
+            If the contact does not repeat within 60 periods.
+        """
+        mean_load = self.system.load / self.system.size
+        self.solver.tolerance = tolerance * mean_load
+        self.repeat = max(100.0 * tolerance, repeat) * mean_load
+        unmoved = np.zeros((3 * self.system.size, directions.shape[1]))
+        run = self._pass(arm, directions, start, unmoved, guess)
+        for period in range(1, MAX_PERIODS):
+            before, slope = run.end, run.slope
+            if period > NEWTON_AFTER:
+                before, slope = self._newton_start(arm, directions, run)
+            run = self._pass(arm, directions, before, slope, run.trajectory, run)
+            if self._same(run.end, before):
+                return PeriodicMarch(run.trajectory, run.tangent, period + 1)
+        raise NonConvergenceError(
+            f"the contact did not repeat itself within {MAX_PERIODS} periods; it may ratchet under this load")
+
+    def _pass(self, arm: Array, directions: Array, start: SampleState, slope: Array, guess: Trajectory | None,
+              last: _Pass | None = None) -> _Pass:
+        """March one period; where it has become the `last` one, the rest is taken from there."""
+        trajectory, tangent = _empty(arm, self.system.size), np.zeros_like(directions)
+        earlier, before = start, start
+        for j in range(len(arm)):
+            near = self._guess(guess, j, arm, before, earlier)
+            after = self.solver.solve(float(arm[j]), before.displacement, near, float(arm[j - 1]))
+            slope, tangent[j] = self.solver.tangent(after, before.displacement, slope, directions[j])
+            _put(trajectory, j, after)
+            earlier, before = before, after
+            # where everything slides nothing is remembered
+            if last is not None and not np.any(after.state == STICK) and self._same(after, last.trajectory.sample(j)):
+                _copy(last.trajectory, trajectory, j + 1)
+                tangent[j + 1:] = last.tangent[j + 1:]
+                return _Pass(trajectory, tangent, last.end, last.slope)
+        return _Pass(trajectory, tangent, before, slope)
+
+    def _newton_start(self, arm: Array, directions: Array, run: _Pass) -> tuple[SampleState, Array]:
+        """Return the contact, and its slope, from which a period should end as it began.
+
+        A partly sliding contact creeps toward its shakedown state over many periods. With T the derivative of
+        the slid positions after a period by those before it, Newton leads there at once: (I - T) du = drift.
+        """
+        n = self.system.size
+        moving = np.flatnonzero(np.any(run.trajectory.state != STICK, axis=0))
+        memory = np.concatenate([moving, n + moving])
+        own = np.zeros((3 * n, len(memory)))
+        own[memory, np.arange(len(memory))] = 1.0
+        still = np.zeros((len(arm), len(memory)))
+        probe = self._pass(arm, np.hstack([directions, still]), run.end, np.hstack([run.slope, own]), run.trajectory)
+        p = directions.shape[1]
+        drift = np.column_stack([probe.slope[memory, :p] - run.slope[memory],
+                                 (probe.end.displacement - run.end.displacement)[memory]])
+        # some positions persist for ever (T = 1): those keep their value, the smallest change
+        change = np.linalg.lstsq(np.eye(len(memory)) - probe.slope[memory, p:], drift, rcond=PERSISTS)[0]
+        slope, displacement = run.slope.copy(), run.end.displacement.copy()
+        slope[memory] += change[:, :p]
+        displacement[memory] += change[:, p]
+        return SampleState(displacement, run.end.force, run.end.approach, run.end.state), slope
+
+    @staticmethod
+    def _guess(near: Trajectory | None, j: int, arm: Array, before: SampleState, earlier: SampleState) -> SampleState:
+        """Guess sample j: the neighbouring period's, shifted as its predecessor was, or by extrapolation in time."""
+        if near is not None:
+            return _extrapolated(near.sample(j), before, near.sample(j - 1), 1.0)
+        last = float(arm[j - 1] - arm[j - 2])
+        ratio = float(arm[j] - arm[j - 1]) / last if last else 0.0
+        steady = abs(ratio) < MAX_EXTRAPOLATION and np.array_equal(before.state, earlier.state)
+        return _extrapolated(before, before, earlier, ratio if steady else 0.0)
+
+    def _same(self, a: SampleState, b: SampleState) -> bool:
+        """Tell whether two samples agree in force."""
+        return bool(np.abs(a.force - b.force).max() < self.repeat)
+
+
+def _extrapolated(after: SampleState, toward: SampleState, away: SampleState, ratio: float) -> SampleState:
+    """Return a guess: `after`, moved by `ratio` times the step from `away` to `toward`."""
+    return SampleState(after.displacement + ratio * (toward.displacement - away.displacement), after.force,
+                       after.approach + ratio * (toward.approach - away.approach), after.state)
+
+
+def _empty(arm: Array, nodes: int) -> Trajectory:
+    n = len(arm)
+    return Trajectory(arm, np.zeros((n, 3 * nodes)), np.zeros((n, 3 * nodes)), np.zeros(n),
+                      np.zeros((n, nodes), dtype=np.int8))
+
+
+def _put(trajectory: Trajectory, j: int, sample: SampleState) -> None:
+    trajectory.displacement[j], trajectory.force[j] = sample.displacement, sample.force
+    trajectory.approach[j], trajectory.state[j] = sample.approach, sample.state
+
+
+def _copy(source: Trajectory, target: Trajectory, first: int) -> None:
+    for name in ("displacement", "force", "approach", "state"):
+        getattr(target, name)[first:] = getattr(source, name)[first:]

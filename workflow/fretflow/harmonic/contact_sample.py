@@ -1,0 +1,325 @@
+"""One time sample of quasi-static frictional contact, solved by semi-smooth Newton.
+
+The bodies are massless, so at each sample the relative displacement u, the contact force f and the arm's rigid motion
+(q_x given, q_z free under the normal load) obey
+
+    f = K (u - B_x q_x - B_z q_z),    sum f_z = N
+    f_z >= 0,  gap + u_z >= 0,  f_z (gap + u_z) = 0
+    stick: u_t = u_t(previous sample), |f_t| <= mu f_z
+    slip:  f_t = -mu f_z (u_t - u_t(previous)) / |u_t - u_t(previous)|
+
+The conditions are written with the projection of tau = f_t - rho (u_t - u_t(previous)) onto the friction disc
+(Alart and Curnier 1991), for any rho > 0. Displacements are the unknowns, so that stuck and closed DOFs drop out:
+a sticking contact has no unknown but q_z, and a sliding one 2 n + 1.
+
+Arrays are in component order: DOF ``c n + m`` is direction c of node m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lu_factor, lu_solve
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.periodic import ContactState
+
+Array = NDArray[np.float64]
+STICK, SLIP, OPEN = int(ContactState.STICK), int(ContactState.SLIP), int(ContactState.OPEN)
+MAX_ITERATIONS = 40
+MAX_HALVINGS = 8
+STALE = 0.05  # a kept factor must contract the residual at least by this
+
+
+@dataclass(frozen=True)
+class ContactSystem:
+    """The condensed contact: stiffness, nodes and load. Arrays in component order.
+
+    `stiffness` (3 n, 3 n) N/m; `gap` (n,) m; `friction` (n,); `load` N.
+    """
+
+    stiffness: Array
+    gap: Array
+    friction: Array
+    load: float
+    penalty: float  # rho in N/m
+
+    @classmethod
+    def build(cls, stiffness: Array, gap: Array, friction: Array, load: float) -> ContactSystem:
+        """Reorder a stiffness given node by node (x, y, z per node) and choose rho.
+
+        rho only steers the path to the solution; a tenth of the largest diagonal term was the most robust
+        of the decades tried.
+        """
+        n = len(gap)
+        order = np.arange(3 * n).reshape(n, 3).T.ravel()
+        k = np.ascontiguousarray(stiffness[np.ix_(order, order)])
+        return cls(stiffness=k, gap=np.asarray(gap, float), friction=np.broadcast_to(friction, n).astype(float),
+                   load=float(load), penalty=0.1 * float(k.diagonal().max()))
+
+    @property
+    def size(self) -> int:
+        """Return the number of nodes."""
+        return len(self.gap)
+
+    def rigid_forces(self) -> tuple[Array, Array]:
+        """Return ``K B_x`` and ``K B_z`` (3 n,) in N/m."""
+        n = self.size
+        return self.stiffness[:, :n].sum(axis=1), self.stiffness[:, 2 * n:].sum(axis=1)
+
+
+@dataclass
+class SampleState:
+    """Contact at one sample: u, f (3 n,), arm q_z, state (n,)."""
+
+    displacement: Array
+    force: Array
+    approach: float
+    state: NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class SampleChange:
+    """What p parameters change at a sample by themselves, all else held.
+
+    `arm` (p,) m; `load` (p,) N; `friction` (n, p); `force` (3 n, p) N, the elastic contact force.
+    """
+
+    arm: Array
+    load: Array
+    friction: Array
+    force: Array
+
+    @classmethod
+    def of_arm(cls, arm: Array, size: int) -> SampleChange:
+        """Return motions of the arm alone; `size` n."""
+        return cls(arm, np.zeros(len(arm)), np.zeros((size, len(arm))), np.zeros((3 * size, len(arm))))
+
+
+@dataclass(frozen=True)
+class SampleDerivative:
+    """Derivative of a sample by p parameters.
+
+    `displacement` (3 n, p), its z rows the opening gap + u_z; `approach` (p,); `pressing` (m, p), the normal
+    force at the m slipping nodes.
+    """
+
+    displacement: Array
+    approach: Array
+    pressing: Array
+
+
+@dataclass
+class _Sets:
+    """Unknown DOFs of a contact state."""
+
+    slip: NDArray[np.int64]
+    opened: NDArray[np.int64]
+    unknown: NDArray[np.int64]
+    columns: Array  # of the stiffness at the unknowns, and -K B_z last
+    key: bytes
+
+
+class SampleSolver:
+    """Solves samples one after another and keeps the last factor while it is good enough."""
+
+    def __init__(self, system: ContactSystem) -> None:
+        self.system = system
+        self.tolerance = 1e-10 * system.load / system.size  # N, largest residual at a node
+        self.kbx, self.kbz = system.rigid_forces()
+        self._sets: _Sets | None = None
+        self._factor: Any = None  # LU of the last Jacobian
+
+    def solve(self, arm: float, previous: Array, guess: SampleState, arm_before: float) -> SampleState:
+        """Return the contact at arm position `arm` (m) after a sample with displacement `previous` (3 n,).
+
+        If Newton fails, the arm is moved there from `arm_before` in ever smaller parts, the sample's own
+        history unchanged: each part starts from the solution of the one before.
+
+        Raises
+        ------
+        NonConvergenceError
+            If even 2^-8 of the step fails.
+        """
+        found = self._newton(arm, previous, guess)
+        halvings = 1
+        while found is None and halvings <= MAX_HALVINGS:
+            found = self._approach(np.linspace(arm_before, arm, 2**halvings + 1)[1:], previous, guess)
+            halvings += 1
+        if found is None:
+            raise NonConvergenceError(
+                f"contact at one time sample did not converge (arm at {arm:.6e} m); use more samples per period")
+        return found
+
+    def _approach(self, arms: NDArray[np.floating[Any]], previous: Array, guess: SampleState) -> SampleState | None:
+        resting = np.where(guess.state == SLIP, STICK, guess.state).astype(np.int8)
+        state: SampleState | None = SampleState(previous.copy(), guess.force, guess.approach, resting)
+        for arm in arms:
+            if state is not None:
+                state = self._newton(float(arm), previous, state)
+        return state
+
+    def _newton(self, arm: float, previous: Array, guess: SampleState) -> SampleState | None:
+        u, approach, state = guess.displacement.copy(), guess.approach, guess.state
+        sets = self._select(state)
+        last = np.inf
+        for iteration in range(MAX_ITERATIONS):
+            self._hold(u, previous, state)
+            f = self._force(u, arm, approach)
+            if iteration:
+                new = self._project(u, f, previous)
+                if np.any(new != state):
+                    state, last = new, np.inf
+                    sets = self._select(state)
+                    self._hold(u, previous, state)
+                    f = self._force(u, arm, approach)
+            direction = self._directions(u, f, previous)
+            residual = self._residual(f, direction, sets)
+            error = float(np.abs(residual).max())
+            if not np.isfinite(error):
+                return None
+            if iteration and error < self.tolerance and np.array_equal(self._project(u, f, previous), state):
+                return SampleState(u, f, approach, state)
+            if self._factor is None or error > STALE * last:
+                self._factor = lu_factor(self._jacobian(f, direction, sets), check_finite=False, overwrite_a=True)
+            last = error
+            step = lu_solve(self._factor, -residual, check_finite=False)
+            u[sets.unknown] += step[:-1]
+            approach += step[-1]
+        return None
+
+    def tangent(self, sample: SampleState, previous: Array, history: Array, arm_direction: Array
+                ) -> tuple[Array, Array]:
+        """Differentiate a converged sample by motions of the arm.
+
+        Parameters
+        ----------
+        sample, previous
+            The sample and the displacement before it.
+        history : (3 n, p)
+            Derivative of `previous`.
+        arm_direction : (p,)
+            Derivative of the arm position.
+
+        Returns
+        -------
+        (3 n, p), (p,)
+            Derivatives of the displacement and of the x force on the upper face's nodes together.
+        """
+        n, change = self.system.size, SampleChange.of_arm(arm_direction, self.system.size)
+        found = self.differentiate(sample, previous, history, change)
+        force = self.kbx @ found.displacement - self.kbx[:n].sum() * arm_direction - self.kbz[:n].sum() * found.approach
+        return found.displacement, force
+
+    def differentiate(self, sample: SampleState, previous: Array, history: Array, change: SampleChange
+                      ) -> SampleDerivative:
+        """Differentiate a converged sample by p parameters; history (3 n, p) is the derivative of `previous`."""
+        n, k = self.system.size, self.system.stiffness
+        sets = self._select(sample.state)
+        direction = self._directions(sample.displacement, sample.force, previous)
+        self._factor = lu_factor(self._jacobian(sample.force, direction, sets), check_finite=False, overwrite_a=True)
+        stuck = np.flatnonzero(sample.state == STICK)
+        held = np.concatenate([stuck, n + stuck])
+        moved = np.zeros_like(history)
+        moved[held] = history[held]
+        rows = np.concatenate([sets.slip, n + sets.slip, 2 * n + sets.slip, sets.opened, n + sets.opened,
+                               2 * n + sets.opened])
+        df = k[np.ix_(rows, held)] @ history[held] - np.outer(self.kbx[rows], change.arm) + change.force[rows]
+        m = len(sets.slip)
+        rhs = np.empty((len(sets.unknown) + 1, history.shape[1]))
+        slip_history = np.stack([history[sets.slip], history[n + sets.slip]])
+        rhs[:2 * m] = self._slip_rows(df[:m], df[m:2 * m], df[2 * m:3 * m], direction, sets, -slip_history)
+        grip = sample.force[2 * n:][sets.slip, None] * change.friction[sets.slip]
+        rhs[:m] -= direction[0][0, sets.slip, None] * grip
+        rhs[m:2 * m] -= direction[0][1, sets.slip, None] * grip
+        rhs[2 * m:-1] = df[3 * m:]
+        rhs[-1] = (self.kbz[held] @ history[held] - self.kbx[2 * n:].sum() * change.arm
+                   + change.force[2 * n:].sum(axis=0) - change.load)
+        step = lu_solve(self._factor, -rhs, check_finite=False)
+        moved[sets.unknown] = step[:-1]
+        return SampleDerivative(moved, step[-1], df[2 * m:3 * m] + sets.columns[2 * n + sets.slip] @ step)
+
+    def _select(self, state: NDArray[np.int8]) -> _Sets:
+        key = state.tobytes()
+        if self._sets is not None and self._sets.key == key:
+            return self._sets
+        n, k = self.system.size, self.system.stiffness
+        slip, opened = np.flatnonzero(state == SLIP), np.flatnonzero(state == OPEN)
+        unknown = np.concatenate([slip, n + slip, opened, n + opened, 2 * n + opened])
+        columns = np.empty((3 * n, len(unknown) + 1))
+        columns[:, :-1] = k[unknown].T  # symmetric: rows are contiguous, columns are not
+        columns[:, -1] = -self.kbz
+        self._sets, self._factor = _Sets(slip, opened, unknown, columns, key), None
+        return self._sets
+
+    def _hold(self, u: Array, previous: Array, state: NDArray[np.int8]) -> None:
+        """Put the known DOFs where their state wants them: closed at the gap, stuck where they were."""
+        n = self.system.size
+        u[2 * n:] = np.where(state == OPEN, u[2 * n:], -self.system.gap)
+        stuck = state == STICK
+        u[:n][stuck] = previous[:n][stuck]
+        u[n:2 * n][stuck] = previous[n:2 * n][stuck]
+
+    def _force(self, u: Array, arm: float, approach: float) -> Array:
+        force: Array = self.system.stiffness @ u - arm * self.kbx - approach * self.kbz
+        return force
+
+    def _trial(self, u: Array, f: Array, previous: Array) -> tuple[Array, Array]:
+        n, rho = self.system.size, self.system.penalty
+        tau = (f[:2 * n] - rho * (u[:2 * n] - previous[:2 * n])).reshape(2, n)
+        return tau, np.maximum(np.hypot(tau[0], tau[1]), 1e-300)
+
+    def _project(self, u: Array, f: Array, previous: Array) -> NDArray[np.int8]:
+        n, s = self.system.size, self.system
+        pressing = f[2 * n:] - s.penalty * (s.gap + u[2 * n:])
+        _, norm = self._trial(u, f, previous)
+        slipping = norm > s.friction * pressing * (1.0 + 1e-12)
+        return np.where(pressing <= 0.0, OPEN, np.where(slipping, SLIP, STICK)).astype(np.int8)
+
+    def _directions(self, u: Array, f: Array, previous: Array) -> tuple[Array, Array]:
+        """Return the friction direction (2, n) and the curvature mu f_z / |tau| (n,)."""
+        tau, norm = self._trial(u, f, previous)
+        n = self.system.size
+        return tau / norm, self.system.friction * np.maximum(f[2 * n:], 0.0) / norm
+
+    def _residual(self, f: Array, direction: tuple[Array, Array], sets: _Sets) -> Array:
+        n, i, o = self.system.size, sets.slip, sets.opened
+        limit = self.system.friction[i] * np.maximum(f[2 * n:][i], 0.0)
+        d = direction[0][:, i]
+        return np.concatenate([f[i] - limit * d[0], f[n + i] - limit * d[1], f[o], f[n + o], f[2 * n + o],
+                               [f[2 * n:].sum() - self.system.load]])
+
+    def _slip_rows(self, fx: Array, fy: Array, fz: Array, direction: tuple[Array, Array], sets: _Sets,
+                   slid: Array) -> Array:
+        """Differentiate ``f_t - mu f_z t`` at the slipping nodes for changes of force and slid distance.
+
+        fx, fy, fz (m, p) N; slid (2, m, p) m.
+        """
+        (x, y), a = direction[0][:, sets.slip], direction[1][sets.slip]
+        mu, rho = self.system.friction[sets.slip], self.system.penalty
+        tx, ty = fx - rho * slid[0], fy - rho * slid[1]
+        across = a[:, None] * (-y[:, None] * tx + x[:, None] * ty)
+        return np.concatenate([fx - (mu * x)[:, None] * fz + y[:, None] * across,
+                               fy - (mu * y)[:, None] * fz - x[:, None] * across])
+
+    def _jacobian(self, f: Array, direction: tuple[Array, Array], sets: _Sets) -> Array:
+        n, i, o = self.system.size, sets.slip, sets.opened
+        m, c = len(i), sets.columns
+        jacobian = np.empty((c.shape[1], c.shape[1]))
+        (x, y), a = direction[0][:, i], direction[1][i]
+        mu, rho = self.system.friction[i], self.system.penalty
+        fx, fy, fz = c[i], c[n + i], c[2 * n + i]
+        across = a[:, None] * (-y[:, None] * fx + x[:, None] * fy)
+        jacobian[:m] = fx - (mu * x)[:, None] * fz + y[:, None] * across
+        jacobian[m:2 * m] = fy - (mu * y)[:, None] * fz - x[:, None] * across
+        k = np.arange(m)
+        jacobian[k, k] += rho * a * y * y
+        jacobian[k, m + k] -= rho * a * x * y
+        jacobian[m + k, k] -= rho * a * x * y
+        jacobian[m + k, m + k] += rho * a * x * x
+        jacobian[2 * m:-1] = c[np.concatenate([o, n + o, 2 * n + o])]
+        jacobian[-1] = c[2 * n:].sum(axis=0)
+        return jacobian

@@ -1,0 +1,205 @@
+"""The forced response as a curve, and what is read off it: peak and half-power damping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import pairwise
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+
+CHANNELS = ("block", "arm", "relative", "upper", "lower")
+SAME_BRANCH = 0.02  # relative distance of first harmonics
+
+
+class Direction(IntEnum):
+    """Which way a curve was followed."""
+
+    DOWN = -1
+    UP = 1
+
+
+@record
+class ResponseCurve:
+    """Periods under a force of constant amplitude, in the order in which they were found along the curves.
+
+    Channels are x motions: block, arm, area mean of the faces' relative displacement, upper and lower observation
+    point. The upward curve comes first. A branch is a stretch between turning points; branches that both curves
+    went along have one number.
+    """
+
+    excitation: float = quantity("N")
+    frequency: NDArray[np.float64] = quantity("Hz", "(P,)")
+    first_harmonic: NDArray[np.complex128] = quantity("m", "(P, 5), x = Re X exp(i omega t), by channel")
+    peak_to_peak: NDArray[np.float64] = quantity("m", "(P, 5), by channel")
+    direction: NDArray[np.int8] = quantity("1", "(P,), 1 up, -1 down")
+    branch: NDArray[np.int64] = quantity("1", "(P,)")
+    multiplier: NDArray[np.float64] = quantity("1", "(P,), largest modulus of the Floquet multipliers")
+    stable: NDArray[np.bool_] = quantity("1", "(P,)")
+    bridged: NDArray[np.bool_] = quantity("1", "(P,), the curve could not be followed from the point before")
+    iterations: NDArray[np.int64] = quantity("1", "(P,), Newton steps")
+    samples: NDArray[np.int64] = quantity("1", "(P,), per period")
+
+    def receptance(self, channel: str = "block") -> NDArray[np.float64]:
+        """Return first-harmonic amplitude per unit force (P,) in m/N.
+
+        Raises
+        ------
+        InputError
+            If there is no such channel.
+        """
+        return np.asarray(np.abs(self.first_harmonic[:, channel_index(channel)]) / self.excitation)
+
+    def along(self, direction: Direction) -> NDArray[np.int64]:
+        """Return the indices of the points of one direction, in order."""
+        return np.flatnonzero(self.direction == direction)
+
+    def turning_points(self, direction: Direction) -> NDArray[np.int64]:
+        """Return the indices at which the curve of `direction` turns back: there a sweep jumps."""
+        own = self.along(direction)
+        return np.asarray(own[1:-1][np.diff(np.sign(np.diff(self.frequency[own]))) != 0])
+
+
+@record
+class Peak:
+    """A resonance: its largest first harmonic, and damping by the half-power points where both are in the curve."""
+
+    channel: str
+    frequency: float = quantity("Hz")
+    amplitude: float = quantity("m")
+    lower_half_power: float | None = quantity("Hz")
+    upper_half_power: float | None = quantity("Hz")
+    damping_ratio: float | None = quantity("1")
+    reason: str  # why there is no damping ratio; empty where there is one
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """The parabola through three points, about the middle one."""
+
+    vertex: float
+    value: float
+
+    @classmethod
+    def through(cls, x: NDArray[np.float64], y: NDArray[np.float64]) -> Parabola:
+        """Fit; `x` and `y` are (3,), y largest in the middle, so that the vertex lies within."""
+        origin, scale = float(x[1]), float(x[2] - x[0])
+        a, b, c = np.polyfit((x - origin) / scale, y, 2)
+        if a >= 0.0:
+            return cls(origin, float(y[1]))
+        place = -b / (2.0 * a)
+        return cls(origin + scale * float(place), float(c - b * b / (4.0 * a)))
+
+
+def channel_index(channel: str) -> int:
+    """Return the column of `channel`.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if channel not in CHANNELS:
+        raise InputError(f"channel {channel!r}: unknown; choose one of {', '.join(CHANNELS)}")
+    return CHANNELS.index(channel)
+
+
+def read_peak(curve: ResponseCurve, channel: str = "block", direction: Direction = Direction.UP) -> Peak:
+    """Read the largest resonance off the curve of one direction.
+
+    The damping ratio is ``(f2 - f1) / (f2 + f1)`` of the half-power points f1 < f2, as for a linear oscillator.
+    """
+    own, column = curve.along(direction), channel_index(channel)
+    f, x = curve.frequency[own], curve.first_harmonic[own, column]
+    a = np.abs(x)
+    top = int(np.argmax(a))
+    frequency, amplitude = float(f[top]), float(a[top])
+    ends: list[float | None] = [None, None]
+    reason = "the amplitude is largest at an end of the frequency range"
+    if top not in (0, len(a) - 1):
+        around = slice(top - 1, top + 2)
+        arc = arc_lengths(f[around], x[around])
+        fitted = Parabola.through(arc, a[around])
+        frequency, amplitude = _along(arc, f[around], fitted.vertex), fitted.value
+        sides = [half_power_bracket(a, top, step) for step in (-1, 1)]
+        ends = [None if side is None else _crossing(f, a, side) for side in sides][::int(direction)]
+        reason = _why_no_damping(ends, len(curve.turning_points(direction)))
+    low, high = ends
+    damping = (high - low) / (high + low) if not reason and low is not None and high is not None else None
+    return Peak(channel=channel, frequency=frequency, amplitude=amplitude, lower_half_power=low,
+                upper_half_power=high, damping_ratio=damping, reason=reason)
+
+
+def _why_no_damping(ends: list[float | None], turning_points: int) -> str:
+    missing = [side for side, end in zip(("below", "above"), ends, strict=True) if end is None]
+    if missing:
+        return f"the amplitude does not fall to half the power {' and '.join(missing)} the peak within the range"
+    return "the curve turns back, so that its width measures no damping" if turning_points else ""
+
+
+def arc_lengths(frequency: NDArray[np.float64], motion: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the length along a curve (P,), each chord relative to the frequency and amplitude at its ends."""
+    df = np.diff(frequency) / (0.5 * (frequency[1:] + frequency[:-1]))
+    dx = np.abs(np.diff(motion)) / (0.5 * (np.abs(motion[1:]) + np.abs(motion[:-1])))
+    return np.concatenate([[0.0], np.cumsum(np.hypot(df, dx))])
+
+
+def half_power_bracket(amplitude: NDArray[np.float64], top: int, step: int) -> tuple[int, int] | None:
+    """Return the neighbours between which the amplitude first falls to half the power, going by `step` from `top`."""
+    k = top
+    while 0 <= k + step < len(amplitude):
+        if amplitude[k + step] * sqrt(2.0) <= amplitude[top]:
+            return k, k + step
+        k += step
+    return None
+
+
+def label_branches(curves: list[tuple[NDArray[np.float64], NDArray[np.complex128]]]) -> list[NDArray[np.int64]]:
+    """Return numbers of the stretches between turning points of curves (frequency (P,), first harmonic (P, c)).
+
+    A stretch that lies on an earlier one takes its number.
+    """
+    known: list[tuple[NDArray[np.float64], NDArray[np.complex128]]] = []
+    labels: list[NDArray[np.int64]] = []
+    for frequency, motion in curves:
+        label = np.zeros(len(frequency), dtype=np.int64)
+        turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(frequency))) != 0)
+        ends = [0, *map(int, turns), len(frequency) - 1]
+        fresh = len(known)
+        for first, last in pairwise(ends):
+            stretch = slice(first, last + 1)
+            order = first + np.argsort(frequency[stretch])
+            f, x = frequency[order], motion[order]
+            same = [k for k in range(fresh) if _coincide(f, x, *known[k])]
+            label[stretch] = same[0] if same else len(known)
+            if not same:
+                known.append((f, x))
+        labels.append(label)
+    return labels
+
+
+def _coincide(f: NDArray[np.float64], x: NDArray[np.complex128], g: NDArray[np.float64],
+              y: NDArray[np.complex128]) -> bool:
+    inside = (f >= g[0]) & (f <= g[-1])
+    if not inside.any():
+        return False
+    expected = np.column_stack([np.interp(f[inside], g, column) for column in y.T])
+    apart = np.linalg.norm(x[inside] - expected, axis=1) / np.linalg.norm(expected, axis=1)
+    return float(np.median(apart)) < SAME_BRANCH
+
+
+def _crossing(f: NDArray[np.float64], a: NDArray[np.float64], bracket: tuple[int, int]) -> float:
+    """Return the frequency of half the power in a bracket, by interpolation of the amplitude's logarithm."""
+    i, k = bracket
+    share = np.log(a[i] * sqrt(2.0) / a.max()) / np.log(a[i] / a[k])
+    return float(f[i] + share * (f[k] - f[i]))
+
+
+def _along(arc: NDArray[np.float64], f: NDArray[np.float64], place: float) -> float:
+    """Return the frequency at a place of the arc by the parabola through three points."""
+    return float(np.polyval(np.polyfit(arc - arc[1], f, 2), place - arc[1]))

@@ -1,0 +1,143 @@
+"""Globalised Newton with preconditioned GMRES: the only Jacobian it needs is its product with a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from fretflow.core.errors import NonConvergenceError
+
+Vector = NDArray[np.float64]
+Operator = Callable[[Vector], Vector]
+
+KRYLOV_DIMENSION = 200
+SMALLEST_STEP = 2.0**-7
+SUFFICIENT_DECREASE = 1e-4
+
+
+class HasResidual(Protocol):
+    """What an evaluation must tell."""
+
+    @property
+    def residual(self) -> Vector:
+        """Return the residual, shaped as the unknowns."""
+        ...
+
+
+State = TypeVar("State", bound=HasResidual)
+
+
+class Equations(Protocol[State]):
+    """A nonlinear system; unknowns and residual are arrays of one shape."""
+
+    def evaluate(self, u: Vector) -> State:
+        """Return the residual at `u` and what the Jacobian needs."""
+        ...
+
+    def linearise(self, at: State) -> tuple[Operator, Operator]:
+        """Return the product with the Jacobian and with an approximate inverse of it, on flat vectors."""
+        ...
+
+
+class NewtonResult(NamedTuple, Generic[State]):
+    """The root, its evaluation, the relative residual of each iterate and the GMRES iterations in all."""
+
+    unknowns: Vector
+    state: State
+    history: tuple[float, ...]
+    linear_iterations: int
+
+
+def gmres(apply: Operator, right: Vector, precondition: Operator, tolerance: float) -> tuple[Vector, int]:
+    """Solve ``A x = right`` by right-preconditioned GMRES without restart; return x and the iterations.
+
+    Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869, with Gram-Schmidt done twice. It stops at a
+    residual of `tolerance` relative to `right`, or with the best of `KRYLOV_DIMENSION` vectors.
+    """
+    norm = float(np.linalg.norm(right))
+    if norm == 0.0:
+        return np.zeros_like(right), 0
+    basis, searched = np.empty((KRYLOV_DIMENSION + 1, right.size)), np.empty((KRYLOV_DIMENSION, right.size))
+    triangle, rotated = np.zeros((KRYLOV_DIMENSION, KRYLOV_DIMENSION)), np.zeros(KRYLOV_DIMENSION + 1)
+    cosine, sine = np.empty(KRYLOV_DIMENSION), np.empty(KRYLOV_DIMENSION)
+    basis[0], rotated[0] = right / norm, norm
+    for j in range(KRYLOV_DIMENSION):
+        searched[j] = precondition(basis[j])
+        new = apply(searched[j])
+        known = basis[:j + 1]
+        column = known @ new
+        new = new - column @ known
+        again = known @ new
+        new -= again @ known
+        column += again
+        length = float(np.linalg.norm(new))
+        for i in range(j):
+            column[i:i + 2] = (cosine[i] * column[i] + sine[i] * column[i + 1],
+                               cosine[i] * column[i + 1] - sine[i] * column[i])
+        radius = float(np.hypot(column[j], length))
+        cosine[j], sine[j] = column[j] / radius, length / radius
+        column[j] = radius
+        triangle[:j + 1, j] = column
+        rotated[j + 1], rotated[j] = -sine[j] * rotated[j], cosine[j] * rotated[j]
+        if abs(rotated[j + 1]) <= tolerance * norm:
+            break
+        basis[j + 1] = new / length
+    weights = solve_triangular(triangle[:j + 1, :j + 1], rotated[:j + 1], check_finite=False)
+    return weights @ searched[:j + 1], j + 1
+
+
+def solve_newton(equations: Equations[State], start: Vector, scale: float, tolerance: float,
+                 max_iterations: int) -> NewtonResult[State]:
+    """Find the root near `start`.
+
+    Inexact Newton, the linear tolerance following the residual; a line search halves the step until the
+    residual falls. Where it never does, because many nodes change state at once, the smallest step is taken.
+
+    Parameters
+    ----------
+    equations
+        The system.
+    start
+        First iterate.
+    scale
+        Size of the load; residuals are given relative to it.
+    tolerance
+        Relative residual at which the iteration stops.
+    max_iterations
+        Newton steps allowed.
+
+    Raises
+    ------
+    NonConvergenceError
+        With the residual history.
+    """
+    u, state = start, equations.evaluate(start)
+    history, linear = [float(np.linalg.norm(state.residual)) / scale], 0
+    while not history[-1] <= tolerance:
+        if len(history) > max_iterations:
+            raise NonConvergenceError(f"Newton: residual {history[-1]:.1e} after {max_iterations} iterations "
+                                      f"against {tolerance:.0e}; raise max_iterations or samples", history)
+        apply, precondition = equations.linearise(state)
+        forcing = max(min(1e-2, 0.1 * history[-1]), 0.3 * tolerance / history[-1])
+        flat, iterations = gmres(apply, -state.residual.ravel(), precondition, forcing)
+        linear += iterations
+        u, state = _line_search(equations, u, flat.reshape(u.shape), history[-1] * scale)
+        history.append(float(np.linalg.norm(state.residual)) / scale)
+    return NewtonResult(u, state, tuple(history), linear)
+
+
+def _line_search(equations: Equations[State], u: Vector, step: Vector,
+                 reference: float) -> tuple[Vector, State]:
+    """Return the first of the halved steps with sufficient decrease, or the smallest one."""
+    share = 1.0
+    while True:
+        trial = u + share * step
+        state = equations.evaluate(trial)
+        decreased = float(np.linalg.norm(state.residual)) <= (1.0 - SUFFICIENT_DECREASE * share) * reference
+        if decreased or share <= SMALLEST_STEP:
+            return trial, state
+        share *= 0.5

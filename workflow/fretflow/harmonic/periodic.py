@@ -1,0 +1,85 @@
+"""What a periodic solver is given and what it returns.
+
+Sign conventions: relative displacement u = upper minus lower, (x, y, z) per node; contact force f acts on the upper
+node, so its z component is positive in compression, and the friction force opposes the sliding of the upper node.
+The gap of a node is ``gap + u_z``; it is positive when open.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.contact.interface import Interface
+from fretflow.core.records import quantity, record
+from fretflow.rig.joint import JointModel
+
+
+class ContactState(IntEnum):
+    """State of a node at a time sample."""
+
+    STICK = 0
+    SLIP = 1
+    OPEN = 2
+
+
+@record
+class PeriodicProblem:
+    """A joint under a periodic force: everything that the period depends on."""
+
+    joint: JointModel
+    interface: Interface
+    friction_coefficient: float = quantity("1")
+    frequency: float = quantity("Hz")
+    excitation: float = quantity("N")  # amplitude of F cos(omega t) on the moving mass
+    normal_load: float = quantity("N")
+    frictional_preload: bool = False  # whether the faces rub while the load is applied, before anything moves
+
+    @property
+    def omega(self) -> float:
+        """Return the angular frequency in rad/s."""
+        return 2.0 * float(np.pi) * self.frequency
+
+
+@record
+class PeriodicSolution:
+    """One steady period on N equidistant samples, ``t_j = j T / N``.
+
+    `error_estimate` is the relative error of the sliding distance, from a finer solution; nan when none was made.
+    """
+
+    method: str
+    frequency: float = quantity("Hz")
+    displacement: NDArray[np.float64] = quantity("m", "(N, nodes, 3)")
+    force: NDArray[np.float64] = quantity("N", "(N, nodes, 3)")
+    state: NDArray[np.int8] = quantity("1", "(N, nodes)")
+    rig_displacement: NDArray[np.float64] = quantity("m", "(N, 2), block and arm, x")
+    upper_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
+    lower_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
+    friction_force: NDArray[np.float64] = quantity("N", "(N,), x force of the upper specimen on the lower")
+    residual_history: tuple[float, ...]
+    error_estimate: float = quantity("1")
+
+    @property
+    def slip_increments(self) -> NDArray[np.float64]:
+        """Return |u_t(t_j) - u_t(t_j-1)| in m, (N, nodes), zero where a node is open at t_j."""
+        tangential = self.displacement[:, :, :2]
+        step = np.linalg.norm(tangential - np.roll(tangential, 1, axis=0), axis=2)
+        return np.where(self.state == ContactState.OPEN, 0.0, step)
+
+
+class PeriodicSolver(Protocol):
+    """Finds the steady period of a problem, from zero or from a neighbouring solution."""
+
+    def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
+        """Return the converged period.
+
+        Raises
+        ------
+        NonConvergenceError
+            With the residual history.
+        """
+        ...

@@ -1,0 +1,222 @@
+"""The true periodic solver: the rig by harmonics, the contact quasi-static at every time sample.
+
+The specimens' own modes lie two decades above the harmonics that matter, so the contact nodes carry no inertia and
+their motion has no reason to be truncated (the idea of a massless boundary; Monjaraz-Tec, Gross and Krack 2022).
+The rig's few inertial DOF are harmonic, and the contact's friction force is a functional Phi of the arm's motion x:
+
+    Z_a(k omega) x_k = g_k + Phi_k[x],    k = 0..H
+
+with Z_a the rig's impedance at the arm after elimination of the block. Newton on the 2 H + 1 coefficients of x uses
+the exact tangent of Phi from the march of the contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.contact.interface import Interface
+from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.arm import ArmEquations
+from fretflow.harmonic.backbone import Backbone, find_arm
+from fretflow.harmonic.contact_march import ContactMarch, PeriodicMarch, Trajectory
+from fretflow.harmonic.contact_sample import Array, ContactSystem, SampleState
+from fretflow.harmonic.jenkins_start import jenkins_arm_motion
+from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.harmonic.reach import extend_solution, penetrating, restrict, restrict_solution, within_reach
+from fretflow.rig.joint import QuasiStaticJoint
+
+SMALLEST_STEP = 1e-3
+REPEATS = 0.02  # how well a period must repeat, relative to the residual before it
+NEAR = 1e-2  # residual below which the last period is a good guess of the next
+
+
+class _Settings(Protocol):
+    """The part of the case's [solver] section that this solver reads."""
+
+    @property
+    def resolved_harmonics(self) -> int: ...
+    @property
+    def resolved_samples(self) -> int: ...
+    @property
+    def tolerance(self) -> float: ...
+    @property
+    def max_iterations(self) -> int: ...
+    @property
+    def estimate_error(self) -> bool: ...
+
+
+class QuasiStaticSolver:
+    """Solves periodic problems true to time integration; see the module's text."""
+
+    def __init__(self, settings: _Settings) -> None:
+        self.settings = settings
+
+    def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
+        """Return the converged period.
+
+        Raises
+        ------
+        NonConvergenceError
+            With the residual history, relative to the excitation.
+        """
+        found = self._solve(problem, self.settings.resolved_samples, start)
+        if not self.settings.estimate_error:
+            return found
+        # first order in the samples: the difference to half of them is about the error that remains
+        coarse = self._solve(problem, self.settings.resolved_samples // 2, found)
+        fine, rough = (sliding_distance(s, problem.interface) for s in (found, coarse))
+        return replace(found, error_estimate=abs(fine - rough) / max(fine, 1e-15))
+
+    def _solve(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        """Solve for the nodes within reach, and again for more of them if others turn out to touch."""
+        joint = problem.joint.quasi_static()
+        nodes = within_reach(problem, joint, start)
+        while not nodes.all():
+            near = None if start is None else restrict_solution(start, nodes)
+            found = extend_solution(self._solve_all(restrict(problem, joint, nodes), samples, near), joint, nodes)
+            missed = penetrating(found, problem.interface, nodes)
+            if not missed.any():
+                return found
+            nodes, start = nodes | missed, found
+        return self._solve_all(replace(problem, joint=joint), samples, start)
+
+    def _solve_all(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        joint = problem.joint.quasi_static()
+        harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
+        equations = ArmEquations.build(joint.rig, problem.omega, problem.excitation, harmonics, samples)
+        march = ContactMarch.of(problem)
+        if start is None:
+            contact, guess = march.preloaded(problem.frictional_preload), None
+            arm = _first_arm(problem, equations, march, contact)
+        else:
+            guess = _as_trajectory(start, march.system, samples)
+            contact, arm = guess.sample(samples - 1), equations.analysis @ guess.arm
+        newton = _ArmNewton(equations, march, problem.excitation, self.settings.tolerance)
+        found, history = newton.solve(arm, contact, guess, self.settings.max_iterations)
+        return _solution(problem, joint, equations, found.arm, found.period.trajectory, history)
+
+
+def _first_arm(problem: PeriodicProblem, equations: ArmEquations, march: ContactMarch, contact: SampleState) -> Array:
+    """Return the arm's motion on the contact's backbone, or where that fails on one Jenkins element."""
+    try:
+        return find_arm(problem, equations, Backbone.of(march, contact))
+    except NonConvergenceError:
+        contact_system = march.system
+        limit = float(contact_system.friction.mean()) * contact_system.load
+        stuck = float(march.solver.kbx[:contact_system.size].sum())
+        return equations.analysis @ jenkins_arm_motion(
+            problem.joint.quasi_static().rig, stuck, limit, problem.excitation, problem.frequency,
+            len(equations.synthesis))
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """The arm's coefficients, the period they make, the residual and its norm relative to the excitation."""
+
+    arm: Array
+    period: PeriodicMarch
+    residual: Array
+    norm: float
+
+
+class _ArmNewton:
+    """Newton on the arm's coefficients with a line search on the residual."""
+
+    def __init__(self, equations: ArmEquations, march: ContactMarch, scale: float, tolerance: float) -> None:
+        self.equations = equations
+        self.march = march
+        self.scale = scale
+        self.tolerance = tolerance
+
+    def evaluate(self, arm: Array, before: SampleState, near: Trajectory | None, last: float) -> _Iterate:
+        """March the period of `arm`; `last` is the norm before, for the contact's accuracy."""
+        e = self.equations
+        # the contact need not be solved much closer than the residual that Newton is about to reach
+        accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
+        repeat = min(REPEATS * last, 10.0 * last**2)
+        period = self.march.period(e.synthesis @ arm, e.synthesis, before, near, accuracy, repeat)
+        residual = e.impedance @ arm - e.load - e.analysis @ period.trajectory.friction
+        return _Iterate(arm, period, residual, float(np.linalg.norm(residual)) / self.scale)
+
+    def solve(self, arm: Array, before: SampleState, near: Trajectory | None,
+              max_iterations: int) -> tuple[_Iterate, tuple[float, ...]]:
+        """Return the root and the residual history.
+
+        Raises
+        ------
+        NonConvergenceError
+            With the residual history.
+        """
+        now = self.evaluate(arm, before, near, 1.0)
+        history = [now.norm]
+        while not now.norm <= self.tolerance:  # nan included
+            following = self._step(now) if len(history) <= max_iterations else None
+            if following is None:
+                raise NonConvergenceError(
+                    f"quasi-static period: residual {now.norm:.1e} of the excitation after {len(history) - 1} "
+                    "iterations; use more samples, or start from a neighbouring solution", history)
+            now = following
+            history.append(now.norm)
+        return now, tuple(history)
+
+    def _step(self, now: _Iterate) -> _Iterate | None:
+        jacobian = self.equations.impedance - self.equations.analysis @ now.period.tangent
+        step = np.linalg.solve(jacobian, -now.residual)
+        trajectory, length = now.period.trajectory, 1.0
+        following: _Iterate | None
+        while length > SMALLEST_STEP:
+            near = trajectory if length == 1.0 and now.norm < NEAR else None
+            try:
+                following = self.evaluate(now.arm + length * step, trajectory.sample(-1), near, now.norm)
+            except NonConvergenceError:  # of the contact, too far from where it was
+                following = None
+            if following is not None and following.norm < (1.0 - 1e-3 * length) * now.norm:
+                return following
+            length *= 0.5
+        return None
+
+
+def press(problem: PeriodicProblem) -> SampleState:
+    """Return the contact under the normal load before anything moves, pressed as `problem` says."""
+    return ContactMarch.of(problem).preloaded(problem.frictional_preload)
+
+
+def sliding_distance(solution: PeriodicSolution, interface: Interface) -> float:
+    """Return the peak-to-peak of the area mean of the faces' relative x displacement, m."""
+    mean = solution.displacement[:, :, 0] @ interface.areas / interface.areas.sum()
+    return float(np.ptp(mean))
+
+
+def _resample(values: NDArray[Any], samples: int) -> NDArray[Any]:
+    """Take the nearest earlier sample of a period (N, ...) at each of `samples` times."""
+    taken: NDArray[Any] = values[np.arange(samples) * len(values) // samples]
+    return taken
+
+
+def _as_trajectory(solution: PeriodicSolution, system: ContactSystem, samples: int) -> Trajectory:
+    """Read a solution as a guess; the arm's approach follows from the balance of the normal forces."""
+    nodes = solution.displacement.shape[1]
+    u, f = (_resample(a, samples).transpose(0, 2, 1).reshape(samples, 3 * nodes)
+            for a in (solution.displacement, solution.force))
+    kbx, kbz = system.rigid_forces()
+    arm = _resample(solution.rig_displacement[:, 1], samples)
+    unbalanced = u @ kbz - arm * kbx[2 * nodes:].sum() - f[:, 2 * nodes:].sum(axis=1)
+    return Trajectory(arm, u, f, unbalanced / kbz[2 * nodes:].sum(), _resample(solution.state, samples))
+
+
+def _solution(problem: PeriodicProblem, joint: QuasiStaticJoint, equations: ArmEquations, arm: Array,
+              period: Trajectory, history: tuple[float, ...]) -> PeriodicSolution:
+    samples, nodes = period.state.shape
+    u, f = (a.reshape(samples, 3, nodes).transpose(0, 2, 1) for a in (period.displacement, period.force))
+    moved = equations.synthesis @ arm
+    upper, lower = joint.observe(np.column_stack([moved, period.approach]), f.reshape(samples, 3 * nodes))
+    return PeriodicSolution(
+        method="quasi-static", frequency=problem.frequency, displacement=np.ascontiguousarray(u),
+        force=np.ascontiguousarray(f), state=period.state,
+        rig_displacement=np.column_stack([equations.block_motion(arm), moved]),
+        upper_observation=upper, lower_observation=lower, friction_force=-period.friction,
+        residual_history=history, error_estimate=float("nan"))

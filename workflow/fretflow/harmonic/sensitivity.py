@@ -1,0 +1,174 @@
+"""Sensitivities of the converged period by the implicit function theorem.
+
+The arm's motion x solves ``r = Z_a x - g - Phi[x; p] = 0``, with the friction force Phi of a contact that repeats
+itself, so that
+
+    (Z_a - dPhi/dx) dx = dg - dZ_a x + dPhi
+
+One march of the solved period, sample by sample with the Jacobian of each, carries at once the motions of the arm
+(dPhi/dx), the parameters (dPhi) and unit changes of what the contact remembers at the start; with T the memory's
+derivative over a period, (I - T) dm = drift closes the period exactly. All that is kept of the march is linear in
+these columns and is combined once dx is known. Nothing is solved again.
+
+Nodes that stick all the period stay where they are unless the direction `locked` moves them: this is the derivative
+along a slow change of the parameter, as wear makes it. Extremes move with their sample, so that the derivative of a
+sliding distance is one-sided where two samples tie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+from fretflow.harmonic.arm import ArmEquations
+from fretflow.harmonic.contact_sample import Array, ContactSystem
+from fretflow.harmonic.contact_sensitivity import ContactDerivative, SolvedContact, differentiate_contact
+from fretflow.harmonic.direction import Direction
+from fretflow.harmonic.fourier import to_complex, to_real
+from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.rig.joint import QuasiStaticJoint
+
+TRUNCATED = 1e-9  # of the arm's motion, beyond the harmonics that the solution is said to have
+
+
+@record
+class PeriodSensitivity:
+    """Derivatives of a period by P parameters, rows in the order of `names`; units are per unit of the parameter."""
+
+    names: tuple[str, ...]
+    arm: Array = quantity("m", "(P, 2 H + 1), coefficients [a0, c1, s1, ...]")
+    rig_displacement: Array = quantity("m", "(P, N, 2), block and arm, x")
+    relative_displacement: Array = quantity("m", "(P, N), area mean of the faces' x")
+    friction_force: Array = quantity("N", "(P, N), x force of the upper specimen on the lower")
+    upper_observation: Array = quantity("m", "(P, N, 3)")
+    lower_observation: Array = quantity("m", "(P, N, 3)")
+    sliding_distance: Array = quantity("m", "(P,)")
+    dissipated_energy: Array = quantity("J", "(P,), per cycle")
+    pressure_sliding: Array = quantity("N/m", "(P, nodes), sum of p |du_t| per cycle")
+    slip_path: Array = quantity("m", "(P, nodes), path slid in contact per cycle")
+    mean_pressure: Array = quantity("Pa", "(P, nodes), mean over the period")
+    mean_opening: Array = quantity("m", "(P, nodes), mean gap over the period")
+
+
+def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
+                  harmonics: int) -> PeriodSensitivity:
+    """Differentiate a period that the quasi-static solver found.
+
+    Parameters
+    ----------
+    problem, solution
+        The problem and its converged period of N samples and n nodes.
+    directions
+        P parameter directions.
+    harmonics
+        The harmonics of the arm's motion with which the solution was found.
+
+    Raises
+    ------
+    InputError
+        If the solution is not of that kind, or a direction's data do not fit it.
+    """
+    for direction in directions:
+        direction.validate(*solution.state.shape)
+    joint = problem.joint.quasi_static()
+    equations = ArmEquations.build(joint.rig, problem.omega, problem.excitation, harmonics, len(solution.state))
+    _check(solution, equations)
+    rig = _RigChange.build(joint, problem, equations, solution, directions)
+    in_contact = [i for i, direction in enumerate(directions) if direction.acts_in_contact]
+    columns = _march(problem, joint, solution, equations, [directions[i] for i in in_contact])
+    weights = np.zeros((columns.approach.shape[1], len(directions)))
+    coefficients = len(equations.load)
+    weights[coefficients + np.arange(len(in_contact)), in_contact] = 1.0
+    pushed = equations.analysis @ columns.forces[:, 0]  # dPhi by all columns
+    jacobian = equations.impedance - pushed[:, :coefficients]
+    weights[:coefficients] = np.linalg.solve(jacobian, rig.arm + pushed @ weights)
+    return _collect(problem, solution, directions, equations, rig, weights[:coefficients], columns.combined(weights))
+
+
+def _check(solution: PeriodicSolution, equations: ArmEquations) -> None:
+    if solution.method != "quasi-static":
+        raise InputError(f'sensitivities: the period was found by "{solution.method}"; solve it by "quasi-static"')
+    arm = solution.rig_displacement[:, 1]
+    missed = float(np.abs(equations.synthesis @ (equations.analysis @ arm) - arm).max())
+    if missed > TRUNCATED * float(np.abs(arm).max()):
+        raise InputError(f"sensitivities: {len(equations.block[0]) - 1} harmonics do not hold the arm's motion; "
+                         "give the number that the period was solved with")
+
+
+@dataclass(frozen=True)
+class _RigChange:
+    """What the directions change in the rig at held motion: dF - dZ X, carried to the arm and to the block."""
+
+    arm: Array  # (2 H + 1, P) N
+    block: NDArray[np.complex128]  # (H + 1, P) m
+
+    @classmethod
+    def build(cls, joint: QuasiStaticJoint, problem: PeriodicProblem, equations: ArmEquations,
+              solution: PeriodicSolution, directions: Sequence[Direction]) -> _RigChange:
+        moved = to_complex(equations.analysis @ solution.rig_displacement)
+        order = np.arange(len(moved))
+        omega = problem.omega * order
+        k = order[:, None, None]
+        by_omega: NDArray[np.complex128] = 1j * k * joint.rig.damping - 2.0 * problem.omega * k**2 * joint.rig.mass
+        load = np.zeros((*moved.shape, len(directions)), dtype=complex)
+        for i, direction in enumerate(directions):
+            load[1, 0, i] += direction.excitation
+            change: NDArray[np.complex128] = 2.0 * np.pi * direction.frequency * by_omega
+            if direction.rig is not None:
+                change += direction.rig.impedance(omega)
+            load[:, :, i] -= np.einsum("kab,kb->ka", change, moved)
+            if direction.force is not None:
+                load[:, :, i] += to_complex(equations.analysis @ direction.force)
+        carried = equations.block[0][:, None]
+        block = load[:, 0] / joint.rig.impedance(omega)[:, 0, 0, None]
+        return cls(to_real(load[:, 1] + carried * load[:, 0]), block)
+
+
+def _march(problem: PeriodicProblem, joint: QuasiStaticJoint, solution: PeriodicSolution, equations: ArmEquations,
+           directions: Sequence[Direction]) -> ContactDerivative:
+    """Differentiate the contact; force sums: x force, then what moves the upper and the lower observation node."""
+    samples, nodes = solution.state.shape
+    u, f = (a.transpose(0, 2, 1).reshape(samples, 3 * nodes) for a in (solution.displacement, solution.force))
+    system = ContactSystem.build(joint.stiffness, problem.interface.gap, np.asarray(problem.friction_coefficient),
+                                 problem.normal_load)
+    by_node = np.vstack([joint.motion[:, 0], joint.upper_compliance, -joint.lower_compliance])
+    sums = by_node.reshape(-1, nodes, 3).transpose(0, 2, 1).reshape(len(by_node), 3 * nodes)
+    areas = problem.interface.areas
+    return differentiate_contact(system, SolvedContact(u, f, solution.state), equations.synthesis, directions,
+                                 areas / areas.sum(), sums)
+
+
+def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
+             equations: ArmEquations, rig: _RigChange, arm: Array, contact: ContactDerivative) -> PeriodSensitivity:
+    """Put the record together; arm (2 H + 1, P), and the contact by P columns."""
+    areas = problem.interface.areas
+    block = equations.synthesis @ to_real(equations.block[0][:, None] * to_complex(arm) + rig.block)
+    moved = equations.synthesis @ arm
+    upper, lower = contact.forces[:, 1:4].copy(), contact.forces[:, 4:]
+    upper[:, 0] += moved
+    upper[:, 2] += contact.approach
+    mean = solution.displacement[:, :, 0] @ areas / areas.sum()
+    return PeriodSensitivity(
+        names=tuple(direction.name for direction in directions),
+        arm=arm.T, rig_displacement=np.stack([block.T, moved.T], axis=-1),
+        relative_displacement=contact.displacement.T, friction_force=-contact.forces[:, 0].T,
+        upper_observation=upper.transpose(2, 0, 1), lower_observation=lower.transpose(2, 0, 1),
+        sliding_distance=contact.displacement[np.argmax(mean)] - contact.displacement[np.argmin(mean)],
+        dissipated_energy=_dissipation(problem, solution, directions, contact),
+        pressure_sliding=contact.sliding.T / areas, slip_path=contact.path.T,
+        mean_pressure=contact.pressing.T / areas, mean_opening=contact.opening.T)
+
+
+def _dissipation(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
+                 contact: ContactDerivative) -> Array:
+    """Differentiate the energy, sum of mu f_z |du|."""
+    mu = np.broadcast_to(problem.friction_coefficient, solution.state.shape[1])
+    rubbed = np.maximum(solution.force[:, :, 2], 0.0) * solution.slip_increments
+    changed = [0.0 if d.friction is None else float(np.sum(rubbed * d.friction)) for d in directions]
+    energy: Array = mu @ contact.sliding + np.array(changed)
+    return energy

@@ -1,0 +1,1 @@
+"""Model reduction: fixed-interface modes and Craig-Bampton."""

@@ -1,0 +1,71 @@
+"""The lumped two-mass rig: a driven block on a ground spring and an arm hinged to it.
+
+Horizontal motion only, x = (block, arm)::
+
+    M = diag(m_b, m_a),  K = [[k_g + k_h, -k_h], [-k_h, k_h]],  C likewise with c_g, c_h
+
+The arm's vertical motion is free and massless: it passes the normal load to the specimens whole.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.records import quantity, record
+
+
+@record
+class LumpedRig:
+    """Masses, springs and dashpots of the rig."""
+
+    moving_mass: float = quantity("kg")
+    arm_mass: float = quantity("kg")
+    ground_stiffness: float = quantity("N/m")
+    hinge_stiffness: float = quantity("N/m")
+    ground_damping: float = quantity("N s/m")
+    hinge_damping: float = quantity("N s/m")
+
+    @classmethod
+    def from_modes(cls, moving_mass: float, arm_mass: float, in_phase: float, out_of_phase: float,
+                   damping_ratio: float) -> LumpedRig:
+        """Identify the springs from the two sliding modes (Hz).
+
+        The modes are three decades of stiffness apart, so each is taken by itself: the total mass on the
+        ground spring, the reduced mass on the hinge. The error of either frequency is of the order of
+        ``(in_phase / out_of_phase)^2``, below 0.03 % for 40 and 2500 Hz. Damping: ``2 zeta sqrt(k m)``
+        with the total mass for the ground spring and the arm's mass for the hinge.
+        """
+        total = moving_mass + arm_mass
+        ground = total * (2.0 * np.pi * in_phase) ** 2
+        hinge = moving_mass * arm_mass / total * (2.0 * np.pi * out_of_phase) ** 2
+        return cls(
+            moving_mass=moving_mass, arm_mass=arm_mass, ground_stiffness=ground, hinge_stiffness=hinge,
+            ground_damping=2.0 * damping_ratio * float(np.sqrt(ground * total)),
+            hinge_damping=2.0 * damping_ratio * float(np.sqrt(hinge * arm_mass)))
+
+    @property
+    def mass(self) -> NDArray[np.float64]:
+        """Return the mass matrix (2, 2) in kg, order block, arm."""
+        return np.diag([self.moving_mass, self.arm_mass])
+
+    @property
+    def stiffness(self) -> NDArray[np.float64]:
+        """Return the stiffness matrix (2, 2) in N/m, order block, arm."""
+        return _chain(self.ground_stiffness, self.hinge_stiffness)
+
+    @property
+    def damping(self) -> NDArray[np.float64]:
+        """Return the damping matrix (2, 2) in N s/m, order block, arm."""
+        return _chain(self.ground_damping, self.hinge_damping)
+
+    def impedance(self, omega: NDArray[np.floating[Any]]) -> NDArray[np.complex128]:
+        """Return the dynamic stiffness (len(omega), 2, 2) in N/m at angular frequencies `omega` (rad/s)."""
+        w = np.asarray(omega, dtype=float)[:, None, None]
+        return np.asarray(self.stiffness - w**2 * self.mass + 1j * w * self.damping)
+
+
+def _chain(ground: float, hinge: float) -> NDArray[np.float64]:
+    return np.array([[ground + hinge, -hinge], [-hinge, hinge]])

@@ -1,0 +1,1 @@
+"""The stages of a run: thin adapters between files and computation."""

@@ -1,0 +1,54 @@
+"""A call in a fresh Python interpreter: its main thread is its own, and a crash takes nobody along."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from fretflow.core.errors import PlatformError
+
+R = TypeVar("R")
+LAST_WORDS = 300  # characters of a dead process's stderr that are passed on
+
+
+def call_isolated(function: Callable[..., R], /, *args: Any, **kwargs: Any) -> R:
+    """Return ``function(*args, **kwargs)`` as computed by an interpreter of its own.
+
+    Raises
+    ------
+    PlatformError
+        If that interpreter dies.
+    Exception
+        What the function raises.
+    """
+    done = subprocess.run([sys.executable, "-m", __name__], input=pickle.dumps((function, args, kwargs)),
+                          capture_output=True, check=False)
+    if done.returncode != 0:
+        words = " ".join(done.stderr.decode(errors="replace")[-LAST_WORDS:].split())
+        raise PlatformError(f"its process ended with code {done.returncode}: {words}")
+    value, error = pickle.loads(done.stdout)
+    if error is not None:
+        raise error
+    return value  # type: ignore[no-any-return]
+
+
+def _serve() -> None:
+    """Answer one call from stdin on stdout; whatever else is written to stdout goes to stderr."""
+    answer = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    function, args, kwargs = pickle.load(sys.stdin.buffer)
+    result: tuple[Any, Exception | None]
+    try:
+        result = (function(*args, **kwargs), None)
+    except Exception as error:  # noqa: BLE001 - the caller raises it
+        result = (None, error)
+    with answer:
+        answer.write(pickle.dumps(result))
+
+
+if __name__ == "__main__":
+    _serve()

@@ -1,0 +1,1 @@
+"""Archard wear over millions of cycles by cycle jumps."""

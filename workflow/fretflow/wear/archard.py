@@ -1,0 +1,33 @@
+"""Archard's law: worn volume in proportion to load and sliding.
+
+J. F. Archard, Contact and rubbing of flat surfaces, J. Appl. Phys. 24 (1953), per node and per cycle as in
+Tubita et al., equation (9)::
+
+    r_m = K_w sum_j p_m,j |du_m,j|
+
+with the pressure at the end of each increment. In gross slip with one friction coefficient mu the
+dissipated energy is ``mu sum_m a_m sum_j p_m,j |du_m,j|``, so the volume per energy is K_w / mu exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.wear.cycle import CycleResponse
+
+
+def wear_rate(coefficient: float, response: CycleResponse) -> NDArray[np.float64]:
+    """Return the depth per cycle (nodes,), m, of both faces together; `coefficient` K_w in m^2/N."""
+    return coefficient * response.pressure_sliding
+
+
+def split_between_faces(depth: NDArray[np.float64],
+                        upper_share: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the depths of the upper and of the lower face, m; together they are `depth`.
+
+    The contact feels the total depth only. Its split is a statement: `upper_share` of it is taken from the
+    upper face, one half for two faces of the same steel.
+    """
+    upper = upper_share * depth
+    return upper, depth - upper

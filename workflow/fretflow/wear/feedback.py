@@ -1,0 +1,91 @@
+"""How wear depth feeds back on pressure, and the longest explicit jump that this allows.
+
+With a normal load N held by a free vertical motion q and the forces f of the closed nodes c::
+
+    F_cc f + q 1 = -(gap + w),   1^T f = N
+    df = -(S - S 1 (1^T S 1)^-1 1^T S) dw,   S = F_cc^-1
+
+A worn node unloads itself and loads its neighbours. With the slip path s frozen, the wear rate ``r_m = K_w
+s_m f_m / a_m`` has the Jacobian ``J = -diag(K_w s / a) C`` with the bracket C, positive semi-definite, so
+that its eigenvalues are real and not positive. Explicit Euler is stable while ``dN |J|_max < 2``, and free
+of overshoot up to half of it. For a uniform sliding pressure p this is a depth of ``2 p / k_max``, k_max
+the largest stiffness per area: about ``2 p h / E*`` on a mesh of element side h.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, eigvalsh
+
+from fretflow.core.errors import InputError
+from fretflow.wear.cycle import CycleResponse
+
+
+class Feedback:
+    """The linear response of nodal contact forces to wear depth.
+
+    Parameters
+    ----------
+    flexibility : ndarray, shape (nodes, nodes), m/N
+        Normal flexibility of the faces against each other.
+    areas : ndarray, shape (nodes,), m^2
+        Contact area of each node.
+
+    Raises
+    ------
+    InputError
+        If the flexibility is not symmetric and positive definite.
+    """
+
+    def __init__(self, flexibility: NDArray[np.float64], areas: NDArray[np.float64]) -> None:
+        scale = np.abs(flexibility).max()
+        if not np.abs(flexibility - flexibility.T).max() <= 1e-6 * scale:
+            raise InputError("normal_flexibility: is not symmetric; give the static flexibility of the joint")
+        self.flexibility = 0.5 * (flexibility + flexibility.T)
+        self.areas = areas
+
+    def unloading(self, closed: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return C = -df/dw (nodes, nodes), N/m, with the load held; zero at open nodes."""
+        result = np.zeros_like(self.flexibility)
+        index = np.flatnonzero(closed)
+        if index.size < 2:  # a single node carries the load whatever its depth
+            return result
+        try:
+            factor = cho_factor(self.flexibility[np.ix_(index, index)])
+        except np.linalg.LinAlgError as error:
+            raise InputError("normal_flexibility: is not positive definite; give the static one") from error
+        stiffness = cho_solve(factor, np.eye(index.size))
+        sums = stiffness.sum(axis=0)
+        result[np.ix_(index, index)] = stiffness - np.outer(sums, sums) / sums.sum()
+        return result
+
+    def rate_jacobian(self, coefficient: float, response: CycleResponse) -> NDArray[np.float64]:
+        """Return d(rate)/d(depth) (nodes, nodes), 1/cycle, with the slip path frozen."""
+        factor = coefficient * response.slip_path / self.areas
+        return -factor[:, None] * self.unloading(response.contact_share > 0.0)
+
+    def fastest_decay(self, coefficient: float, response: CycleResponse) -> float:
+        """Return the largest eigenvalue of minus `rate_jacobian`, 1/cycle; 0 when nothing wears."""
+        root = np.sqrt(coefficient * response.slip_path / self.areas)
+        matrix = root[:, None] * self.unloading(response.contact_share > 0.0) * root
+        return _largest(matrix)
+
+    def depth_scale(self, response: CycleResponse) -> float:
+        """Return the depth in m whose stiffest pattern takes up the mean pressure: about p h / E*."""
+        closed = response.contact_share > 0.0
+        root = 1.0 / np.sqrt(self.areas)
+        stiffness = _largest(root[:, None] * self.unloading(closed) * root)
+        mean = float(self.areas @ response.mean_pressure) / float(self.areas[closed].sum() or np.inf)
+        return mean / stiffness if stiffness > 0.0 else np.inf
+
+    def stability_bound(self, coefficient: float, response: CycleResponse) -> float:
+        """Return the number of cycles (inf if unbounded) beyond which an explicit jump amplifies errors."""
+        decay = self.fastest_decay(coefficient, response)
+        return 2.0 / decay if decay > 0.0 else np.inf
+
+
+def _largest(matrix: NDArray[np.float64]) -> float:
+    """Return the largest eigenvalue of a symmetric, positive semi-definite matrix."""
+    last = len(matrix) - 1
+    return max(0.0, float(eigvalsh(matrix, subset_by_index=(last, last))[0]))

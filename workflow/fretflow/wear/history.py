@@ -1,0 +1,99 @@
+"""The wear history: what is kept of every wear step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.config import WearScheme
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+from fretflow.wear.cycle import CycleResponse
+
+
+@record
+class WearSettings:
+    """How far and how the wear is marched."""
+
+    coefficient: float = quantity("m^2/N")
+    cycles: int = quantity("1")
+    scheme: WearScheme = WearScheme.EXPLICIT
+    stops: tuple[int, ...] = ()  # cycle counts to land on, besides the end; states there are kept
+    max_depth_per_jump: float | None = quantity("m", default=None)
+    tolerance: float = quantity("1", default=1e-2)  # of an implicit jump, by its largest depth
+    vanishing_rate: float = quantity("1", default=1e-6)
+    upper_share: float = quantity("1", default=0.5)
+
+    def check(self) -> None:
+        """Check the ranges.
+
+        Raises
+        ------
+        InputError
+            Naming the field.
+        """
+        if not self.coefficient >= 0.0:
+            raise InputError(f"wear.coefficient: must not be negative, got {self.coefficient}")
+        if self.cycles < 0 or any(not 0 <= stop <= self.cycles for stop in self.stops):
+            raise InputError(f"cycles: asked {self.stops} must lie between 0 and the test's {self.cycles}")
+        if self.max_depth_per_jump is not None and not self.max_depth_per_jump > 0.0:
+            raise InputError(f"wear.max_depth_per_jump: must be positive, got {self.max_depth_per_jump}")
+        if not 0.0 < self.tolerance < 1.0:
+            raise InputError(f"wear.tolerance: must lie between 0 and 1, got {self.tolerance}")
+        if not 0.0 <= self.upper_share <= 1.0:
+            raise InputError(f"wear.upper_share: must lie between 0 and 1, got {self.upper_share}")
+
+    def next_stop(self, cycles: int) -> int:
+        """Return the first asked cycle count after `cycles`."""
+        return min((stop for stop in (*self.stops, self.cycles) if stop > cycles), default=self.cycles)
+
+
+@record
+class WearStep:
+    """The worn contact after a jump; step 0 is unworn."""
+
+    cycles: int = quantity("1")
+    depth: NDArray[np.float64] = quantity("m", "(nodes,)")
+    rate: NDArray[np.float64] = quantity("m", "(nodes,), depth per cycle")
+    response: CycleResponse
+    proposed_jump: float = quantity("1")  # next jump by error control; nan without
+    shortened: bool  # the jump to here was cut at the stability bound
+    solves: int  # periodic solutions since the start
+
+
+@record
+class WearHistory:
+    """State at the start of the test and after each jump; K rows, row 0 is unworn.
+
+    Depth is that of both faces together; `upper_share` of it is taken from the upper face.
+    """
+
+    cycles: NDArray[np.int64] = quantity("1", "(K,)")
+    depth: NDArray[np.float64] = quantity("m", "(K, nodes)")
+    rate: NDArray[np.float64] = quantity("m", "(K, nodes), depth per cycle")
+    volume: NDArray[np.float64] = quantity("m^3", "(K,)")
+    dissipated_energy: NDArray[np.float64] = quantity("J", "(K,), per cycle")
+    sliding_distance: NDArray[np.float64] = quantity("m", "(K,), area mean, peak to peak")
+    upper_share: float = quantity("1")
+    solves: int  # periodic solutions that the history took
+    shortened_jumps: int = 0  # jumps that were cut at the explicit scheme's stability bound
+    stopped_by: str  # "cycles" or "vanishing rate"
+
+
+def collect(steps: Sequence[WearStep], areas: NDArray[np.float64], upper_share: float,
+            stopped_by: str) -> WearHistory:
+    """Return the history of `steps`; `areas` (nodes,) in m^2."""
+    depth = np.array([step.depth for step in steps])
+    return WearHistory(
+        cycles=np.array([step.cycles for step in steps], dtype=np.int64),
+        depth=depth,
+        rate=np.array([step.rate for step in steps]),
+        volume=depth @ areas,
+        dissipated_energy=np.array([step.response.dissipated_energy for step in steps]),
+        sliding_distance=np.array([step.response.sliding_distance for step in steps]),
+        upper_share=upper_share,
+        solves=steps[-1].solves,
+        shortened_jumps=sum(step.shortened for step in steps),
+        stopped_by=stopped_by)
