@@ -306,8 +306,8 @@ def _check_names(cases: Sequence[Case]) -> None:
 
 
 def _say(message: str, code: int) -> int:
-    """Write one line to stderr, once for all ranks, and return `code`."""
-    if started_rank() == 0:
+    """Write one line to stderr, once for all ranks unless it is a surprise of one of them, and return `code`."""
+    if started_rank() == 0 or code == UNEXPECTED:
         sys.stderr.write(f"fretflow: {' '.join(message.split())}\n")
     return code
 
