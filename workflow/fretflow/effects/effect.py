@@ -1,0 +1,188 @@
+"""What an effect is: the protocol of every file in this room, and of users' own.
+
+An effect is a table of the case file, ``[effects.<id>]``; its fields are its parameters. It acts through the methods
+below, each of which does nothing unless it is overridden:
+
+- `period` changes the problem of one period (friction, load, gap, joint, forces on the rig, excitation);
+- `initial_memory`, `evolve` and `wear_factor` act over cycles;
+- `sense` changes what the sensors show;
+- `moved`, `limit` and `force` act where a measured motion drives the joint (recordings without a full model).
+
+Derivatives by parameters need not be written: `model` differentiates the data of a problem, not its solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from fretflow.core.config import Case, Section
+
+if TYPE_CHECKING:
+    from fretflow.contact.interface import Interface
+    from fretflow.harmonic.periodic import PeriodicProblem
+    from fretflow.rig.sensors import Signals
+    from fretflow.wear.cycle import CycleResponse
+    from fretflow.wear.slow import SlowState
+
+Array = NDArray[np.float64]
+
+
+class Block(StrEnum):
+    """The part of the model that an effect changes."""
+
+    RIG = "rig"
+    EXCITATION = "excitation"
+    CONTACT = "contact"
+    WEAR = "wear"
+    GEOMETRY = "geometry"
+    SENSOR = "sensor"
+
+
+class Kind(StrEnum):
+    """What a recording was made on, hence which model predicts it."""
+
+    FRETTING_RIG = "fretting-rig"
+    IMPOSED_DISPLACEMENT = "imposed-displacement"
+    LUMPED = "lumped"
+
+
+ALL_KINDS = frozenset(Kind)
+RIG_ONLY = frozenset({Kind.FRETTING_RIG})
+DRIVEN = frozenset({Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Plausible range of a parameter in SI, whether it spans decades, and where the range is from."""
+
+    low: float
+    high: float
+    logarithmic: bool
+    source: str
+
+
+ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm2, 100 Hz"
+
+
+def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,
+              logarithmic: bool | None = None, **limits: Any) -> Any:
+    """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
+
+    A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
+    """
+    decades = low > 0.0 and high / low >= 10.0
+    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source)
+    return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """A small picture of an effect: labelled curves (x, y) in the units that the axes name."""
+
+    x_label: str
+    y_label: str
+    curves: Mapping[str, tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A measured motion that drives a joint: N equidistant samples of displacement (m), velocity and acceleration."""
+
+    step: float
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+
+
+class Effect(Section):
+    """One effect; subclasses set the class variables and override what they need."""
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    block: ClassVar[Block]
+    equation: ClassVar[str]
+    source: ClassVar[str]  # of the equation, in the literature
+    observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
+    kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
+    excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return the effect with parameters at which it does nothing in `case`."""
+        raise NotImplementedError
+
+    @classmethod
+    def priors(cls) -> dict[str, Prior]:
+        """Return the range of every parameter that has one."""
+        extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+        return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
+                if isinstance(extra, dict) and "prior" in extra}
+
+    def sketch(self) -> Sketch:
+        """Return a small picture of what the effect does."""
+        raise NotImplementedError
+
+    # Within the period
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Return `problem` with the effect in it; changes of different effects commute.
+
+        The gap of `problem` includes the wear of `slow`.
+        """
+        return problem
+
+    # Over cycles
+
+    def initial_memory(self, interface: Interface) -> dict[str, Array]:
+        """Return what the effect remembers at the start, under names that begin with its id."""
+        return {}
+
+    def evolve(self, before: SlowState, cycles: float, worn: Array, energy: float, response: CycleResponse
+               ) -> dict[str, Array]:
+        """Return the effect's memory after a jump.
+
+        Parameters
+        ----------
+        before
+            The joint before the jump.
+        cycles, worn, energy
+            What the jump adds: cycles, depth (nodes,) in m of both faces, dissipated energy in J.
+        response
+            The period that stands for the jump.
+        """
+        return {}
+
+    def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array | float:
+        """Return the factor on the wear rate, () or (nodes,)."""
+        return 1.0
+
+    def opening_share(self, slow: SlowState, cycles: float) -> Array | float:
+        """Return the share of a jump's wear that opens the gap, () or (nodes,); a debris layer keeps some closed."""
+        return 1.0
+
+    # In the sensors
+
+    def sense(self, signals: Signals) -> Signals:
+        """Return what the sensors show of `signals`."""
+        return signals
+
+    # Where a measured motion drives the joint
+
+    def moved(self, motion: Motion) -> Motion:
+        """Return the motion that reaches the contact."""
+        return motion
+
+    def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
+        """Return the factors on the friction limit for sliding to positive and to negative x, () or (N,)."""
+        return 1.0, 1.0
+
+    def force(self, motion: Motion) -> Array | float:
+        """Return the force that is added to the friction, () or (N,) in N, positive against positive motion."""
+        return 0.0
