@@ -16,33 +16,56 @@ from fretflow.core.errors import AuditError, InputError
 from fretflow.core.records import quantity, record
 
 TINY = np.finfo(float).tiny
+SMALLEST_LOAD = 1e-3  # of the reference force; below it the coefficient stays what it is there
 
 
 @record
 class CoulombLaw:
-    """Coulomb's law: ``|f_t| <= mu f_n`` (a `contact.law.ContactLaw`)."""
+    """Coulomb's law ``|f_t| <= mu f_n`` (a `contact.law.ContactLaw`).
+
+    Its coefficient may fall with the normal force, ``mu (f_n / f_0)^-b``, and differ with the direction of the
+    friction force t by the factor ``1 - d t_x``: sliding to positive x, against t_x = -1, meets ``mu (1 + d)``.
+    """
 
     friction_coefficient: NDArray[np.float64] = quantity("1", "() or (nodes,)")
+    exponent: float = quantity("1", default=0.0)  # b
+    reference_force: NDArray[np.float64] | float = quantity("N", "() or (nodes,)", default=1.0)
+    asymmetry: float = quantity("1", default=0.0)  # d
 
     def check(self) -> None:
-        """Check the sign.
+        """Check the ranges.
 
         Raises
         ------
         InputError
-            If a friction coefficient is negative or not finite.
+            If a friction coefficient is negative or not finite, the exponent does not lie in [0, 1), or the asymmetry
+            not within (-1, 1).
         """
         mu = np.asarray(self.friction_coefficient)
         if not (np.all(np.isfinite(mu)) and np.all(mu >= 0.0)):
             raise InputError("friction_coefficient: must be finite and not negative at every node")
+        if not (0.0 <= self.exponent < 1.0 and -1.0 < self.asymmetry < 1.0):
+            raise InputError(f"friction: exponent {self.exponent} must lie in [0, 1) and asymmetry {self.asymmetry} "
+                             "between -1 and 1")
 
     def slip_limit(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``mu f_n`` in N."""
-        return np.asarray(self.friction_coefficient * normal)
+        """Return the limit in N in the mean of both directions: ``mu f_n`` by default."""
+        return np.asarray(self.friction_coefficient * self.gripping_force(normal))
 
     def slip_limit_slope(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return mu, shaped as `normal`."""
-        return np.broadcast_to(self.friction_coefficient, normal.shape)
+        """Return the derivative of `slip_limit`, shaped as `normal`: mu by default."""
+        if self.exponent == 0.0:
+            return np.broadcast_to(self.friction_coefficient, normal.shape)
+        share = normal / self.reference_force
+        falls = np.where(share > SMALLEST_LOAD, 1.0 - self.exponent, 1.0)
+        return np.asarray(self.friction_coefficient * falls * np.maximum(share, SMALLEST_LOAD)**-self.exponent)
+
+    def gripping_force(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return `slip_limit` over the friction coefficient, N: the normal force itself by default."""
+        if self.exponent == 0.0:
+            return normal
+        share = np.maximum(normal / self.reference_force, SMALLEST_LOAD)
+        return np.asarray(normal * share**-self.exponent)
 
 
 class ReturnTangent(NamedTuple):

@@ -6,7 +6,7 @@ radius of the disc that the tangential force cannot leave, as a function of the 
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,4 +21,20 @@ class ContactLaw(Protocol):
 
     def slip_limit_slope(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivative of `slip_limit`, (..., nodes); it only matters where nodes touch."""
+        ...
+
+
+class FactorAndSlopes(NamedTuple):
+    """A factor (N,) on the friction coefficient and its derivatives by position (1/m) and velocity (s/m)."""
+
+    factor: NDArray[np.float64]
+    by_position: NDArray[np.float64]
+    by_velocity: NDArray[np.float64]
+
+
+class MotionFactor(Protocol):
+    """A factor on the friction coefficient that depends on how the specimens move as a whole."""
+
+    def __call__(self, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> FactorAndSlopes:
+        """Return the factor for positions and velocities (N,), m and m/s, of the moving specimen along x."""
         ...

@@ -6,13 +6,23 @@ carries the derivative of the displacement from sample to sample with the same f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.law import MotionFactor
 from fretflow.core.errors import NonConvergenceError
-from fretflow.harmonic.contact_sample import OPEN, STICK, Array, ContactSystem, SampleSolver, SampleState
+from fretflow.harmonic.contact_sample import (
+    OPEN,
+    STICK,
+    Array,
+    ContactSystem,
+    Instant,
+    SampleSolver,
+    SampleState,
+)
+from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import PeriodicProblem
 
 MAX_PERIODS = 60
@@ -65,6 +75,58 @@ class _Pass:
     slope: Array
 
 
+@dataclass(frozen=True)
+class Conditions:
+    """What changes with the arm's motion x(t): normal load and the factor on friction, with their derivatives.
+
+    `load`, `grip` (N,); `load_slope`, `grip_slope` (N, p), by the motions that were asked for.
+    """
+
+    load: Array
+    grip: Array
+    load_slope: Array
+    grip_slope: Array
+
+    def at(self, j: int) -> Instant:
+        """Return those of sample j."""
+        return Instant(float(self.load[j]), float(self.grip[j]))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """How the contact's surroundings follow the arm: load ``N + slope x``, friction by factors of x and its rate."""
+
+    omega: float = 1.0
+    load_slope: float = 0.0
+    factors: tuple[MotionFactor, ...] = ()
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem) -> Surroundings:
+        """Return those of `problem`."""
+        return cls(problem.omega, problem.load_slope, problem.motion_factors)
+
+    def conditions(self, load: float, arm: Array, directions: Array) -> Conditions:
+        """Return the conditions of a period of arm positions (N,), m, and their derivatives by `directions` (N, p).
+
+        Raises
+        ------
+        NonConvergenceError
+            If the motion would lift the arm off.
+        """
+        loads = load + self.load_slope * arm
+        if not loads.min() > 0.0:
+            raise NonConvergenceError("the normal load vanishes during the motion; lower the load's slope or the drive")
+        grip, grip_slope = np.ones_like(arm), np.zeros_like(directions)
+        if self.factors:
+            velocity, rates = time_derivative(arm, self.omega), time_derivative(directions, self.omega)
+            for factor in self.factors:
+                value, by_position, by_velocity = factor(arm, velocity)
+                grip_slope = value[:, None] * grip_slope + grip[:, None] * (
+                    by_position[:, None] * directions + by_velocity[:, None] * rates)
+                grip = grip * value
+        return Conditions(loads, grip, self.load_slope * directions, grip_slope)
+
+
 def frictionless_preload(system: ContactSystem, flexibility_zz: Array) -> tuple[Array, float, NDArray[np.bool_]]:
     """Press the faces together without friction by an active-set iteration.
 
@@ -103,10 +165,11 @@ def frictionless_preload(system: ContactSystem, flexibility_zz: Array) -> tuple[
 class ContactMarch:
     """Marches the contact of one system through periods of arm motion."""
 
-    def __init__(self, system: ContactSystem, flexibility: Array) -> None:
+    def __init__(self, system: ContactSystem, flexibility: Array, surroundings: Surroundings | None = None) -> None:
         """Take the flexibility (3 n, 3 n) in node order, m/N."""
         self.system = system
         self.flexibility = flexibility
+        self.surroundings = surroundings or Surroundings()
         self.solver = SampleSolver(system)
         self.repeat = 0.0  # N, see `period`
 
@@ -114,9 +177,7 @@ class ContactMarch:
     def of(cls, problem: PeriodicProblem) -> ContactMarch:
         """Return the contact of `problem`."""
         joint = problem.joint.quasi_static()
-        friction = np.asarray(problem.friction_coefficient)
-        system = ContactSystem.build(joint.stiffness, problem.interface.gap, friction, problem.normal_load)
-        return cls(system, joint.flexibility)
+        return cls(ContactSystem.of(problem, joint.stiffness), joint.flexibility, Surroundings.of(problem))
 
     def preloaded(self, frictional: bool = False) -> SampleState:
         """Return the joint under its normal load, the faces frictionless or not while it is applied."""
@@ -128,8 +189,7 @@ class ContactMarch:
         state = SampleState(np.zeros(3 * n), np.zeros(3 * n), 0.0, np.full(n, STICK, dtype=np.int8))
         state.displacement[2 * n:] = -self.system.gap
         for share in np.arange(1, PRELOAD_PARTS + 1) / PRELOAD_PARTS:
-            part = ContactSystem(self.system.stiffness, self.system.gap, self.system.friction,
-                                 share * self.system.load, self.system.penalty)
+            part = replace(self.system, load=share * self.system.load)
             state = SampleSolver(part).solve(0.0, state.displacement, state, 0.0)
         return state
 
@@ -184,11 +244,13 @@ class ContactMarch:
               last: _Pass | None = None) -> _Pass:
         """March one period; where it has become the `last` one, the rest is taken from there."""
         trajectory, tangent = _empty(arm, self.system.size), np.zeros_like(directions)
+        under = self.surroundings.conditions(self.system.load, arm, directions)
         earlier, before = start, start
         for j in range(len(arm)):
-            near = self._guess(guess, j, arm, before, earlier)
-            after = self.solver.solve(float(arm[j]), before.displacement, near, float(arm[j - 1]))
-            slope, tangent[j] = self.solver.tangent(after, before.displacement, slope, directions[j])
+            near, at = self._guess(guess, j, arm, before, earlier), under.at(j)
+            after = self.solver.solve(float(arm[j]), before.displacement, near, float(arm[j - 1]), at)
+            slope, tangent[j] = self.solver.tangent(after, before.displacement, slope, directions[j], at,
+                                                    under.load_slope[j], under.grip_slope[j])
             _put(trajectory, j, after)
             earlier, before = before, after
             # where everything slides nothing is remembered

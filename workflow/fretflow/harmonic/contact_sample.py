@@ -10,7 +10,8 @@ The bodies are massless, so at each sample the relative displacement u, the cont
 
 The conditions are written with the projection of tau = f_t - rho (u_t - u_t(previous)) onto the friction disc
 (Alart and Curnier 1991), for any rho > 0. Displacements are the unknowns, so that stuck and closed DOFs drop out:
-a sticking contact has no unknown but q_z, and a sliding one 2 n + 1.
+a sticking contact has no unknown but q_z, and a sliding one 2 n + 1. Friction beyond ``mu f_z`` (see `coulomb`) has the
+limit ``L = g l(f_z) (1 - d t_x)`` with t = tau / |tau| and g a factor of the instant.
 
 Arrays are in component order: DOF ``c n + m`` is direction c of node m.
 """
@@ -18,14 +19,15 @@ Arrays are in component order: DOF ``c n + m`` is direction c of node m.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
+from fretflow.contact.coulomb import CoulombLaw
 from fretflow.core.errors import NonConvergenceError
-from fretflow.harmonic.periodic import ContactState
+from fretflow.harmonic.periodic import ContactState, PeriodicProblem
 
 Array = NDArray[np.float64]
 STICK, SLIP, OPEN = int(ContactState.STICK), int(ContactState.SLIP), int(ContactState.OPEN)
@@ -36,19 +38,30 @@ STALE = 0.05  # a kept factor must contract the residual at least by this
 
 @dataclass(frozen=True)
 class ContactSystem:
-    """The condensed contact: stiffness, nodes and load. Arrays in component order.
+    """The condensed contact: stiffness, nodes, friction and load. Arrays in component order.
 
-    `stiffness` (3 n, 3 n) N/m; `gap` (n,) m; `friction` (n,); `load` N.
+    `stiffness` (3 n, 3 n) N/m; `gap` (n,) m; `load` N.
     """
 
     stiffness: Array
     gap: Array
-    friction: Array
+    law: CoulombLaw
     load: float
     penalty: float  # rho in N/m
 
     @classmethod
     def build(cls, stiffness: Array, gap: Array, friction: Array, load: float) -> ContactSystem:
+        """Build a contact with the friction coefficients `friction`, () or (n,)."""
+        return cls._ordered(stiffness, gap, CoulombLaw(friction_coefficient=np.asarray(friction, dtype=float)), load)
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem, stiffness: Array | None = None) -> ContactSystem:
+        """Return the contact of `problem`; `stiffness` (3 n, 3 n) in node order is by default the joint's."""
+        own = problem.joint.quasi_static().stiffness if stiffness is None else stiffness
+        return cls._ordered(own, problem.interface.gap, problem.law, problem.normal_load)
+
+    @classmethod
+    def _ordered(cls, stiffness: Array, gap: Array, law: CoulombLaw, load: float) -> ContactSystem:
         """Reorder a stiffness given node by node (x, y, z per node) and choose rho.
 
         rho only steers the path to the solution; a tenth of the largest diagonal term was the most robust
@@ -57,8 +70,13 @@ class ContactSystem:
         n = len(gap)
         order = np.arange(3 * n).reshape(n, 3).T.ravel()
         k = np.ascontiguousarray(stiffness[np.ix_(order, order)])
-        return cls(stiffness=k, gap=np.asarray(gap, float), friction=np.broadcast_to(friction, n).astype(float),
-                   load=float(load), penalty=0.1 * float(k.diagonal().max()))
+        return cls(stiffness=k, gap=np.asarray(gap, float), law=law, load=float(load),
+                   penalty=0.1 * float(k.diagonal().max()))
+
+    @property
+    def friction(self) -> Array:
+        """Return the friction coefficients (n,)."""
+        return np.broadcast_to(self.law.friction_coefficient, self.size)
 
     @property
     def size(self) -> int:
@@ -81,11 +99,18 @@ class SampleState:
     state: NDArray[np.int8]
 
 
+class Instant(NamedTuple):
+    """What a sample is under besides the arm's position: the normal load in N and the factor g on friction."""
+
+    load: float
+    grip: float = 1.0
+
+
 @dataclass(frozen=True)
 class SampleChange:
     """What p parameters change at a sample by themselves, all else held.
 
-    `arm` (p,) m; `load` (p,) N; `friction` (n, p); `force` (3 n, p) N, the elastic contact force.
+    `arm` (p,) m; `load` (p,) N; `friction` (n, p), of ``g mu``; `force` (3 n, p) N, the elastic contact force.
     """
 
     arm: Array
@@ -112,6 +137,19 @@ class SampleDerivative:
     pressing: Array
 
 
+class _Cone(NamedTuple):
+    """The friction limit L at the nodes, for the direction t of the trial force.
+
+    `direction` t (2, n); `limit` L (n,) N; `slope` dL/df_z (n,); `across` (2, n): L t changes by
+    ``-across w`` where tau turns by w across t.
+    """
+
+    direction: Array
+    limit: Array
+    slope: Array
+    across: Array
+
+
 @dataclass
 class _Sets:
     """Unknown DOFs of a contact state."""
@@ -133,8 +171,11 @@ class SampleSolver:
         self._sets: _Sets | None = None
         self._factor: Any = None  # LU of the last Jacobian
 
-    def solve(self, arm: float, previous: Array, guess: SampleState, arm_before: float) -> SampleState:
+    def solve(self, arm: float, previous: Array, guess: SampleState, arm_before: float,
+              instant: Instant | None = None) -> SampleState:
         """Return the contact at arm position `arm` (m) after a sample with displacement `previous` (3 n,).
+
+        `instant` is by default that of the system's load and friction coefficients.
 
         If Newton fails, the arm is moved there from `arm_before` in ever smaller parts, the sample's own
         history unchanged: each part starts from the solution of the one before.
@@ -144,25 +185,27 @@ class SampleSolver:
         NonConvergenceError
             If even 2^-8 of the step fails.
         """
-        found = self._newton(arm, previous, guess)
+        at = Instant(self.system.load) if instant is None else instant
+        found = self._newton(arm, previous, guess, at)
         halvings = 1
         while found is None and halvings <= MAX_HALVINGS:
-            found = self._approach(np.linspace(arm_before, arm, 2**halvings + 1)[1:], previous, guess)
+            found = self._approach(np.linspace(arm_before, arm, 2**halvings + 1)[1:], previous, guess, at)
             halvings += 1
         if found is None:
             raise NonConvergenceError(
                 f"contact at one time sample did not converge (arm at {arm:.6e} m); use more samples per period")
         return found
 
-    def _approach(self, arms: NDArray[np.floating[Any]], previous: Array, guess: SampleState) -> SampleState | None:
+    def _approach(self, arms: NDArray[np.floating[Any]], previous: Array, guess: SampleState, at: Instant
+                  ) -> SampleState | None:
         resting = np.where(guess.state == SLIP, STICK, guess.state).astype(np.int8)
         state: SampleState | None = SampleState(previous.copy(), guess.force, guess.approach, resting)
         for arm in arms:
             if state is not None:
-                state = self._newton(float(arm), previous, state)
+                state = self._newton(float(arm), previous, state, at)
         return state
 
-    def _newton(self, arm: float, previous: Array, guess: SampleState) -> SampleState | None:
+    def _newton(self, arm: float, previous: Array, guess: SampleState, at: Instant) -> SampleState | None:
         u, approach, state = guess.displacement.copy(), guess.approach, guess.state
         sets = self._select(state)
         last = np.inf
@@ -170,28 +213,29 @@ class SampleSolver:
             self._hold(u, previous, state)
             f = self._force(u, arm, approach)
             if iteration:
-                new = self._project(u, f, previous)
+                new = self._project(u, f, previous, at.grip)
                 if np.any(new != state):
                     state, last = new, np.inf
                     sets = self._select(state)
                     self._hold(u, previous, state)
                     f = self._force(u, arm, approach)
-            direction = self._directions(u, f, previous)
-            residual = self._residual(f, direction, sets)
+            cone = self._cone(u, f, previous, at.grip)
+            residual = self._residual(f, cone, sets, at.load)
             error = float(np.abs(residual).max())
             if not np.isfinite(error):
                 return None
-            if iteration and error < self.tolerance and np.array_equal(self._project(u, f, previous), state):
+            if iteration and error < self.tolerance and np.array_equal(self._project(u, f, previous, at.grip), state):
                 return SampleState(u, f, approach, state)
             if self._factor is None or error > STALE * last:
-                self._factor = lu_factor(self._jacobian(f, direction, sets), check_finite=False, overwrite_a=True)
+                self._factor = lu_factor(self._jacobian(cone, sets), check_finite=False, overwrite_a=True)
             last = error
             step = lu_solve(self._factor, -residual, check_finite=False)
             u[sets.unknown] += step[:-1]
             approach += step[-1]
         return None
 
-    def tangent(self, sample: SampleState, previous: Array, history: Array, arm_direction: Array
+    def tangent(self, sample: SampleState, previous: Array, history: Array, arm_direction: Array,
+                instant: Instant | None = None, load: Array | None = None, grip: Array | None = None
                 ) -> tuple[Array, Array]:
         """Differentiate a converged sample by motions of the arm.
 
@@ -201,8 +245,8 @@ class SampleSolver:
             The sample and the displacement before it.
         history : (3 n, p)
             Derivative of `previous`.
-        arm_direction : (p,)
-            Derivative of the arm position.
+        arm_direction, load, grip : (p,)
+            Derivatives of the arm position and of what `instant` holds, by default none.
 
         Returns
         -------
@@ -210,17 +254,20 @@ class SampleSolver:
             Derivatives of the displacement and of the x force on the upper face's nodes together.
         """
         n, change = self.system.size, SampleChange.of_arm(arm_direction, self.system.size)
-        found = self.differentiate(sample, previous, history, change)
+        if load is not None and grip is not None:
+            change = SampleChange(arm_direction, load, np.outer(self.system.friction, grip), change.force)
+        found = self.differentiate(sample, previous, history, change, instant)
         force = self.kbx @ found.displacement - self.kbx[:n].sum() * arm_direction - self.kbz[:n].sum() * found.approach
         return found.displacement, force
 
-    def differentiate(self, sample: SampleState, previous: Array, history: Array, change: SampleChange
-                      ) -> SampleDerivative:
+    def differentiate(self, sample: SampleState, previous: Array, history: Array, change: SampleChange,
+                      instant: Instant | None = None) -> SampleDerivative:
         """Differentiate a converged sample by p parameters; history (3 n, p) is the derivative of `previous`."""
         n, k = self.system.size, self.system.stiffness
         sets = self._select(sample.state)
-        direction = self._directions(sample.displacement, sample.force, previous)
-        self._factor = lu_factor(self._jacobian(sample.force, direction, sets), check_finite=False, overwrite_a=True)
+        grip = 1.0 if instant is None else instant.grip
+        cone = self._cone(sample.displacement, sample.force, previous, grip)
+        self._factor = lu_factor(self._jacobian(cone, sets), check_finite=False, overwrite_a=True)
         stuck = np.flatnonzero(sample.state == STICK)
         held = np.concatenate([stuck, n + stuck])
         moved = np.zeros_like(history)
@@ -231,16 +278,22 @@ class SampleSolver:
         m = len(sets.slip)
         rhs = np.empty((len(sets.unknown) + 1, history.shape[1]))
         slip_history = np.stack([history[sets.slip], history[n + sets.slip]])
-        rhs[:2 * m] = self._slip_rows(df[:m], df[m:2 * m], df[2 * m:3 * m], direction, sets, -slip_history)
-        grip = sample.force[2 * n:][sets.slip, None] * change.friction[sets.slip]
-        rhs[:m] -= direction[0][0, sets.slip, None] * grip
-        rhs[m:2 * m] -= direction[0][1, sets.slip, None] * grip
+        rhs[:2 * m] = self._slip_rows(df[:m], df[m:2 * m], df[2 * m:3 * m], cone, sets, -slip_history)
+        wider = self.gripping(sample.force, cone.direction)[sets.slip, None] * change.friction[sets.slip]
+        rhs[:m] -= cone.direction[0, sets.slip, None] * wider
+        rhs[m:2 * m] -= cone.direction[1, sets.slip, None] * wider
         rhs[2 * m:-1] = df[3 * m:]
         rhs[-1] = (self.kbz[held] @ history[held] - self.kbx[2 * n:].sum() * change.arm
                    + change.force[2 * n:].sum(axis=0) - change.load)
         step = lu_solve(self._factor, -rhs, check_finite=False)
         moved[sets.unknown] = step[:-1]
         return SampleDerivative(moved, step[-1], df[2 * m:3 * m] + sets.columns[2 * n + sets.slip] @ step)
+
+    def gripping(self, force: Array, direction: Array) -> Array:
+        """Return the friction limit over ``g mu``, (n,) N, for forces (3 n,) and friction directions (2, n)."""
+        law, n = self.system.law, self.system.size
+        grips = law.gripping_force(np.maximum(force[2 * n:], 0.0))
+        return grips if law.asymmetry == 0.0 else grips * (1.0 - law.asymmetry * direction[0])
 
     def _select(self, state: NDArray[np.int8]) -> _Sets:
         key = state.tobytes()
@@ -272,54 +325,61 @@ class SampleSolver:
         tau = (f[:2 * n] - rho * (u[:2 * n] - previous[:2 * n])).reshape(2, n)
         return tau, np.maximum(np.hypot(tau[0], tau[1]), 1e-300)
 
-    def _project(self, u: Array, f: Array, previous: Array) -> NDArray[np.int8]:
+    def _project(self, u: Array, f: Array, previous: Array, grip: float) -> NDArray[np.int8]:
         n, s = self.system.size, self.system
         pressing = f[2 * n:] - s.penalty * (s.gap + u[2 * n:])
-        _, norm = self._trial(u, f, previous)
-        slipping = norm > s.friction * pressing * (1.0 + 1e-12)
+        tau, norm = self._trial(u, f, previous)
+        limit = grip * s.law.slip_limit(np.maximum(pressing, 0.0))
+        if s.law.asymmetry:
+            limit *= 1.0 - s.law.asymmetry * tau[0] / norm
+        slipping = norm > limit * (1.0 + 1e-12)
         return np.where(pressing <= 0.0, OPEN, np.where(slipping, SLIP, STICK)).astype(np.int8)
 
-    def _directions(self, u: Array, f: Array, previous: Array) -> tuple[Array, Array]:
-        """Return the friction direction (2, n) and the curvature mu f_z / |tau| (n,)."""
+    def _cone(self, u: Array, f: Array, previous: Array, grip: float) -> _Cone:
         tau, norm = self._trial(u, f, previous)
-        n = self.system.size
-        return tau / norm, self.system.friction * np.maximum(f[2 * n:], 0.0) / norm
+        law, direction = self.system.law, tau / norm
+        normal = np.maximum(f[2 * self.system.size:], 0.0)
+        limit, slope = grip * law.slip_limit(normal), grip * law.slip_limit_slope(normal)
+        x, y = direction
+        if law.asymmetry == 0.0:
+            return _Cone(direction, limit, slope, np.stack([y, -x]) * (limit / norm))
+        turning = law.asymmetry * limit / norm * y
+        share = 1.0 - law.asymmetry * x
+        return _Cone(direction, share * limit, share * slope,
+                     np.stack([y, -x]) * (share * limit / norm) - direction * turning)
 
-    def _residual(self, f: Array, direction: tuple[Array, Array], sets: _Sets) -> Array:
+    def _residual(self, f: Array, cone: _Cone, sets: _Sets, load: float) -> Array:
         n, i, o = self.system.size, sets.slip, sets.opened
-        limit = self.system.friction[i] * np.maximum(f[2 * n:][i], 0.0)
-        d = direction[0][:, i]
+        limit, d = cone.limit[i], cone.direction[:, i]
         return np.concatenate([f[i] - limit * d[0], f[n + i] - limit * d[1], f[o], f[n + o], f[2 * n + o],
-                               [f[2 * n:].sum() - self.system.load]])
+                               [f[2 * n:].sum() - load]])
 
-    def _slip_rows(self, fx: Array, fy: Array, fz: Array, direction: tuple[Array, Array], sets: _Sets,
-                   slid: Array) -> Array:
-        """Differentiate ``f_t - mu f_z t`` at the slipping nodes for changes of force and slid distance.
+    def _slip_rows(self, fx: Array, fy: Array, fz: Array, cone: _Cone, sets: _Sets, slid: Array) -> Array:
+        """Differentiate ``f_t - L t`` at the slipping nodes for changes of force and slid distance.
 
         fx, fy, fz (m, p) N; slid (2, m, p) m.
         """
-        (x, y), a = direction[0][:, sets.slip], direction[1][sets.slip]
-        mu, rho = self.system.friction[sets.slip], self.system.penalty
-        tx, ty = fx - rho * slid[0], fy - rho * slid[1]
-        across = a[:, None] * (-y[:, None] * tx + x[:, None] * ty)
-        return np.concatenate([fx - (mu * x)[:, None] * fz + y[:, None] * across,
-                               fy - (mu * y)[:, None] * fz - x[:, None] * across])
+        i, rho = sets.slip, self.system.penalty
+        (x, y), (a, b), slope = cone.direction[:, i], cone.across[:, i], cone.slope[i]
+        turned = x[:, None] * (fy - rho * slid[1]) - y[:, None] * (fx - rho * slid[0])
+        return np.concatenate([fx - (slope * x)[:, None] * fz + a[:, None] * turned,
+                               fy - (slope * y)[:, None] * fz + b[:, None] * turned])
 
-    def _jacobian(self, f: Array, direction: tuple[Array, Array], sets: _Sets) -> Array:
+    def _jacobian(self, cone: _Cone, sets: _Sets) -> Array:
         n, i, o = self.system.size, sets.slip, sets.opened
         m, c = len(i), sets.columns
         jacobian = np.empty((c.shape[1], c.shape[1]))
-        (x, y), a = direction[0][:, i], direction[1][i]
-        mu, rho = self.system.friction[i], self.system.penalty
+        (x, y), (a, b), slope = cone.direction[:, i], cone.across[:, i], cone.slope[i]
+        rho = self.system.penalty
         fx, fy, fz = c[i], c[n + i], c[2 * n + i]
-        across = a[:, None] * (-y[:, None] * fx + x[:, None] * fy)
-        jacobian[:m] = fx - (mu * x)[:, None] * fz + y[:, None] * across
-        jacobian[m:2 * m] = fy - (mu * y)[:, None] * fz - x[:, None] * across
+        turned = x[:, None] * fy - y[:, None] * fx
+        jacobian[:m] = fx - (slope * x)[:, None] * fz + a[:, None] * turned
+        jacobian[m:2 * m] = fy - (slope * y)[:, None] * fz + b[:, None] * turned
         k = np.arange(m)
-        jacobian[k, k] += rho * a * y * y
-        jacobian[k, m + k] -= rho * a * x * y
-        jacobian[m + k, k] -= rho * a * x * y
-        jacobian[m + k, m + k] += rho * a * x * x
+        jacobian[k, k] += rho * a * y
+        jacobian[k, m + k] -= rho * a * x
+        jacobian[m + k, k] += rho * b * y
+        jacobian[m + k, m + k] -= rho * b * x
         jacobian[2 * m:-1] = c[np.concatenate([o, n + o, 2 * n + o])]
         jacobian[-1] = c[2 * n:].sum(axis=0)
         return jacobian

@@ -28,6 +28,24 @@ def analysis_matrix(harmonics: int, samples: int) -> NDArray[np.float64]:
     return matrix
 
 
+def time_derivative(values: NDArray[np.float64], omega: float) -> NDArray[np.float64]:
+    """Return the rate (N, ...) of samples of one period at angular frequency `omega`; the last harmonic has none."""
+    amplitudes = np.fft.rfft(values, axis=0)
+    turning: NDArray[np.complex128] = 1j * omega * np.arange(len(amplitudes))
+    if len(values) % 2 == 0:
+        turning[-1] = 0.0  # it has no phase
+    return np.fft.irfft(turning.reshape(-1, *(1,) * (values.ndim - 1)) * amplitudes, len(values), axis=0)
+
+
+def derivative_matrix(harmonics: int, omega: float) -> NDArray[np.float64]:
+    """Return the matrix (2 H + 1, 2 H + 1) from coefficients to those of the time derivative."""
+    matrix = np.zeros((2 * harmonics + 1,) * 2)
+    cosine = np.arange(1, len(matrix), 2)
+    order = omega * np.arange(1, harmonics + 1)
+    matrix[cosine, cosine + 1], matrix[cosine + 1, cosine] = order, -order
+    return matrix
+
+
 def to_complex(coefficients: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Return amplitudes (harmonics + 1, ...): ``u = Re sum_k U_k exp(i k tau)``, ``U_k = c_k - i s_k``."""
     return np.concatenate([coefficients[:1].astype(complex), coefficients[1::2] - 1j * coefficients[2::2]])

@@ -13,8 +13,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.coulomb import CoulombLaw
 from fretflow.contact.interface import Interface
+from fretflow.contact.law import MotionFactor
+from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
+from fretflow.rig.forces import RigForce
 from fretflow.rig.joint import JointModel
 
 
@@ -28,20 +32,58 @@ class ContactState(IntEnum):
 
 @record
 class PeriodicProblem:
-    """A joint under a periodic force: everything that the period depends on."""
+    """A joint under a periodic force: everything that the period depends on.
+
+    The last fields are physics beyond the baseline and neutral by default. With them friction at a node obeys
+    ``|f_t| <= mu (p / p_0)^-b (1 - d t_x) f_n``, mu multiplied by every motion factor; the normal load is
+    ``N + load_slope x`` at the arm position x; forces on the rig and further harmonics of the drive are added.
+    """
 
     joint: JointModel
     interface: Interface
-    friction_coefficient: float = quantity("1")
+    friction_coefficient: float | NDArray[np.float64] = quantity("1", "() or (nodes,)")
     frequency: float = quantity("Hz")
     excitation: float = quantity("N")  # amplitude of F cos(omega t) on the moving mass
     normal_load: float = quantity("N")
     frictional_preload: bool = False  # whether the faces rub while the load is applied, before anything moves
+    friction_exponent: float = quantity("1", default=0.0)  # b
+    reference_pressure: float | None = quantity("Pa", default=None)  # p_0; by default load over area
+    friction_asymmetry: float = quantity("1", default=0.0)  # d
+    motion_factors: tuple[MotionFactor, ...] = ()
+    load_slope: float = quantity("N/m", default=0.0)
+    rig_forces: tuple[RigForce, ...] = ()
+    overtones: tuple[tuple[int, complex], ...] = ()  # (k, F_k): Re F_k exp(i k omega t) in N on the block besides
 
     @property
     def omega(self) -> float:
         """Return the angular frequency in rad/s."""
         return 2.0 * float(np.pi) * self.frequency
+
+    @property
+    def law(self) -> CoulombLaw:
+        """Return the friction law of the nodes, without the motion factors."""
+        areas = self.interface.areas
+        pressure = self.normal_load / areas.sum() if self.reference_pressure is None else self.reference_pressure
+        return CoulombLaw(friction_coefficient=np.asarray(self.friction_coefficient, dtype=float),
+                          exponent=self.friction_exponent, reference_force=pressure * areas,
+                          asymmetry=self.friction_asymmetry)
+
+    def refuse_beyond(self, method: str, *allowed: str) -> None:
+        """Refuse physics that `method` would leave out, except the `allowed` fields.
+
+        Raises
+        ------
+        InputError
+            Naming what it is.
+        """
+        beyond = {"friction_exponent": "friction that depends on the load",
+                  "friction_asymmetry": "friction that depends on the direction",
+                  "motion_factors": "friction that depends on the motion",
+                  "load_slope": "a normal load that depends on the motion",
+                  "rig_forces": "further forces on the rig", "overtones": "further harmonics of the drive"}
+        for name, what in beyond.items():
+            if name not in allowed and getattr(self, name) not in (0.0, ()):
+                raise InputError(f"{method} does not know {what}; use solver.method = \"quasi-static\"")
 
 
 @record

@@ -25,7 +25,7 @@ def within_reach(problem: PeriodicProblem, joint: QuasiStaticJoint,
                  start: PeriodicSolution | None) -> NDArray[np.bool_]:
     """Return the nodes (n,) that are likely to touch: closed in `start`, or closed or nearly so under the load."""
     gap, normal = problem.interface.gap, joint.flexibility[2::3, 2::3]
-    system = ContactSystem.build(joint.stiffness, gap, np.asarray(problem.friction_coefficient), problem.normal_load)
+    system = ContactSystem.of(problem, joint.stiffness)
     force, approach, _ = frictionless_preload(system, normal)
     bent = normal @ force
     near: NDArray[np.bool_] = gap + approach + bent < MARGIN * bent.max()
@@ -35,8 +35,12 @@ def within_reach(problem: PeriodicProblem, joint: QuasiStaticJoint,
 def restrict(problem: PeriodicProblem, joint: QuasiStaticJoint, nodes: NDArray[np.bool_]) -> PeriodicProblem:
     """Return the problem of `nodes` (n,) alone, the others being free of force."""
     face = problem.interface
-    return replace(problem, joint=joint.part(nodes), interface=Interface(
-        nodes=face.nodes[nodes], areas=face.areas[nodes], gap=face.gap[nodes]))
+    pressure = problem.reference_pressure
+    return replace(
+        problem, joint=joint.part(nodes),
+        friction_coefficient=np.broadcast_to(problem.friction_coefficient, nodes.shape)[nodes],
+        reference_pressure=problem.normal_load / float(face.areas.sum()) if pressure is None else pressure,
+        interface=Interface(nodes=face.nodes[nodes], areas=face.areas[nodes], gap=face.gap[nodes]))
 
 
 def restrict_solution(solution: PeriodicSolution, nodes: NDArray[np.bool_]) -> PeriodicSolution:

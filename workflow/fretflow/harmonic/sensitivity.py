@@ -134,8 +134,7 @@ def _march(problem: PeriodicProblem, joint: QuasiStaticJoint, solution: Periodic
     """Differentiate the contact; force sums: x force, then what moves the upper and the lower observation node."""
     samples, nodes = solution.state.shape
     u, f = (a.transpose(0, 2, 1).reshape(samples, 3 * nodes) for a in (solution.displacement, solution.force))
-    system = ContactSystem.build(joint.stiffness, problem.interface.gap, np.asarray(problem.friction_coefficient),
-                                 problem.normal_load)
+    system = ContactSystem.of(problem, joint.stiffness)
     by_node = np.vstack([joint.motion[:, 0], joint.upper_compliance, -joint.lower_compliance])
     sums = by_node.reshape(-1, nodes, 3).transpose(0, 2, 1).reshape(len(by_node), 3 * nodes)
     areas = problem.interface.areas

@@ -196,8 +196,7 @@ class _Step:
         sliding = joint.motion[:, 0]
         series = joint.flexibility + self.response[1] * np.outer(sliding, sliding)
         stiffness = cho_solve(cho_factor(series, lower=True), np.eye(len(series)))
-        self.system = ContactSystem.build(0.5 * (stiffness + stiffness.T), problem.interface.gap,
-                                          np.asarray(problem.friction_coefficient), problem.normal_load)
+        self.system = ContactSystem.of(problem, 0.5 * (stiffness + stiffness.T))
         self.solver = SampleSolver(self.system)
         self.round_off = ROUND_OFF * float(self.system.stiffness.diagonal().max())
         self.before: SampleState | None = None

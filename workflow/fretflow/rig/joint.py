@@ -93,7 +93,7 @@ class QuasiStaticJoint:
         if not np.allclose(k, k.T, rtol=0.0, atol=1e-9 * np.abs(k).max()):
             raise InputError("relative stiffness: not symmetric; give the stiffness of both bodies in series")
         none = np.zeros((3, len(k)))
-        return cls(stiffness=0.5 * (k + k.T), flexibility=_inverse(k, "relative stiffness"),
+        return cls(stiffness=0.5 * (k + k.T), flexibility=invert_stiffness(k, "relative stiffness"),
                    motion=_rigid_motion(len(k)), rig=rig, upper_compliance=none, lower_compliance=none)
 
     def quasi_static(self) -> QuasiStaticJoint:
@@ -105,7 +105,7 @@ class QuasiStaticJoint:
         dofs = np.repeat(nodes, 3)
         flexibility = self.flexibility[np.ix_(dofs, dofs)]
         return QuasiStaticJoint(
-            stiffness=_inverse(flexibility, "relative flexibility"), flexibility=flexibility,
+            stiffness=invert_stiffness(flexibility, "relative flexibility"), flexibility=flexibility,
             motion=self.motion[dofs], rig=self.rig, upper_compliance=self.upper_compliance[:, dofs],
             lower_compliance=self.lower_compliance[:, dofs])
 
@@ -222,12 +222,12 @@ class Joint:
         flexibility, compliances = np.zeros((size, size)), []
         for body in (self.upper, self.lower):
             clamped = _clamped(body)
-            own = _inverse(clamped.condensed(0.0, UNLOADED)[0].real, "contact stiffness of a specimen")
+            own = invert_stiffness(clamped.condensed(0.0, UNLOADED)[0].real, "contact stiffness of a specimen")
             flexibility += own
             compliances.append(clamped.static_inner_map()[:OBSERVATION_DOFS] @ own)
         arm_mass = self.rig.arm_mass + _sliding_mass(self.upper)
         return QuasiStaticJoint(
-            stiffness=_inverse(flexibility, "relative flexibility"), flexibility=flexibility,
+            stiffness=invert_stiffness(flexibility, "relative flexibility"), flexibility=flexibility,
             motion=_rigid_motion(size), rig=replace(self.rig, arm_mass=arm_mass),
             upper_compliance=compliances[0], lower_compliance=compliances[1])
 
@@ -317,7 +317,7 @@ def _rigid_motion(size: int) -> NDArray[np.float64]:
     return np.tile(TRANSLATION, (size // 3, 1))
 
 
-def _inverse(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+def invert_stiffness(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """Return the symmetric inverse of a positive definite matrix."""
     try:
         inverse = cho_solve(cho_factor(matrix, lower=True), np.eye(len(matrix)))

@@ -188,7 +188,7 @@ def _element(condition: Condition, rig: LumpedRig) -> float:
     problem, joint = condition.problem, condition.problem.joint.quasi_static()
     sliding = joint.motion[:, 0]
     stiffness = float(sliding @ joint.stiffness @ sliding)
-    limit = problem.friction_coefficient * problem.normal_load
+    limit = float(np.mean(problem.friction_coefficient)) * problem.normal_load
     arm = jenkins_arm_motion(rig, stiffness, limit, problem.excitation, problem.frequency, ELEMENT_SAMPLES)
     return max(float(np.ptp(arm)) - 2.0 * limit / stiffness, 0.0)
 
