@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from fretflow.harmonic.contact_march import PERSISTS
+from fretflow.harmonic.contact_march import PERSISTS, Conditions
 from fretflow.harmonic.contact_sample import (
     SLIP,
     STICK,
@@ -53,14 +53,15 @@ class ContactDerivative:
     path: Array  # (n, c), of sum |du|
     pressing: Array  # (n, c), mean normal force
     opening: Array  # (n, c), mean of gap + u_z
+    energy: Array  # (c,), friction's work
 
     def combined(self, weights: Array) -> ContactDerivative:
         """Return the derivative by combinations of the columns, weights (c, p)."""
         return ContactDerivative(**{f.name: getattr(self, f.name) @ weights for f in fields(self)})
 
 
-def differentiate_contact(system: ContactSystem, solved: SolvedContact, arm: Array, directions: Sequence[Direction],
-                          mean: Array, sums: Array) -> ContactDerivative:
+def differentiate_contact(system: ContactSystem, solved: SolvedContact, arm: Array, under: Conditions,
+                          directions: Sequence[Direction], mean: Array, sums: Array) -> ContactDerivative:
     """March a period once for motions of the arm and parameters.
 
     Parameters
@@ -69,6 +70,8 @@ def differentiate_contact(system: ContactSystem, solved: SolvedContact, arm: Arr
         The contact and its converged period of N samples and n nodes.
     arm : (N, a)
         Motions of the arm, the first a columns of the result.
+    under
+        Load and friction over the period, and their derivatives by those motions.
     directions
         Parameters that act in the contact, its other columns.
     mean : (n,)
@@ -77,13 +80,13 @@ def differentiate_contact(system: ContactSystem, solved: SolvedContact, arm: Arr
         Weights of the forces, in component order.
     """
     first, memory = _memory(solved)
-    acting = _Acting(system, solved, arm, directions, memory.shape[1])
-    kept = _Kept(system, solved, mean, sums, acting.columns)
+    acting = _Acting(system, solved, arm, under, directions, memory.shape[1])
+    kept = _Kept(system, solved, under, mean, sums, acting.columns)
     slope, samples = acting.start(memory), len(arm)
     solver = SampleSolver(system)
     for j in ((first + k) % samples for k in range(samples)):
         change = acting.at(j)
-        found = solver.differentiate(solved.sample(j), solved.displacement[j - 1], slope, change)
+        found = solver.differentiate(solved.sample(j), solved.displacement[j - 1], slope, change, under.at(j))
         kept.add(j, found, change)
         slope = found.displacement
     given = acting.columns - memory.shape[1]
@@ -122,12 +125,29 @@ def _ways(solved: SolvedContact) -> Array:
     return np.where((solved.state == SLIP)[:, None], way, 0.0)
 
 
+def _working(system: ContactSystem, solved: SolvedContact, under: Conditions, way: Array
+             ) -> tuple[Array, Array, Array]:
+    """Return what the work ``sum L |du|`` changes by: L over g mu, dL/df_z, each (N, n), and by du, (N, 2, n)."""
+    law, n = system.law, system.size
+    normal, grip = np.maximum(solved.force[:, 2 * n:], 0.0), under.grip[:, None]
+    share = 1.0 + law.asymmetry * way[:, 0]
+    gripping = law.gripping_force(normal)
+    working = (grip * share * system.friction * gripping)[:, None] * way
+    if law.asymmetry:
+        turned = law.asymmetry * grip * system.friction * gripping
+        slips = solved.state == SLIP
+        working[:, 0] += np.where(slips, turned * (1.0 - way[:, 0]**2), 0.0)
+        working[:, 1] -= np.where(slips, turned * way[:, 0] * way[:, 1], 0.0)
+    return share * gripping, grip * share * law.slip_limit_slope(normal), working
+
+
 class _Acting:
     """What the columns change at each sample."""
 
-    def __init__(self, system: ContactSystem, solved: SolvedContact, arm: Array, directions: Sequence[Direction],
-                 remembered: int) -> None:
+    def __init__(self, system: ContactSystem, solved: SolvedContact, arm: Array, under: Conditions,
+                 directions: Sequence[Direction], remembered: int) -> None:
         n, given = system.size, arm.shape[1]
+        self.under, self.given = under, given
         self.columns = given + len(directions) + remembered
         self.directions = {given + i: d for i, d in enumerate(directions)}
         self.arm = np.pad(arm, ((0, 0), (0, self.columns - given)))
@@ -173,8 +193,11 @@ class _Acting:
         friction, load, force = self.friction.copy(), self.load.copy(), self.force.copy()
         for column, history in self._varying("friction", 2).items():
             friction[:, column] = history[j]
+        friction *= self.under.grip[j]
+        friction[:, :self.given] += np.outer(self.system.friction, self.under.grip_slope[j])
         for column, history in self._varying("normal_load", 1).items():
             load[column] = history[j]
+        load[:self.given] += self.under.load_slope[j]
         for column, strain in self.strains.items():
             force[:, column] += strain[j]
         if self.springs.nnz:
@@ -185,7 +208,8 @@ class _Acting:
 class _Kept:
     """Sums up the march while it passes, so that its size does not grow with nodes times samples times columns."""
 
-    def __init__(self, system: ContactSystem, solved: SolvedContact, mean: Array, sums: Array, columns: int) -> None:
+    def __init__(self, system: ContactSystem, solved: SolvedContact, under: Conditions, mean: Array, sums: Array,
+                 columns: int) -> None:
         samples, n = solved.state.shape
         self.system, self.mean, self.sums = system, mean, sums
         kbx, kbz = system.rigid_forces()
@@ -197,11 +221,12 @@ class _Kept:
         self.forces = np.zeros((samples, len(sums), columns))
         self.sliding, self.path = np.zeros((n, columns)), np.zeros((n, columns))
         self.moved, self.changed = np.zeros((3 * n, columns)), np.zeros((3 * n, columns))
-        self.arm = np.zeros(columns)
+        self.arm, self.energy = np.zeros(columns), np.zeros(columns)
         way = _ways(solved)
         rubbing = way * solved.force[:, None, 2 * n:]
+        self.grip, self.slope, working = _working(system, solved, under, way)
         # du_j counts in the increment that ends at j and in the next one
-        self.way, self.rubbing = (a - np.roll(a, -1, axis=0) for a in (way, rubbing))
+        self.way, self.rubbing, self.working = (a - np.roll(a, -1, axis=0) for a in (way, rubbing, working))
         step = (solved.displacement - np.roll(solved.displacement, 1, axis=0))[:, :2 * n].reshape(samples, 2, n)
         self.length = np.hypot(step[:, 0], step[:, 1])
         self.slipping = [np.flatnonzero(state == SLIP) for state in solved.state]
@@ -216,6 +241,8 @@ class _Kept:
         self.sliding += self.rubbing[j, 0, :, None] * u[:n] + self.rubbing[j, 1, :, None] * u[n:2 * n]
         slip = self.slipping[j]
         self.sliding[slip] += self.length[j, slip, None] * found.pressing
+        self.energy += self.working[j].reshape(-1) @ u[:2 * n] + self.length[j, slip] @ (
+            self.slope[j, slip, None] * found.pressing + self.grip[j, slip, None] * change.friction[slip])
         self.moved += u
         self.changed += change.force
         self.arm += change.arm
@@ -227,4 +254,5 @@ class _Kept:
         force = self.system.stiffness[2 * n:] @ self.moved - self.rigid[2 * n:] @ rigid + self.changed[2 * n:]
         return ContactDerivative(
             displacement=self.displacement, forces=self.forces, approach=self.approach, sliding=self.sliding,
-            path=self.path, pressing=force / samples, opening=self.moved[2 * n:] / samples)
+            path=self.path, pressing=force / samples, opening=self.moved[2 * n:] / samples,
+            energy=self.energy)

@@ -7,7 +7,8 @@ The rig's few inertial DOF are harmonic, and the contact's friction force is a f
     Z_a(k omega) x_k = g_k + Phi_k[x],    k = 0..H
 
 with Z_a the rig's impedance at the arm after elimination of the block. Newton on the 2 H + 1 coefficients of x uses
-the exact tangent of Phi from the march of the contact.
+the exact tangent of Phi from the march of the contact. Further forces on the rig are raised from nothing where the
+whole of them is too far from the first guess.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import NonConvergenceError
-from fretflow.harmonic.arm import ArmEquations
+from fretflow.harmonic.arm import ArmEquations, RigBalance
 from fretflow.harmonic.backbone import Backbone, find_arm
 from fretflow.harmonic.contact_march import ContactMarch, PeriodicMarch, Trajectory
 from fretflow.harmonic.contact_sample import Array, ContactSystem, SampleState
@@ -87,7 +88,7 @@ class QuasiStaticSolver:
     def _solve_all(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
         joint = problem.joint.quasi_static()
         harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
-        equations = ArmEquations.build(joint.rig, problem.omega, problem.excitation, harmonics, samples)
+        equations = ArmEquations.of(problem, harmonics, samples)
         march = ContactMarch.of(problem)
         if start is None:
             contact, guess = march.preloaded(problem.frictional_preload), None
@@ -97,7 +98,7 @@ class QuasiStaticSolver:
             contact, arm = guess.sample(samples - 1), equations.analysis @ guess.arm
         newton = _ArmNewton(equations, march, problem.excitation, self.settings.tolerance)
         found, history = newton.solve(arm, contact, guess, self.settings.max_iterations)
-        return _solution(problem, joint, equations, found.arm, found.period.trajectory, history)
+        return _solution(problem, joint, equations, found, history)
 
 
 def _first_arm(problem: PeriodicProblem, equations: ArmEquations, march: ContactMarch, contact: SampleState) -> Array:
@@ -119,6 +120,7 @@ class _Iterate:
 
     arm: Array
     period: PeriodicMarch
+    rig: RigBalance
     residual: Array
     norm: float
 
@@ -132,15 +134,17 @@ class _ArmNewton:
         self.scale = scale
         self.tolerance = tolerance
 
-    def evaluate(self, arm: Array, before: SampleState, near: Trajectory | None, last: float) -> _Iterate:
-        """March the period of `arm`; `last` is the norm before, for the contact's accuracy."""
+    def evaluate(self, arm: Array, before: SampleState, near: Trajectory | None, last: float,
+                 block: Array | None = None) -> _Iterate:
+        """March the period of `arm`; `last` is the norm before, for the contact's accuracy, `block` a guess."""
         e = self.equations
+        rig = e.balance(arm, block)
         # the contact need not be solved much closer than the residual that Newton is about to reach
         accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
         repeat = min(REPEATS * last, 10.0 * last**2)
         period = self.march.period(e.synthesis @ arm, e.synthesis, before, near, accuracy, repeat)
-        residual = e.impedance @ arm - e.load - e.analysis @ period.trajectory.friction
-        return _Iterate(arm, period, residual, float(np.linalg.norm(residual)) / self.scale)
+        residual = rig.residual - e.analysis @ period.trajectory.friction
+        return _Iterate(arm, period, rig, residual, float(np.linalg.norm(residual)) / self.scale)
 
     def solve(self, arm: Array, before: SampleState, near: Trajectory | None,
               max_iterations: int) -> tuple[_Iterate, tuple[float, ...]]:
@@ -164,14 +168,15 @@ class _ArmNewton:
         return now, tuple(history)
 
     def _step(self, now: _Iterate) -> _Iterate | None:
-        jacobian = self.equations.impedance - self.equations.analysis @ now.period.tangent
+        jacobian = now.rig.jacobian - self.equations.analysis @ now.period.tangent
         step = np.linalg.solve(jacobian, -now.residual)
         trajectory, length = now.period.trajectory, 1.0
         following: _Iterate | None
         while length > SMALLEST_STEP:
             near = trajectory if length == 1.0 and now.norm < NEAR else None
             try:
-                following = self.evaluate(now.arm + length * step, trajectory.sample(-1), near, now.norm)
+                following = self.evaluate(now.arm + length * step, trajectory.sample(-1), near, now.norm,
+                                          now.rig.block + length * (now.rig.block_by_arm @ step))
             except NonConvergenceError:  # of the contact, too far from where it was
                 following = None
             if following is not None and following.norm < (1.0 - 1e-3 * length) * now.norm:
@@ -208,15 +213,16 @@ def _as_trajectory(solution: PeriodicSolution, system: ContactSystem, samples: i
     return Trajectory(arm, u, f, unbalanced / kbz[2 * nodes:].sum(), _resample(solution.state, samples))
 
 
-def _solution(problem: PeriodicProblem, joint: QuasiStaticJoint, equations: ArmEquations, arm: Array,
-              period: Trajectory, history: tuple[float, ...]) -> PeriodicSolution:
+def _solution(problem: PeriodicProblem, joint: QuasiStaticJoint, equations: ArmEquations, found: _Iterate,
+              history: tuple[float, ...]) -> PeriodicSolution:
+    period = found.period.trajectory
     samples, nodes = period.state.shape
     u, f = (a.reshape(samples, 3, nodes).transpose(0, 2, 1) for a in (period.displacement, period.force))
-    moved = equations.synthesis @ arm
+    moved = equations.synthesis @ found.arm
     upper, lower = joint.observe(np.column_stack([moved, period.approach]), f.reshape(samples, 3 * nodes))
     return PeriodicSolution(
         method="quasi-static", frequency=problem.frequency, displacement=np.ascontiguousarray(u),
         force=np.ascontiguousarray(f), state=period.state,
-        rig_displacement=np.column_stack([equations.block_motion(arm), moved]),
+        rig_displacement=np.column_stack([equations.synthesis @ found.rig.block, moved]),
         upper_observation=upper, lower_observation=lower, friction_force=-period.friction,
         residual_history=history, error_estimate=float("nan"))

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
-from fretflow.harmonic.arm import ArmEquations
+from fretflow.harmonic.arm import ArmEquations, RigBalance
+from fretflow.harmonic.contact_march import Surroundings
 from fretflow.harmonic.contact_sample import Array, ContactSystem
 from fretflow.harmonic.contact_sensitivity import ContactDerivative, SolvedContact, differentiate_contact
 from fretflow.harmonic.direction import Direction
@@ -76,18 +77,24 @@ def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directio
     for direction in directions:
         direction.validate(*solution.state.shape)
     joint = problem.joint.quasi_static()
-    equations = ArmEquations.build(joint.rig, problem.omega, problem.excitation, harmonics, len(solution.state))
+    equations = ArmEquations.of(problem, harmonics, len(solution.state))
     _check(solution, equations)
-    rig = _RigChange.build(joint, problem, equations, solution, directions)
+    balance = _balance(equations, solution)
+    rig = _RigChange.build(joint, problem, equations, balance, solution, directions)
     in_contact = [i for i, direction in enumerate(directions) if direction.acts_in_contact]
     columns = _march(problem, joint, solution, equations, [directions[i] for i in in_contact])
     weights = np.zeros((columns.approach.shape[1], len(directions)))
     coefficients = len(equations.load)
     weights[coefficients + np.arange(len(in_contact)), in_contact] = 1.0
     pushed = equations.analysis @ columns.forces[:, 0]  # dPhi by all columns
-    jacobian = equations.impedance - pushed[:, :coefficients]
+    jacobian = balance.jacobian - pushed[:, :coefficients]
     weights[:coefficients] = np.linalg.solve(jacobian, rig.arm + pushed @ weights)
     return _collect(problem, solution, directions, equations, rig, weights[:coefficients], columns.combined(weights))
+
+
+def _balance(equations: ArmEquations, solution: PeriodicSolution) -> RigBalance:
+    block, arm = (equations.analysis @ solution.rig_displacement).T
+    return equations.balance(arm, block)
 
 
 def _check(solution: PeriodicSolution, equations: ArmEquations) -> None:
@@ -105,11 +112,14 @@ class _RigChange:
     """What the directions change in the rig at held motion: dF - dZ X, carried to the arm and to the block."""
 
     arm: Array  # (2 H + 1, P) N
-    block: NDArray[np.complex128]  # (H + 1, P) m
+    block: Array  # (2 H + 1, P) m, at held arm
+    block_by_arm: Array  # (2 H + 1, 2 H + 1)
 
     @classmethod
-    def build(cls, joint: QuasiStaticJoint, problem: PeriodicProblem, equations: ArmEquations,
+    def build(cls, joint: QuasiStaticJoint, problem: PeriodicProblem, equations: ArmEquations, balance: RigBalance,
               solution: PeriodicSolution, directions: Sequence[Direction]) -> _RigChange:
+        if problem.rig_forces and any(direction.frequency for direction in directions):
+            raise InputError("sensitivities: the frequency's is not known where further forces act on the rig")
         moved = to_complex(equations.analysis @ solution.rig_displacement)
         order = np.arange(len(moved))
         omega = problem.omega * order
@@ -124,9 +134,8 @@ class _RigChange:
             load[:, :, i] -= np.einsum("kab,kb->ka", change, moved)
             if direction.force is not None:
                 load[:, :, i] += to_complex(equations.analysis @ direction.force)
-        carried = equations.block[0][:, None]
-        block = load[:, 0] / joint.rig.impedance(omega)[:, 0, 0, None]
-        return cls(to_real(load[:, 1] + carried * load[:, 0]), block)
+        on_block, on_arm = to_real(load[:, 0]), to_real(load[:, 1])
+        return cls(on_arm + balance.carried @ on_block, balance.block_by_load @ on_block, balance.block_by_arm)
 
 
 def _march(problem: PeriodicProblem, joint: QuasiStaticJoint, solution: PeriodicSolution, equations: ArmEquations,
@@ -138,7 +147,9 @@ def _march(problem: PeriodicProblem, joint: QuasiStaticJoint, solution: Periodic
     by_node = np.vstack([joint.motion[:, 0], joint.upper_compliance, -joint.lower_compliance])
     sums = by_node.reshape(-1, nodes, 3).transpose(0, 2, 1).reshape(len(by_node), 3 * nodes)
     areas = problem.interface.areas
-    return differentiate_contact(system, SolvedContact(u, f, solution.state), equations.synthesis, directions,
+    under = Surroundings.of(problem).conditions(problem.normal_load, solution.rig_displacement[:, 1],
+                                                equations.synthesis)
+    return differentiate_contact(system, SolvedContact(u, f, solution.state), equations.synthesis, under, directions,
                                  areas / areas.sum(), sums)
 
 
@@ -146,7 +157,7 @@ def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: S
              equations: ArmEquations, rig: _RigChange, arm: Array, contact: ContactDerivative) -> PeriodSensitivity:
     """Put the record together; arm (2 H + 1, P), and the contact by P columns."""
     areas = problem.interface.areas
-    block = equations.synthesis @ to_real(equations.block[0][:, None] * to_complex(arm) + rig.block)
+    block = equations.synthesis @ (rig.block_by_arm @ arm + rig.block)
     moved = equations.synthesis @ arm
     upper, lower = contact.forces[:, 1:4].copy(), contact.forces[:, 4:]
     upper[:, 0] += moved
@@ -158,16 +169,7 @@ def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: S
         relative_displacement=contact.displacement.T, friction_force=-contact.forces[:, 0].T,
         upper_observation=upper.transpose(2, 0, 1), lower_observation=lower.transpose(2, 0, 1),
         sliding_distance=contact.displacement[np.argmax(mean)] - contact.displacement[np.argmin(mean)],
-        dissipated_energy=_dissipation(problem, solution, directions, contact),
+        dissipated_energy=contact.energy,
         pressure_sliding=contact.sliding.T / areas, slip_path=contact.path.T,
         mean_pressure=contact.pressing.T / areas, mean_opening=contact.opening.T)
 
-
-def _dissipation(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
-                 contact: ContactDerivative) -> Array:
-    """Differentiate the energy, sum of mu f_z |du|."""
-    mu = np.broadcast_to(problem.friction_coefficient, solution.state.shape[1])
-    rubbed = np.maximum(solution.force[:, :, 2], 0.0) * solution.slip_increments
-    changed = [0.0 if d.friction is None else float(np.sum(rubbed * d.friction)) for d in directions]
-    energy: Array = mu @ contact.sliding + np.array(changed)
-    return energy
