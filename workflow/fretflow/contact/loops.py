@@ -5,6 +5,9 @@ the friction limit (the horizontal portion of the loop) over the normal load, th
 stiffness the slope of the stick portion after a reversal. Both are means over the two half-cycles, so that
 a constant offset of either channel does not matter. A loop without a horizontal portion has no friction
 limit to read.
+
+A measured loop comes with a guide: a smooth copy that tells where its portions begin and end, while what is fitted
+there are the samples themselves, so that smoothing biases neither the stick slope nor the plateau.
 """
 
 from __future__ import annotations
@@ -64,7 +67,8 @@ class HysteresisLoop:
         if not (np.ptp(x) > 0.0 and np.ptp(force) > 0.0):
             raise InputError("loop: displacement or force is constant; nothing can be read off it")
         if dissipated_energy(self) < -0.05 * np.ptp(x) * np.ptp(force):
-            raise InputError("loop: its energy is negative; reverse the sign of one channel")
+            raise InputError("loop: its energy is negative; reverse the sign of one channel, or displacement and "
+                             "force are swapped")
 
 
 @record
@@ -72,27 +76,33 @@ class LoopReadings:
     """What is read off a loop; None where the loop does not show it."""
 
     regime: SlidingRegime
-    friction_coefficient: float | None = quantity("1")  # None without a plateau
+    friction_coefficient: float | None = quantity("1")  # None without a plateau or a normal load
+    friction_limit: float | None = quantity("N")  # None without a plateau
     tangential_stiffness: float | None = quantity("N/m")  # None with too few samples
+    tangential_compliance: float | None = quantity("m/N")  # its inverse, which noise may make negative
     dissipated_energy: float = quantity("J")
     sliding_distance: float = quantity("m")  # width at mid force: peak to peak without the elastic part
     peak_to_peak: float = quantity("m")
 
 
-def read_loop(loop: HysteresisLoop, normal_load: float) -> LoopReadings:
-    """Read a loop under `normal_load` (N).
+def read_loop(loop: HysteresisLoop, normal_load: float | None, guide: HysteresisLoop | None = None) -> LoopReadings:
+    """Read a loop under `normal_load` (N), if it is known; `guide` is a smooth copy of a noisy loop.
 
     Raises
     ------
     InputError
-        If the load is not positive.
+        If the load is not positive or the guide has another length.
     """
-    if not normal_load > 0.0:
+    if normal_load is not None and not normal_load > 0.0:
         raise InputError(f"normal_load: must be positive, got {normal_load}")
-    there, back = half_cycles(loop)
-    stiffness = tangential_stiffness(there, back)
-    sliding = sliding_distance(there, back)
-    peak_to_peak = float(np.ptp(loop.displacement))
+    guide = loop if guide is None else guide
+    if len(guide.force) != len(loop.force):
+        raise InputError(f"guide: has {len(guide.force)} samples for the loop's {len(loop.force)}; smooth the loop itself")
+    there, back = half_cycles(loop, guide)
+    compliance = tangential_compliance(there, back)
+    stiffness = 1.0 / compliance if compliance is not None and compliance > 0.0 else None
+    sliding = sliding_distance(there.guide, back.guide)
+    peak_to_peak = float(np.ptp(guide.displacement))
     limit = friction_limit(there, back, stiffness)
     if limit is not None:
         regime = SlidingRegime.GROSS_SLIP
@@ -100,9 +110,9 @@ def read_loop(loop: HysteresisLoop, normal_load: float) -> LoopReadings:
         slides = sliding > SHORTEST_SLIDE * peak_to_peak
         regime = SlidingRegime.PARTIAL_SLIP if slides else SlidingRegime.STICK
     return LoopReadings(
-        regime=regime, friction_coefficient=None if limit is None else limit / normal_load,
-        tangential_stiffness=stiffness, dissipated_energy=dissipated_energy(loop), sliding_distance=sliding,
-        peak_to_peak=peak_to_peak)
+        regime=regime, friction_coefficient=None if limit is None or normal_load is None else limit / normal_load,
+        friction_limit=limit, tangential_stiffness=stiffness, tangential_compliance=compliance,
+        dissipated_energy=dissipated_energy(loop), sliding_distance=sliding, peak_to_peak=peak_to_peak)
 
 
 def dissipated_energy(loop: HysteresisLoop) -> float:
@@ -112,7 +122,7 @@ def dissipated_energy(loop: HysteresisLoop) -> float:
 
 
 @dataclass(frozen=True)
-class HalfCycle:
+class Branch:
     """Half a loop between reversals, turned so that displacement (m) and force (N) grow."""
 
     displacement: Array
@@ -125,17 +135,29 @@ class HalfCycle:
         return float(self.force[-1] - self.force[0])
 
 
-def half_cycles(loop: HysteresisLoop) -> tuple[HalfCycle, HalfCycle]:
-    """Split a loop at its extreme displacements into the way there (growing) and the way back."""
-    x = loop.displacement
+@dataclass(frozen=True)
+class HalfCycle(Branch):
+    """Half a loop as it is, with its smooth `guide`, of the same samples."""
+
+    guide: Branch
+
+
+def half_cycles(loop: HysteresisLoop, guide: HysteresisLoop) -> tuple[HalfCycle, HalfCycle]:
+    """Split a loop at the guide's extreme displacements into the way there (growing) and the way back."""
+    x = guide.displacement
     low, high, n = int(np.argmin(x)), int(np.argmax(x)), len(x)
     there = np.arange(low, high + 1 if high > low else high + n + 1) % n
     back = np.arange(high, low + 1 if low > high else low + n + 1) % n
-    return HalfCycle(x[there], loop.force[there], 1.0), HalfCycle(-x[back], -loop.force[back], -1.0)
+
+    def half(samples: NDArray[np.int64], sign: float) -> HalfCycle:
+        smooth = Branch(sign * x[samples], sign * guide.force[samples], sign)
+        return HalfCycle(sign * loop.displacement[samples], sign * loop.force[samples], sign, smooth)
+
+    return half(there, 1.0), half(back, -1.0)
 
 
-def tangential_stiffness(*halves: HalfCycle) -> float | None:
-    """Return the mean slope of the stick portions in N/m, or None if no half has three samples there.
+def tangential_compliance(*halves: Branch) -> float | None:
+    """Return the mean slope of the stick portions in m/N, or None if no half has three samples there.
 
     Displacement is fitted on force: the window is one of force, and force varies much more than its noise
     there.
@@ -148,11 +170,10 @@ def tangential_stiffness(*halves: HalfCycle) -> float | None:
         samples = np.flatnonzero(stick)
         if samples.size >= 3:
             compliances.append(np.polyfit(half.force[samples], half.displacement[samples], 1)[0])
-    mean = float(np.mean(compliances)) if compliances else 0.0
-    return 1.0 / mean if mean > 0.0 else None
+    return float(np.mean(compliances)) if compliances else None
 
 
-def sliding_distance(there: HalfCycle, back: HalfCycle) -> float:
+def sliding_distance(there: Branch, back: Branch) -> float:
     """Return the loop's width in m at the middle of its forces.
 
     In a loop of sticks and plateaus this is the peak-to-peak displacement without the elastic part.
@@ -170,20 +191,21 @@ def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -
     compliance = 0.0 if stiffness is None else 1.0 / stiffness
     levels = []
     for half in (there, back):
-        x = half.displacement - half.displacement[0]
-        slip = x - (half.force - half.force[0]) * compliance
+        smooth = half.guide
+        x = smooth.displacement - smooth.displacement[0]
+        slip = x - (smooth.force - smooth.force[0]) * compliance
         low, high = (share * slip[-1] for share in PLATEAU_WINDOW)
         samples = np.flatnonzero((slip >= low) & (slip <= high))
         if slip[-1] < SHORTEST_SLIDE * x[-1] or samples.size < 3:
             return None
         slope, level = np.polyfit(x[samples] - x[samples].mean(), half.force[samples], 1)
-        if slope > PLATEAU_SLOPE * (stiffness or half.swing / x[-1]):
+        if slope > PLATEAU_SLOPE * (stiffness or smooth.swing / x[-1]):
             return None
         levels.append(level)
     return 0.5 * float(levels[0] + levels[1])
 
 
-def _crossing(half: HalfCycle, level: float) -> float | None:
+def _crossing(half: Branch, level: float) -> float | None:
     """Return the mean displacement at which the force crosses `level`, or None if it does not."""
     above = half.force > level
     k = np.flatnonzero(above[1:] != above[:-1])

@@ -37,6 +37,22 @@ class StoreError(InputError):
     """A result file is missing, truncated or of another schema."""
 
 
+class RecordingError(InputError):
+    """A recording cannot be used."""
+
+
+class CorruptRecordingError(RecordingError):
+    """A file of a recording cannot be read, or is damaged or cut off."""
+
+
+class UnsupportedRecordingError(RecordingError):
+    """A recording is of a form that fretflow does not read, or does not say what is needed to read it."""
+
+
+class UnreliableRecordingError(RecordingError):
+    """A recording can be read but contradicts itself, or too little of it is usable."""
+
+
 class PlatformError(FretflowError):
     """Something that the machine should provide is missing."""
 
