@@ -68,8 +68,12 @@ class Entry:
 
 
 def entries(model: BaseModel, table: tuple[str, ...] = ()) -> Iterator[Entry]:
-    """Yield every key of `model`, its own first and then those of its tables, in the order of the models."""
-    fields = type(model).model_fields
+    """Yield every key of `model`, its own first and then those of its tables, in the order of the models.
+
+    Tables of free content are left out.
+    """
+    fields = {name: info for name, info in type(model).model_fields.items()
+              if not isinstance(getattr(model, name), dict)}
     tables = [name for name in fields if isinstance(getattr(model, name), BaseModel)]
     for name, info in fields.items():
         if name not in tables:
@@ -91,6 +95,8 @@ def dump_case(case: Case) -> str:
             lines += ["", f"[{'.'.join(table)}]"]
         if entry.value is not None:
             lines.append(f"{entry.key} = {entry.toml}")
+    for name, content in case.effects.items():
+        lines += ["", f"[effects.{name}]", *(f"{key} = {json.dumps(value)}" for key, value in content.items())]
     return "\n".join(lines) + "\n"
 
 

@@ -341,6 +341,8 @@ class Case(Section):
     wear: Wear = Field(default_factory=Wear)
     output: Output = Field(default_factory=Output)
     measured: Measured = Field(default_factory=Measured)
+    effects: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="physics beyond the baseline, a table [effects.<id>] each")
 
     @model_validator(mode="after")
     def _asked_cycles_are_reached(self) -> Case:
@@ -388,10 +390,15 @@ def validate_case(raw: dict[str, Any], source: str = "case") -> Case:
     try:
         return Case.model_validate(raw)
     except ValidationError as error:
-        reasons = {_as_written(e["loc"], raw): _reason(e) for e in error.errors()}
-        field, reason = next(iter(reasons.items()))
-        more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-        raise ConfigError(": ".join(filter(None, (source, field, reason))) + more) from error
+        raise ConfigError(f"{source}: {explain(error, raw)}") from error
+
+
+def explain(error: ValidationError, raw: dict[str, Any], table: str = "") -> str:
+    """Return one line that names the first field in error, as the parsed file `raw` has it, and the way out."""
+    reasons = {_as_written(e["loc"], raw): _reason(e) for e in error.errors()}
+    field, reason = next(iter(reasons.items()))
+    more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+    return ": ".join(filter(None, (".".join(filter(None, (table, field))), reason))) + more
 
 
 def _as_written(location: tuple[int | str, ...], raw: dict[str, Any]) -> str:

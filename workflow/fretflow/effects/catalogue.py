@@ -1,0 +1,143 @@
+"""All effects there are: the files of this room, entry points of other packages, and files in a user's folder.
+
+The folders are those that the variable FRETFLOW_EFFECTS names, separated as in PATH; the entry points are of the group
+``fretflow.effects`` and name an effect's class.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import pkgutil
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+from pydantic import ValidationError
+
+from fretflow.core.casefile import entries
+from fretflow.core.config import explain
+from fretflow.core.errors import ConfigError, InputError
+from fretflow.effects.effect import Effect
+
+GROUP = "fretflow.effects"
+FOLDERS = "FRETFLOW_EFFECTS"
+REQUIRED = ("id", "title", "block", "equation", "source", "observables")
+
+
+def catalogue() -> Mapping[str, type[Effect]]:
+    """Return all effects by id, sorted.
+
+    Raises
+    ------
+    InputError
+        If a user's file cannot be loaded, or two effects share an id.
+    """
+    return _collect(os.environ.get(FOLDERS, ""))
+
+
+def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case") -> tuple[Effect, ...]:
+    """Return the effects of a case's ``[effects.<id>]`` tables, sorted by id.
+
+    Raises
+    ------
+    ConfigError
+        Naming `source`, the effect and its field.
+    """
+    found = []
+    for name in sorted(tables):
+        known = catalogue()
+        if name not in known:
+            raise ConfigError(f"{source}: effects.{name}: there is no such effect; `fretflow effects` lists them")
+        try:
+            found.append(known[name].model_validate(dict(tables[name])))
+        except ValidationError as error:
+            raise ConfigError(f"{source}: {explain(error, {}, f'effects.{name}')}; `fretflow effects {name}` "
+                              "describes it") from error
+    check_together(found, source)
+    return tuple(found)
+
+
+def check_together(effects: Iterable[Effect], source: str = "effects") -> None:
+    """Check that `effects` work together.
+
+    Raises
+    ------
+    ConfigError
+        Naming the two that do not, and why.
+    """
+    chosen = {effect.id: effect for effect in effects}
+    for name, effect in chosen.items():
+        for other, why in effect.excludes.items():
+            if other in chosen:
+                raise ConfigError(f"{source}: effects.{name} and effects.{other} do not work together: {why}")
+
+
+def tables(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
+    """Return `effects` as tables of a case file, exactly; parameters that are not set are left out."""
+    return {effect.id: {entry.key: f"{entry.value!r} {entry.unit}" if entry.unit else entry.value
+                        for entry in entries(effect) if entry.value is not None}
+            for effect in sorted(effects, key=lambda effect: effect.id)}
+
+
+@cache
+def _collect(folders: str) -> Mapping[str, type[Effect]]:
+    found: dict[str, type[Effect]] = {}
+    origin: dict[str, str] = {}
+    for kind, where in (*_own(), *_of_entry_points(), *_of_folders(folders)):
+        lacking = [name for name in REQUIRED if not hasattr(kind, name)]
+        if lacking:
+            raise InputError(f"{where}: effect {kind.__name__} lacks {', '.join(lacking)}")
+        if kind.id in found:
+            raise InputError(f"{where}: effect {kind.id!r} is already that of {origin[kind.id]}; give it another id")
+        found[kind.id], origin[kind.id] = kind, where
+    return MappingProxyType(dict(sorted(found.items())))
+
+
+def _effects_of(module: ModuleType) -> Iterator[type[Effect]]:
+    for value in vars(module).values():
+        if isinstance(value, type) and issubclass(value, Effect) and value.__module__ == module.__name__ \
+                and value is not Effect:
+            yield value
+
+
+def _own() -> Iterator[tuple[type[Effect], str]]:
+    import fretflow.effects as room
+
+    for info in pkgutil.iter_modules(room.__path__):
+        module = importlib.import_module(f"{room.__name__}.{info.name}")
+        for kind in _effects_of(module):
+            yield kind, f"fretflow/effects/{info.name}.py"
+
+
+def _of_entry_points() -> Iterator[tuple[type[Effect], str]]:
+    for point in entry_points(group=GROUP):
+        kind = point.load()
+        if not (isinstance(kind, type) and issubclass(kind, Effect)):
+            raise InputError(f"entry point {point.name} of {GROUP}: {point.value} is no effect's class")
+        yield kind, f"entry point {point.name}"
+
+
+def _of_folders(folders: str) -> Iterator[tuple[type[Effect], str]]:
+    for folder in filter(None, folders.split(os.pathsep)):
+        files = sorted(Path(folder).glob("*.py"))
+        if not files:
+            raise InputError(f"{FOLDERS}: no .py file in {folder}")
+        for file in files:
+            yield from ((kind, str(file)) for kind in _effects_of(_load(file)))
+
+
+def _load(file: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"fretflow_user_effects_{file.stem}", file)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{file}: cannot be loaded as Python")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InputError(f"{file}: {type(error).__name__}: {error}") from error
+    return module
