@@ -6,14 +6,15 @@ below, each of which does nothing unless it is overridden:
 - `period` changes the problem of one period (friction, load, gap, joint, forces on the rig, excitation);
 - `initial_memory`, `evolve` and `wear_factor` act over cycles;
 - `sense` changes what the sensors show;
-- `moved`, `limit` and `force` act where a measured motion drives the joint (recordings without a full model).
+- `moved`, `limit`, `sliders` and `force` act where a measured motion drives the joint (recordings without a full
+  model).
 
 Derivatives by parameters need not be written: `model` differentiates the data of a problem, not its solution.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -23,10 +24,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fretflow.core.config import Case, Section
+from fretflow.rig.motion import Motion as Motion  # what effects need is in this file
 
 if TYPE_CHECKING:
     from fretflow.contact.interface import Interface
     from fretflow.harmonic.periodic import PeriodicProblem
+    from fretflow.rig.driven import Sliders
     from fretflow.rig.sensors import Signals
     from fretflow.wear.cycle import CycleResponse
     from fretflow.wear.slow import SlowState
@@ -91,16 +94,6 @@ class Sketch:
     curves: Mapping[str, tuple[Array, Array]]
 
 
-@dataclass(frozen=True)
-class Motion:
-    """A measured motion that drives a joint: N equidistant samples of displacement (m), velocity and acceleration."""
-
-    step: float
-    displacement: Array
-    velocity: Array
-    acceleration: Array
-
-
 class Effect(Section):
     """One effect; subclasses set the class variables and override what they need."""
 
@@ -112,6 +105,7 @@ class Effect(Section):
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
     kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
     excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
+    sensed_at: ClassVar[int] = 0  # where `sense` acts: 0 at the joint, 1 in the force path, 2 in the channels
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:
@@ -124,6 +118,10 @@ class Effect(Section):
         extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
         return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
                 if isinstance(extra, dict) and "prior" in extra}
+
+    def changed(self, **values: float | None) -> Self:
+        """Return the effect with other values (SI) of some parameters."""
+        return self.model_copy(update=values)
 
     def sketch(self) -> Sketch:
         """Return a small picture of what the effect does."""
@@ -183,6 +181,15 @@ class Effect(Section):
         """Return the factors on the friction limit for sliding to positive and to negative x, () or (N,)."""
         return 1.0, 1.0
 
+    def sliders(self, sliders: Sliders) -> Sliders:
+        """Return the friction elements in place of `sliders`."""
+        return sliders
+
     def force(self, motion: Motion) -> Array | float:
         """Return the force that is added to the friction, () or (N,) in N, positive against positive motion."""
         return 0.0
+
+
+def in_sensing_order(effects: Iterable[Effect]) -> list[Effect]:
+    """Return `effects` as their `sense` follow each other on the way from the joint to the recording, then by id."""
+    return sorted(effects, key=lambda effect: (effect.sensed_at, effect.id))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.records import record
 from fretflow.effects.catalogue import check_together
-from fretflow.effects.effect import Array, Effect
+from fretflow.effects.effect import Array, Effect, in_sensing_order
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.rig.sensors import Signals
 from fretflow.wear.cycle import CycleResponse
@@ -82,6 +82,6 @@ class EffectModel:
 
     def sense(self, signals: Signals) -> Signals:
         """Return what the sensors show of `signals`."""
-        for effect in self.effects:
+        for effect in in_sensing_order(self.effects):
             signals = effect.sense(signals)
         return signals

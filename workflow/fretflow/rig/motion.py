@@ -1,0 +1,171 @@
+"""A measured motion and its rates, by local polynomials.
+
+A cubic is fitted to the samples within T to either side (Savitzky and Golay, Anal. Chem. 36, 1964), which gives
+displacement, velocity and acceleration at once, without phase. At angular frequency w they come out as::
+
+    1 - (w T)^4 / 280,    1 - (w T)^4 / 504,    1 - (w T)^2 / 14      of their size
+
+to leading order, and white noise of standard deviation s in n = 2 T / h + 1 samples at the steps h gives::
+
+    9/4 s^2 / n,    75/4 s^2 / (n T^2),    45 s^2 / (n T^4)           as variances
+
+T is chosen where bias and noise of the acceleration together are least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import comb, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+
+Array = NDArray[np.float64]
+
+CUBIC = 3
+ORDER = 6  # of the differences that leave noise alone
+MEDIAN_OF_NORMAL = 0.6744897502  # of its absolute value, in standard deviations
+WIDTHS = tuple(dict.fromkeys(round(2.0**(0.5 * k)) for k in range(2, 19)))  # samples to either side
+FEWEST = 16
+
+
+@record
+class Motion:
+    """A motion that drives a joint: N equidistant samples.
+
+    `lean` is how far the joint is loaded at the first sample: 1 where it slides to positive x, -1 to negative, 0 at
+    rest without force.
+    """
+
+    step: float = quantity("s")
+    displacement: Array = quantity("m", "(N,)")
+    velocity: Array = quantity("m/s", "(N,)")
+    acceleration: Array = quantity("m/s^2", "(N,)")
+    lean: float = quantity("1", default=0.0)
+
+    def check(self) -> None:
+        """Check shapes and ranges.
+
+        Raises
+        ------
+        InputError
+            Naming the channel.
+        """
+        if self.displacement.ndim != 1 or not len(self.displacement):
+            raise InputError(f"motion: displacement {self.displacement.shape} must have one or more samples in a row")
+        for name in ("displacement", "velocity", "acceleration"):
+            values = getattr(self, name)
+            if values.shape != self.displacement.shape or not np.all(np.isfinite(values)):
+                raise InputError(f"motion: {name} must be finite and have {len(self.displacement)} samples; "
+                                 "close gaps first")
+        if not (self.step > 0.0 and -1.0 <= self.lean <= 1.0):
+            raise InputError(f"motion: step {self.step} s must be positive and lean {self.lean} within -1 and 1")
+
+    def thinned(self, every: int) -> Motion:
+        """Return every `every`-th sample."""
+        return replace(self, step=self.step * every, displacement=self.displacement[::every],
+                       velocity=self.velocity[::every], acceleration=self.acceleration[::every])
+
+    @property
+    def time(self) -> Array:
+        """Return the time (N,) in s since the first sample."""
+        return self.step * np.arange(len(self.displacement))
+
+
+@record
+class MeasuredMotion:
+    """A motion with what is known of its errors."""
+
+    motion: Motion
+    half_width: int = quantity("1")  # samples to either side
+    noise: float = quantity("m")  # standard deviation of the displacement as measured
+
+    @property
+    def _span(self) -> tuple[float, int]:
+        return self.half_width * self.motion.step, 2 * self.half_width + 1
+
+    @property
+    def velocity_sd(self) -> float:
+        """Return the standard deviation of the velocity that comes from noise, m/s."""
+        span, n = self._span
+        return self.noise * sqrt(18.75 / n) / span
+
+    @property
+    def acceleration_sd(self) -> float:
+        """Return the standard deviation of the acceleration that comes from noise, m/s^2."""
+        return _acceleration_sd(self.noise, self.half_width, self.motion.step)
+
+    def bias(self, frequency: float) -> tuple[float, float, float]:
+        """Return the relative errors of displacement, velocity and acceleration at `frequency` (Hz)."""
+        phase = 2.0 * np.pi * frequency * self._span[0]
+        return -phase**4 / 280.0, -phase**4 / 504.0, -phase**2 / 14.0
+
+
+def measure(displacement: Array, step: float, half_width: int | None = None) -> MeasuredMotion:
+    """Return the motion of a measured displacement.
+
+    Parameters
+    ----------
+    displacement : ndarray, shape (N,), m
+        Equidistant samples without gaps.
+    step : float, s
+    half_width : int, optional
+        Samples to either side of each that its cubic is fitted to.
+
+    Raises
+    ------
+    InputError
+        If there are too few samples, some are not finite, or the width does not fit.
+    """
+    x = np.asarray(displacement, dtype=float)
+    if x.ndim != 1 or len(x) < FEWEST or not np.all(np.isfinite(x)):
+        raise InputError(f"displacement: {x.shape} must be {FEWEST} or more finite samples in a row; close gaps first")
+    noise = noise_floor(x)
+    width = best_width(x, step, noise) if half_width is None else half_width
+    if not 2 <= width <= (len(x) - 1) // 2:
+        raise InputError(f"displacement: half_width {width} must lie between 2 and {(len(x) - 1) // 2} samples")
+    x, v, a = (_smoothed(x, step, width, order) for order in (0, 1, 2))
+    return MeasuredMotion(motion=Motion(step=step, displacement=x, velocity=v, acceleration=a), half_width=width,
+                          noise=noise)
+
+
+def noise_floor(values: Array) -> float:
+    """Return the standard deviation of the white noise in a smooth channel (N,), from its sixth differences.
+
+    By their median, so that a few jumps do not matter; where more than half of them are zero, by their mean square.
+    """
+    differences = np.diff(values, ORDER)
+    scale = sqrt(comb(2 * ORDER, ORDER))
+    median = float(np.median(np.abs(differences))) / MEDIAN_OF_NORMAL
+    return (median if median > 0.0 else float(np.sqrt(np.mean(differences**2)))) / scale
+
+
+def best_width(displacement: Array, step: float, noise: float) -> int:
+    """Return the half width at which the bias and noise of the acceleration are least together.
+
+    The bias grows with the square of the width, so that a width and the next tell it: their difference is the bias
+    times ``ratio^2 - 1``, and noise. The next width's noise is part of the first's, which leaves the difference of
+    both variances.
+    """
+    widths: list[int] = [w for w in WIDTHS if 2 * w + 1 <= len(displacement)]
+    estimates = [_smoothed(displacement, step, w, 2) for w in widths]
+    variances = [_acceleration_sd(noise, w, step)**2 for w in widths]
+    errors = []
+    for k in range(len(widths) - 1):
+        apart = float(np.mean((estimates[k + 1] - estimates[k])**2)) - abs(variances[k] - variances[k + 1])
+        bias = max(apart, 0.0) / ((widths[k + 1] / widths[k])**2 - 1.0)**2
+        errors.append(bias + variances[k])
+    return widths[int(np.argmin(errors))] if errors else widths[0]
+
+
+def _acceleration_sd(noise: float, width: int, step: float) -> float:
+    return noise * sqrt(45.0 / (2 * width + 1)) / (width * step)**2
+
+
+def _smoothed(values: Array, step: float, width: int, derivative: int) -> Array:
+    from scipy.signal import savgol_filter  # takes as long to import as all the rest
+
+    return np.asarray(savgol_filter(values, 2 * width + 1, CUBIC, derivative, step))
