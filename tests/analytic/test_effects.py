@@ -1,0 +1,167 @@
+"""What holds for every effect of the catalogue, whoever wrote it.
+
+What carries the weight: an effect at its neutral parameters leaves the baseline as it is; derivatives by parameters,
+which never solve again, match central differences of full solutions; and any two effects work together in a solved
+period, in either order, or say why not.
+"""
+
+import itertools
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import Solver
+from fretflow.core.errors import ConfigError
+from fretflow.effects.catalogue import catalogue, parse_effects, tables
+from fretflow.effects.derivative import effect_direction
+from fretflow.effects.effect import Effect, Kind
+from fretflow.effects.model import EffectModel
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.harmonic.sensitivity import sensitivities
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+from fretflow.rig.sensors import Signals
+from fretflow.stages.cycle import respond
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
+FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
+HARMONICS, SAMPLES = 6, 32
+RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+SOLVER = QuasiStaticSolver(Solver(harmonics=HARMONICS, samples=SAMPLES, tolerance=1e-12, estimate_error=False))
+IDS = sorted(catalogue())
+# Ranges hold for the rig; on nine nodes and six harmonics milder values keep a period that exists.
+MILD = {"backlash": 0.05}
+
+
+@cache
+def baseline():
+    dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
+    stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
+    face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=2e-8 * np.arange(9.0))
+    return PeriodicProblem(joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T), RIG), interface=face,
+                           friction_coefficient=0.88, frequency=100.0, excitation=70.0, normal_load=60.0)
+
+
+@cache
+def solved():
+    return SOLVER.solve(baseline())
+
+
+def modest(kind):
+    """Return the effect in the lower part of its ranges."""
+    values = {}
+    for name, prior in kind.priors().items():
+        share = MILD.get(kind.id, 0.3)
+        low, high = prior.low, prior.high
+        values[name] = low * (high / low)**share if prior.logarithmic else low + share * (high - low)
+    return kind().changed(**values)
+
+
+def later(model):
+    """Return a joint that has worn a little, unevenly, and remembers it."""
+    start = model.initial()
+    worn = 2e-8 * (1.0 + 0.3 * np.cos(np.arange(9.0)))
+    return model.evolve(start, 3e4, worn, 40.0, respond(solved(), baseline().interface))
+
+
+def signals(found):
+    return Signals(step=1e-2 / SAMPLES, displacement=found.displacement[:, :, 0].mean(axis=1),
+                   friction_force=found.friction_force, arm=found.rig_displacement[:, 1],
+                   excitation=70.0 * np.cos(2.0 * np.pi * np.arange(SAMPLES) / SAMPLES))
+
+
+def close(a, b, tolerance=1e-12):
+    scale = max(float(np.abs(b).max()), 1e-300)
+    return float(np.abs(np.asarray(a) - np.asarray(b)).max()) < tolerance * scale
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_neutral_is_the_baseline(name):
+    neutral = catalogue()[name].neutral()
+    model, plain = EffectModel.build(baseline(), [neutral]), EffectModel.build(baseline())
+    slow, bare = later(model), later(plain)
+    found, expected = SOLVER.solve(model.problem(slow)), SOLVER.solve(plain.problem(bare))
+    for part in ("displacement", "force", "rig_displacement", "friction_force"):
+        assert close(getattr(found, part), getattr(expected, part)), part
+    response = respond(expected, plain.problem(bare).interface)
+    assert close(model.wear_factor(response, slow), np.ones(9))
+    assert close(model.opening_share(slow, 1e4), np.ones(9))
+    seen, unseen = model.sense(signals(expected)), signals(expected)
+    assert close(seen.displacement, unseen.displacement)
+    assert close(seen.friction_force, unseen.friction_force)
+
+
+def acting_in_the_period():
+    """Return (effect, parameter) of all that change a period's problem."""
+    for name in IDS:
+        kind = catalogue()[name]
+        if Kind.FRETTING_RIG in kind.kinds and kind.period is not Effect.period:
+            yield from ((name, parameter) for parameter in kind.priors())
+
+
+@pytest.mark.parametrize(("name", "parameter"), list(acting_in_the_period()))
+def test_derivatives_are_those_of_central_differences(name, parameter):
+    effect = modest(catalogue()[name])
+    model = EffectModel.build(baseline(), [effect])
+    slow = later(model)
+    found = SOLVER.solve(model.problem(slow), solved())
+    direction = effect_direction(model, slow, found, name, parameter)
+    exact = sensitivities(model.problem(slow), found, [direction], HARMONICS)
+    step = 1e-4 * max(abs(getattr(effect, parameter)), 0.01 * abs(effect.priors()[parameter].high))
+    both = []
+    for sign in (-1.0, 1.0):
+        varied = EffectModel.build(baseline(), [effect.changed(**{parameter: getattr(effect, parameter) + sign * step})])
+        both.append(SOLVER.solve(varied.problem(slow), found))
+    for part, own in (("rig_displacement", exact.rig_displacement[0]), ("friction_force", exact.friction_force[0])):
+        difference = (getattr(both[1], part) - getattr(both[0], part)) / (2.0 * step)
+        # what a step of the size of the parameter's range would change, against what the period itself is
+        visible = 1e-6 * np.abs(getattr(found, part)).max() / effect.priors()[parameter].high
+        assert np.abs(own - difference).max() < max(1e-3 * np.abs(difference).max(), abs(visible)), part
+
+
+def pairs():
+    rig = [name for name in IDS if Kind.FRETTING_RIG in catalogue()[name].kinds]
+    return list(itertools.combinations(rig, 2))
+
+
+@pytest.mark.parametrize("first", sorted({first for first, _ in pairs()}))
+def test_any_two_work_together_or_say_why_not(first):
+    for second in (b for a, b in pairs() if a == first):
+        effects = [modest(catalogue()[name]) for name in (first, second)]
+        if second in effects[0].excludes or first in effects[1].excludes:
+            with pytest.raises(ConfigError, match="do not work together: .+"):
+                EffectModel.build(baseline(), effects)
+            continue
+        one, other = EffectModel.build(baseline(), effects), EffectModel.build(baseline(), effects[::-1])
+        assert one.effects == other.effects
+        problem = one.problem(later(one))
+        found = SOLVER.solve(problem, solved())
+        assert found.residual_history[-1] < 1e-12
+        factor = one.wear_factor(respond(found, problem.interface), later(one))
+        assert np.all(np.isfinite(factor))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_case_file_keeps_every_parameter(name):
+    effect = modest(catalogue()[name])
+    assert parse_effects(tables([effect])) == (effect,)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_sheet_is_complete(name):
+    kind = catalogue()[name]
+    assert kind.priors()
+    for prior in kind.priors().values():
+        assert prior.low < prior.high
+        assert prior.source
+    sketch = kind().sketch()
+    assert sketch.curves
+    for x, y in sketch.curves.values():
+        assert len(x) == len(y)
+        assert np.all(np.isfinite(y))
+    assert kind.source
+    assert kind.equation
+    assert kind.observables

@@ -1,0 +1,141 @@
+"""Asperities: springs in series with the bodies, stiffer where the pressure is higher."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.core.errors import NonConvergenceError
+from fretflow.core.records import record
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.harmonic.contact_march import frictionless_preload
+from fretflow.harmonic.contact_sample import ContactSystem
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.compliant import with_springs
+from fretflow.wear.slow import SlowState
+
+SMALLEST_PRESSURE = 0.01  # of the reference; below it asperities are linear
+MAX_ITERATIONS = 100
+TOLERANCE = 1e-13  # of the load, change of a nodal force
+RIGID = 1e-12  # compliance of a node over the bodies' own, below which asperities are left out
+
+
+@record
+class Asperities:
+    """Asperity springs per area: ``dp/de = k_n (p / p_0)^m``, and tangentially ``k_n / ratio`` at the same pressure.
+
+    `stiffness` is k_n in N/m^3, `ratio` that of normal to tangential stiffness.
+    """
+
+    stiffness: float
+    exponent: float
+    ratio: float
+    reference_pressure: float
+
+    def compression(self, pressure: Array) -> Array:
+        """Return e in m at pressures in Pa, zero at zero."""
+        share = np.maximum(pressure / self.reference_pressure, 0.0)
+        beyond = np.maximum(share, SMALLEST_PRESSURE)
+        m = self.exponent
+        if m == 1.0:
+            rise = np.log(beyond / SMALLEST_PRESSURE)
+        else:
+            rise = (beyond**(1.0 - m) - SMALLEST_PRESSURE**(1.0 - m)) / (1.0 - m)
+        linear = np.minimum(share, SMALLEST_PRESSURE) * SMALLEST_PRESSURE**-m
+        return np.asarray(self.reference_pressure / self.stiffness * (linear + rise))
+
+    def compliance(self, pressure: Array) -> Array:
+        """Return de/dp in m/Pa."""
+        share = np.maximum(pressure / self.reference_pressure, SMALLEST_PRESSURE)
+        return np.asarray(share**-self.exponent / self.stiffness)
+
+
+def with_asperities(problem: PeriodicProblem, asperities: Asperities) -> PeriodicProblem:
+    """Return `problem` with asperities between its faces, linear about each node's static pressure.
+
+    The static pressure is that of the frictionless joint with the asperities' full law; about it the normal springs
+    keep value and slope, so that the load at rest is exact, and the tangential ones have the stiffness of that
+    pressure. The pressure of a node varies little over a period.
+
+    Raises
+    ------
+    NonConvergenceError
+        If the static pressure is not found.
+    """
+    areas, gap = problem.interface.areas, problem.interface.gap
+    normal = problem.joint.quasi_static().flexibility[2::3, 2::3]
+    stiffest = float(asperities.compliance(np.asarray(problem.normal_load / areas.sum())))
+    if stiffest / float(areas.mean()) < RIGID * float(normal.diagonal().mean()):
+        return problem
+    force = _static_force(problem, normal, asperities)
+    soft = asperities.compliance(force / areas) / areas
+    offset = asperities.compression(force / areas) - soft * force
+    springs = np.stack([asperities.ratio * soft, asperities.ratio * soft, soft], axis=1).ravel()
+    return replace(problem, joint=with_springs(problem.joint, springs),
+                   interface=replace(problem.interface, gap=gap + offset))
+
+
+def _static_force(problem: PeriodicProblem, normal: NDArray[np.float64], asperities: Asperities) -> Array:
+    """Return the nodal forces (n,) of ``F f + q + gap + e(f / a) = 0`` where closed, ``sum f = N``, by Newton."""
+    areas, gap = problem.interface.areas, problem.interface.gap
+    bare = ContactSystem.of(problem)
+    force = np.full(len(areas), problem.normal_load) * areas / areas.sum()
+    for _ in range(MAX_ITERATIONS):
+        soft = asperities.compliance(force / areas) / areas
+        offset = asperities.compression(force / areas) - soft * force
+        after, _, _ = frictionless_preload(replace(bare, gap=gap + offset), normal + np.diag(soft))
+        change = float(np.abs(after - force).max())
+        force = after
+        if change < TOLERANCE * problem.normal_load:
+            return force
+    raise NonConvergenceError(f"effects.contact-stiffness: the static pressure still changes by {change:.1e} N after "
+                              f"{MAX_ITERATIONS} steps; use a smaller exponent")
+
+
+class ContactStiffness(Effect):
+    """Asperity springs in series with the bodies.
+
+    Their stiffness is that of the whole contact at the reference pressure; at each node it grows with a power of that
+    node's static pressure. Tangential and normal stiffness have Mindlin's ratio.
+    """
+
+    id: ClassVar[str] = "contact-stiffness"
+    title: ClassVar[str] = "asperity springs in series with the bodies"
+    block: ClassVar[Block] = Block.CONTACT
+    equation: ClassVar[str] = "k_c = k_t (p / p_0)^m per area, normal ratio k_t"
+    source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
+                             "108 (2012), power law; D. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
+    observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "approach", "first resonance")
+
+    stiffness: u.Stiffness = parameter(60e6, "k_t: tangential stiffness of the whole contact at p_0", 15e6, 150e6,
+                                       source="stick slopes measured on such rigs, Fantetti et al. (2019)")
+    exponent: float = parameter(0.5, "m: how the stiffness grows with pressure", 0.5, 1.0, ge=0.0, le=1.0)
+    ratio: float = parameter(1.2, "normal over tangential stiffness", 1.0, 2.0, gt=0.0,
+                             source="Mindlin (1949): (2 - nu) / (2 - 2 nu), 1.2 for steel")
+    reference_pressure: u.Pressure = parameter(60e6, "p_0: pressure at which the stiffness is k_t", 10e6, 200e6)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return rigid asperities."""
+        return cls().changed(stiffness=1e30)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Put the springs in."""
+        return with_asperities(problem, self.asperities(problem))
+
+    def asperities(self, problem: PeriodicProblem) -> Asperities:
+        """Return the springs per area of the contact of `problem`."""
+        area = float(problem.interface.areas.sum())
+        return Asperities(stiffness=self.ratio * self.stiffness / area, exponent=self.exponent, ratio=self.ratio,
+                          reference_pressure=self.reference_pressure)
+
+    def sketch(self) -> Sketch:
+        """Return the stiffness against pressure."""
+        share = np.linspace(0.02, 3.0, 200)
+        return Sketch("pressure over p_0", "tangential stiffness in N/um",
+                      {"": (share, 1e-6 * self.stiffness * share**self.exponent)})

@@ -1,0 +1,51 @@
+"""A drive that is no pure cosine."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+
+class ExcitationDistortion(Effect):
+    """Second and third harmonic of the shaker's force, relative to its fundamental."""
+
+    id: ClassVar[str] = "excitation-distortion"
+    title: ClassVar[str] = "second and third harmonic of the drive"
+    block: ClassVar[Block] = Block.EXCITATION
+    equation: ClassVar[str] = "F (cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
+    source: ClassVar[str] = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
+    observables: ClassVar[tuple[str, ...]] = ("harmonics of the excitation channel", "harmonics of the displacement")
+
+    second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0)
+    second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, logarithmic=False)
+    third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0)
+    third_phase: float = parameter(0.0, "b_3: its phase in rad", -math.pi, math.pi, logarithmic=False)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a pure cosine."""
+        return cls(second=0.0, third=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Add the harmonics."""
+        added = ((2, cmath.rect(self.second * problem.excitation, self.second_phase)),
+                 (3, cmath.rect(self.third * problem.excitation, self.third_phase)))
+        return replace(problem, overtones=problem.overtones + tuple(one for one in added if one[1]))
+
+    def sketch(self) -> Sketch:
+        """Return the force over a period."""
+        t = np.linspace(0.0, 2.0 * np.pi, 201)
+        pure = np.cos(t)
+        force = (pure + self.second * np.cos(2.0 * t + self.second_phase)
+                 + self.third * np.cos(3.0 * t + self.third_phase))
+        return Sketch("share of the period", "force over F", {"baseline": (t / (2.0 * np.pi), pure),
+                                                               "effect": (t / (2.0 * np.pi), force)})

@@ -1,0 +1,55 @@
+"""Faces that are not flat and parallel when they first meet: tilt, crown, cylinder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+
+class InitialGap(Effect):
+    """Gap of the unworn faces, besides that of the specimens' own shape.
+
+    With x and y from the middle of the contact over half its width, the gap is
+    ``tilt_x (1 + x) / 2 + tilt_y (1 + y) / 2 + crown (x^2 + y^2) / 2 + cylinder x^2``, less its smallest value.
+    """
+
+    id: ClassVar[str] = "initial-gap"
+    title: ClassVar[str] = "tilt, crown or waviness of the unworn faces"
+    block: ClassVar[Block] = Block.GEOMETRY
+    equation: ClassVar[str] = "g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (x^2 + y^2) / 2 + z x^2, x, y in [-1, 1]"
+    source: ClassVar[str] = "K. L. Johnson, Contact Mechanics (1985), section 4.1"
+    observables: ClassVar[tuple[str, ...]] = ("wear map", "loops of the first cycles", "approach")
+
+    tilt_x: u.SignedLength = parameter(1e-6, "t_x: height over the width, along the sliding", -4e-6, 4e-6)
+    tilt_y: u.SignedLength = parameter(0.0, "t_y: height over the width, across", -4e-6, 4e-6)
+    crown: u.SignedLength = parameter(0.0, "c: depth of the corners below the middle", 0.0, 4e-6)
+    cylinder: u.SignedLength = parameter(0.0, "z: depth of the ends of the stroke below the middle", 0.0, 4e-6)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return flat faces."""
+        return cls().changed(tilt_x=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Open the gap."""
+        face = problem.interface
+        middle = 0.5 * (face.nodes.min(axis=0) + face.nodes.max(axis=0))
+        half = np.maximum(0.5 * np.ptp(face.nodes, axis=0), np.finfo(float).tiny)
+        x, y = ((face.nodes - middle) / half).T
+        gap = (0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.tilt_y * (1.0 + y) + 0.5 * self.crown * (x**2 + y**2)
+               + self.cylinder * x**2)
+        return replace(problem, interface=replace(face, gap=face.gap + gap - gap.min()))
+
+    def sketch(self) -> Sketch:
+        """Return the gap along the sliding direction."""
+        x = np.linspace(-1.0, 1.0, 101)
+        gap = 0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.crown * x**2 + self.cylinder * x**2
+        return Sketch("position over half the width", "gap in um", {"": (x, 1e6 * (gap - gap.min()))})

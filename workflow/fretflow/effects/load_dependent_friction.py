@@ -1,0 +1,52 @@
+"""Friction whose coefficient falls with the pressure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.contact.coulomb import CoulombLaw
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import RIG_ONLY, Block, Effect, Kind, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+
+class LoadDependentFriction(Effect):
+    """Friction ``mu (p / p_0)^-b`` at each node, p its pressure at each instant.
+
+    Elastic contact of spheres makes friction grow with the two-thirds power of the load (b = 1/3); many asperities make
+    it proportional (b = 0). Below a thousandth of p_0 the coefficient stays what it is there.
+    """
+
+    id: ClassVar[str] = "load-dependent-friction"
+    title: ClassVar[str] = "friction that falls with the pressure"
+    block: ClassVar[Block] = Block.CONTACT
+    equation: ClassVar[str] = "mu (p / p_0)^-b"
+    source: ClassVar[str] = ("F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids (1950); "
+                             "J. F. Archard, Proc. R. Soc. A 243 (1957)")
+    observables: ClassVar[tuple[str, ...]] = ("friction force at other normal loads", "wear map near the edges")
+    kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
+
+    exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0)
+    reference_pressure: u.Pressure | None = parameter(
+        60e6, "p_0: pressure at which friction is that of the contact table", 10e6, 200e6,
+        source="the load of the paper's test 1 over its area; fixed, so that tests at other loads can be compared")
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return friction in proportion to the load."""
+        return cls(exponent=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Let friction follow the pressure."""
+        return replace(problem, friction_exponent=self.exponent, reference_pressure=self.reference_pressure)
+
+    def sketch(self) -> Sketch:
+        """Return the factor against pressure."""
+        share = np.linspace(0.05, 3.0, 200)
+        law = CoulombLaw(friction_coefficient=np.ones(()), exponent=self.exponent)
+        return Sketch("pressure over p_0", "factor on mu", {"": (share, law.slip_limit(share) / share)})

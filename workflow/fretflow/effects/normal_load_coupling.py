@@ -1,0 +1,55 @@
+"""A normal load that follows the motion: a wedge, a tilted guide."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+
+class NormalLoadCoupling(Effect):
+    """Normal load ``N_0 + s x``, x the position of the moving specimen.
+
+    Where a measured motion drives the joint, the friction limit follows as ``1 + s x / N_0``, with N_0 given here.
+    """
+
+    id: ClassVar[str] = "normal-load-coupling"
+    title: ClassVar[str] = "normal load that follows the motion"
+    block: ClassVar[Block] = Block.CONTACT
+    equation: ClassVar[str] = "N = N_0 + s x"
+    source: ClassVar[str] = ("C.-H. Menq, J. H. Griffin, J. Bielak, J. Sound Vib. 107 (1986), variable normal load; "
+                             "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
+    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, opposite in sign", "normal force")
+    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+
+    slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6)
+    mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a constant load."""
+        return cls().changed(slope=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Let the load follow the arm."""
+        return replace(problem, load_slope=problem.load_slope + self.slope)
+
+    def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
+        """Return the factor at each position; a load cannot pull."""
+        centred = motion.displacement - motion.displacement.mean()
+        factor = np.maximum(1.0 + self.slope * centred / self.mean_load, 0.0)
+        return factor, factor
+
+    def sketch(self) -> Sketch:
+        """Return a loop whose plateaus open towards one side."""
+        x, force = np.array([-1.0, -0.6, 1.0, 0.6, -1.0]), np.array([-1.0, 1.0, 1.0, -1.0, -1.0])
+        steep = force * (1.0 + self.slope * 7e-6 * x / self.mean_load)
+        return Sketch("displacement over 7 um", "friction force over mu N_0",
+                      {"baseline": (x, force), "effect": (x, steep)})

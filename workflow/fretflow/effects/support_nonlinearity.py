@@ -1,0 +1,59 @@
+"""A support of the driven block that stiffens or softens with its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.forces import ForceAndSlopes
+from fretflow.wear.slow import SlowState
+
+
+@dataclass(frozen=True)
+class _CubicSpring:
+    """Force ``-k_3 x^3`` on the block."""
+
+    stiffness: float
+
+    def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
+        force, slope = np.zeros_like(displacement), np.zeros((len(displacement), 2, 2))
+        force[:, 0] = -self.stiffness * displacement[:, 0]**3
+        slope[:, 0, 0] = -3.0 * self.stiffness * displacement[:, 0]**2
+        return ForceAndSlopes(force, slope, np.zeros_like(slope))
+
+
+class SupportNonlinearity(Effect):
+    """A cubic spring between the block and the ground, beside the linear one."""
+
+    id: ClassVar[str] = "support-nonlinearity"
+    title: ClassVar[str] = "cubic spring of the support"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "F = k_g x + k_3 x^3"
+    source: ClassVar[str] = "G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz (1918)"
+    observables: ClassVar[tuple[str, ...]] = ("displacement at other amplitudes and frequencies",
+                                              "odd harmonics of the displacement")
+
+    stiffness: u.CubicStiffness = parameter(2e15, "k_3: force over displacement cubed", 2e14, 1e16,
+                                            source="3 to 150 % of the paper's linear support at 10 um")
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a linear support."""
+        return cls().changed(stiffness=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Add the spring."""
+        if self.stiffness == 0.0:
+            return problem
+        return replace(problem, rig_forces=(*problem.rig_forces, _CubicSpring(self.stiffness)))
+
+    def sketch(self) -> Sketch:
+        """Return the cubic force against displacement."""
+        x = np.linspace(-10e-6, 10e-6, 101)
+        return Sketch("displacement in um", "force of the cubic spring in N", {"": (1e6 * x, self.stiffness * x**3)})
