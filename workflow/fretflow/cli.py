@@ -63,10 +63,9 @@ def run(
         where cases run: local processes; mpi, the ranks of `mpirun -n N fretflow run ...`, of which one leads;
         or dask=ADDRESS of a scheduler whose workers see the same files
     """
-    from fretflow.core.config import load_case
     from fretflow.stages.ensemble import Workers
 
-    parsed = [load_case(path) for path in (case, *cases)]
+    parsed = [_load(path) for path in (case, *cases)]
     _check_names(parsed)
     workers = Workers.parse(executor, jobs)
     if workers.in_turn:
@@ -171,9 +170,8 @@ def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs")) -> None:
     """
     from fretflow.cli_calibrate import calibrate_cases
     from fretflow.cli_report import Progress
-    from fretflow.core.config import load_case
 
-    parsed = [load_case(path) for path in (case, *cases)]
+    parsed = [_load(path) for path in (case, *cases)]
     _check_names(parsed)
     progress = Progress()
     with _leading(out, progress) as runner, progress:
@@ -214,6 +212,23 @@ def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out
 
 
 @app.command
+def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects")) -> None:
+    """List the physics beyond the baseline, or describe one effect with its equation, parameters and a picture.
+
+    Parameters
+    ----------
+    effect
+        id of an effect
+    """
+    from fretflow.cli_effects import list_effects, show_effect
+
+    if effect is None:
+        list_effects()
+    else:
+        show_effect(effect, out)
+
+
+@app.command
 def init(path: Path = Path("case.toml"), /) -> None:
     """Write a commented case file to start from.
 
@@ -244,9 +259,8 @@ def show(case: Path, /) -> None:
         case file
     """
     from fretflow.cli_report import show_case
-    from fretflow.core.config import load_case
 
-    show_case(load_case(case))
+    show_case(_load(case))
 
 
 def main() -> None:
@@ -296,6 +310,18 @@ def _leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
         yield runner
     finally:
         ranks.dismiss()
+
+
+def _load(path: Path) -> Case:
+    """Read a case file, its effects included, before anything is computed."""
+    from fretflow.core.config import load_case
+
+    case = load_case(path)
+    if case.effects:
+        from fretflow.effects.catalogue import parse_effects
+
+        parse_effects(case.effects, str(path))
+    return case
 
 
 def _check_names(cases: Sequence[Case]) -> None:

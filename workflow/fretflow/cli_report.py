@@ -76,8 +76,13 @@ def show_case(case: Case) -> None:
     """Print every value of `case` in the units that engineers use."""
     from fretflow.core.casefile import entries
 
-    console = Console()
-    for table, group in groupby(entries(case), key=lambda entry: entry.table):
+    console, shown = Console(), list(entries(case))
+    if case.effects:
+        from fretflow.effects.catalogue import parse_effects
+
+        for effect in parse_effects(case.effects):
+            shown += entries(effect, ("effects", effect.id))
+    for table, group in groupby(shown, key=lambda entry: entry.table):
         view = new_table(".".join(table) or "case", "key", "value", "", "meaning")
         for entry in group:
             view.add_row(

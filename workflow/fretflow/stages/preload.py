@@ -15,15 +15,17 @@ if TYPE_CHECKING:
 
 def _slice(case: Case) -> list[object]:
     frictional = case.contact.preload is PreloadContact.FRICTIONAL
-    return [case.test.normal_load, case.contact.preload, case.contact.friction_coefficient if frictional else None]
+    return [case.test.normal_load, case.contact.preload, case.contact.friction_coefficient if frictional else None,
+            case.effects]
 
 
 def _run(context: StageContext) -> Figures:
     """Write ``preload.h5`` (Preload)."""
-    from fretflow.stages.problem import make_problem
+    from fretflow.stages.problem import make_model
 
     context.progress(0.0, "pressing the specimens together")
-    problem = make_problem(context.case, context.inputs["reduce"])
+    model = make_model(context.case, context.inputs["reduce"])
+    problem = model.problem(model.initial())
     found = _with_friction(problem) if problem.frictional_preload else _without_friction(problem)
     write_record(context.folder / "preload.h5", found)
     return {
@@ -50,4 +52,4 @@ def _with_friction(problem: PeriodicProblem) -> Preload:
                    approach=-pressed.approach)
 
 
-STAGE = Stage("preload", 1, _slice, ("reduce",), _run)
+STAGE = Stage("preload", 2, _slice, ("reduce",), _run)

@@ -8,6 +8,8 @@ from fretflow.contact.interface import Interface
 from fretflow.core import config
 from fretflow.core.config import Case, PeriodicMethod, PreloadContact
 from fretflow.core.store import read_record
+from fretflow.effects.catalogue import parse_effects
+from fretflow.effects.model import EffectModel
 from fretflow.harmonic.dlft import DlftSolver
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolver
 from fretflow.harmonic.quasi_static import QuasiStaticSolver
@@ -17,7 +19,7 @@ from fretflow.rig.lumped import LumpedRig
 
 
 def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
-    """Return the unworn problem of `case` with the specimens in the folder `reduced`."""
+    """Return the unworn problem of the baseline of `case` with the specimens in the folder `reduced`."""
     upper = read_record(reduced / "upper.h5", ReducedSpecimen)
     lower = read_record(reduced / "lower.h5", ReducedSpecimen)
     joint = Joint(upper=upper, lower=lower, rig=make_rig(case.rig))
@@ -30,6 +32,17 @@ def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
         friction_coefficient=case.contact.friction_coefficient, frequency=case.test.excitation_frequency,
         excitation=case.test.excitation_amplitude, normal_load=case.test.normal_load,
         frictional_preload=case.contact.preload is PreloadContact.FRICTIONAL)
+
+
+def make_model(case: Case, reduced: Path) -> EffectModel:
+    """Return the model of `case`, its effects included, with the specimens in the folder `reduced`.
+
+    Raises
+    ------
+    ConfigError
+        If an effect of the case is not known, or two do not work together.
+    """
+    return EffectModel.build(make_problem(case, reduced), parse_effects(case.effects, case.name))
 
 
 def make_rig(rig: config.Rig) -> LumpedRig:

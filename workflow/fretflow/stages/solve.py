@@ -9,16 +9,17 @@ from fretflow.stages.stage import Figures, Stage, StageContext
 
 def _slice(case: Case) -> list[object]:
     excitation = case.test.model_dump(include={"excitation_frequency", "excitation_amplitude", "normal_load"})
-    return [excitation, case.rig, case.contact.friction_coefficient, case.solver]
+    return [excitation, case.rig, case.contact.friction_coefficient, case.solver, case.effects]
 
 
 def _run(context: StageContext) -> Figures:
     """Write ``solution.h5`` (PeriodicSolution)."""
     from fretflow.harmonic.quasi_static import sliding_distance
-    from fretflow.stages.problem import make_problem, make_solver
+    from fretflow.stages.problem import make_model, make_solver
 
     context.progress(0.0, "finding the steady period")
-    problem = make_problem(context.case, context.inputs["reduce"])
+    model = make_model(context.case, context.inputs["reduce"])
+    problem = model.problem(model.initial())
     solution = make_solver(context.case.solver, estimate_error=True).solve(problem)
     write_record(context.folder / "solution.h5", solution)
     return {"method": solution.method, "iterations": len(solution.residual_history) - 1,
@@ -27,4 +28,4 @@ def _run(context: StageContext) -> Figures:
             "relative_error": solution.error_estimate}
 
 
-STAGE = Stage("solve", 1, _slice, ("reduce",), _run)
+STAGE = Stage("solve", 2, _slice, ("reduce",), _run)
