@@ -101,7 +101,7 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None, guide: Hysteresis
     there, back = half_cycles(loop, guide)
     compliance = tangential_compliance(there, back)
     stiffness = 1.0 / compliance if compliance is not None and compliance > 0.0 else None
-    sliding = sliding_distance(there.guide, back.guide)
+    sliding = sliding_distance(guide)
     peak_to_peak = float(np.ptp(guide.displacement))
     limit = friction_limit(there, back, stiffness)
     if limit is not None:
@@ -173,14 +173,16 @@ def tangential_compliance(*halves: Branch) -> float | None:
     return float(np.mean(compliances)) if compliances else None
 
 
-def sliding_distance(there: Branch, back: Branch) -> float:
+def sliding_distance(loop: HysteresisLoop) -> float:
     """Return the loop's width in m at the middle of its forces.
 
-    In a loop of sticks and plateaus this is the peak-to-peak displacement without the elastic part.
+    In a loop of sticks and plateaus this is the peak-to-peak displacement without the elastic part. Without noise
+    it lies within the half-cycles; with noise the reversal of a motion that rests there is anywhere in the rest, so
+    that the whole loop is searched.
     """
-    middle = 0.5 * (there.force.max() - back.force.max())
-    rising, falling = (_crossing(half, half.sign * middle) for half in (there, back))
-    return max(0.0, -falling - rising) if rising is not None and falling is not None else 0.0
+    middle = 0.5 * float(loop.force.max() + loop.force.min())
+    rising, falling = (_crossing(loop, middle, rising) for rising in (True, False))
+    return max(0.0, falling - rising) if rising is not None and falling is not None else 0.0
 
 
 def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -> float | None:
@@ -205,11 +207,12 @@ def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -
     return 0.5 * float(levels[0] + levels[1])
 
 
-def _crossing(half: Branch, level: float) -> float | None:
-    """Return the mean displacement at which the force crosses `level`, or None if it does not."""
-    above = half.force > level
-    k = np.flatnonzero(above[1:] != above[:-1])
+def _crossing(loop: HysteresisLoop, level: float, rising: bool) -> float | None:
+    """Return the mean displacement at which the force passes `level`, upwards or downwards, or None if never."""
+    force, after = loop.force, np.roll(loop.force, -1)
+    k = np.flatnonzero((force <= level) & (after > level) if rising else (force > level) & (after <= level))
     if not k.size:
         return None
-    share = (level - half.force[k]) / (half.force[k + 1] - half.force[k])
-    return float(np.mean(half.displacement[k] + share * (half.displacement[k + 1] - half.displacement[k])))
+    share = (level - force[k]) / (after[k] - force[k])
+    x, next_x = loop.displacement[k], np.roll(loop.displacement, -1)[k]
+    return float(np.mean(x + share * (next_x - x)))

@@ -1,0 +1,112 @@
+"""A block of a recording as columns in SI, with what it and its file say of units in agreement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
+from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
+from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.schema import Block, DisplacementOf, LoopsBlock
+from fretflow.recordings.tables import Array, Table, read_table
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The channels of a block, row by row, in SI; nan where a cell is empty."""
+
+    block: str
+    path: Path
+    values: Mapping[str, Array]
+    units: Mapping[str, str]
+    sd: Mapping[str, float] = field(default_factory=dict)
+    calibration_sd: Mapping[str, float] = field(default_factory=dict)
+    displacement_of: DisplacementOf | None = None
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Return the number of rows."""
+        return len(next(iter(self.values.values())))
+
+    @property
+    def physical(self) -> tuple[str, ...]:
+        """Return the names of the channels that were measured at an instant: neither indices nor time."""
+        return tuple(name for name in self.values if name not in (*INDICES, "time"))
+
+    def index(self, name: str) -> NDArray[np.int64]:
+        """Return the whole numbers of channel `name`, all zero without it.
+
+        Raises
+        ------
+        UnreliableRecordingError
+            If one is missing or no whole number, naming its rows.
+        """
+        values = self.values.get(name)
+        if values is None:
+            return np.zeros(self.rows, dtype=np.int64)
+        bad = np.flatnonzero(~(np.isfinite(values) & (values == np.round(values)) & (values >= 0.0)))
+        if bad.size:
+            raise UnreliableRecordingError(f"{self.path}: {name}, {rows_in_words(row_ranges(bad))}: must be a whole "
+                                           "number from 0; repair or remove these rows")
+        return values.astype(np.int64)
+
+
+def read_columns(name: str, block: Block, folder: Path) -> Columns:
+    """Read the file of a `block` called `name`, from the `folder` of the recording.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be used, lacks a column, or states another unit than the block.
+    """
+    table = read_table(folder / block.file, [str(spec.column) for spec in block.channels.values()])
+    return columns_of(table, name, block)
+
+
+def columns_of(table: Table, name: str, block: Block) -> Columns:
+    """Return the columns of a `block` called `name` that is in `table`.
+
+    Raises
+    ------
+    RecordingError
+        If the table lacks a column, or states another unit than the block.
+    """
+    values, units = {}, {}
+    for channel, spec in block.channels.items():
+        heading, column = _column(table, name, channel, spec.column)
+        _agree(table, name, channel, heading, spec.unit)
+        size, units[channel] = unit_size(channel, spec.unit)
+        values[channel] = column if size == 1.0 else column * size
+    return Columns(
+        name, table.path, values, units,
+        sd={channel: sd for channel in block.channels if (sd := block.sd_of(channel)) is not None},
+        calibration_sd={channel: spec.calibration_sd for channel, spec in block.channels.items()},
+        displacement_of=block.displacement_of if isinstance(block, LoopsBlock) else None, notes=table.notes)
+
+
+def _column(table: Table, block: str, channel: str, column: str | int) -> tuple[str, Array]:
+    try:
+        return table.column(column)
+    except UnsupportedRecordingError as error:
+        raise UnsupportedRecordingError(f"{block}.{channel}.column: {error}") from error
+
+
+def _agree(table: Table, block: str, channel: str, heading: str, unit: str) -> None:
+    """Compare the unit that the block gives with that in the file, in its heading or beside it."""
+    stated = table.units.get(heading) or unit_in_heading(channel, heading)
+    if not stated or channel in INDICES:
+        return
+    try:
+        same = np.isclose(unit_size(channel, stated)[0], unit_size(channel, unit)[0], rtol=1e-9, atol=0.0)
+    except UnitError as error:
+        raise UnreliableRecordingError(f"{table.path}: column {heading} is in {stated!r}, which is no unit of "
+                                       f"{channel} ({block}.{channel}); name the right column") from error
+    if not same:
+        raise UnreliableRecordingError(f"{block}.{channel}.unit: is {unit!r}, but the file {table.path} says {stated!r} "
+                                       f"of column {heading}; correct the one that is wrong")

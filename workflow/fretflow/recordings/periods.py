@@ -1,0 +1,137 @@
+"""Periodic signals as they are recorded: their period, phase, drift, noise and resampling; pure functions.
+
+Time is counted in turns (periods) here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import convolve1d
+
+Array = NDArray[np.float64]
+
+HYSTERESIS = 0.1  # of half the range: what a signal must pass beyond its middle to have crossed it
+SMOOTHED_SHARE = 1.0 / 64.0  # of a period: half-width of the smoothing
+EDGE_SHARE = 0.03  # of a period: what the ends of a record are extrapolated from
+SIGMA_OF_MAD = 1.4826
+
+
+def fundamental(turns: Array, values: Array) -> complex:
+    """Return C of ``a0 + Re(C exp(-2 pi i turns))`` by least squares; turns and values (n,)."""
+    angle = 2.0 * np.pi * turns
+    basis = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    _, cosine, sine = np.linalg.solve(basis.T @ basis, basis.T @ values)
+    return complex(cosine, sine)
+
+
+def turn_of_maximum(turns: Array, values: Array) -> float:
+    """Return where in [0, 1) the fundamental of a signal is largest."""
+    return float(np.angle(fundamental(turns, values)) / (2.0 * np.pi) % 1.0)
+
+
+def smoothing_kernel(half_width: int) -> Array:
+    """Return the weights (2 m + 1,) of the least-squares parabola's middle over 2 m + 1 samples.
+
+    ``h_j = 3 (3 m^2 + 3 m - 1 - 5 j^2) / ((2 m - 1) (2 m + 1) (2 m + 3))`` (Savitzky and Golay, Anal. Chem. 36,
+    1627, 1964). Where a signal is a parabola over the window, as within a stick or a plateau, it is left as it is.
+    A kink that changes the slope by s a sample shifts only the samples closer than m, the kink itself by
+    ``s m (m + 1) (m + 2) (m - 1) c / 4`` with ``c = 3 / ((2 m - 1) (2 m + 1) (2 m + 3))``, about 3/32 of s m.
+    """
+    m, j = half_width, np.arange(-half_width, half_width + 1)
+    if m < 2:
+        return np.ones(1)
+    return np.asarray(3.0 * (3 * m * m + 3 * m - 1 - 5 * j * j) / ((2 * m - 1) * (2 * m + 1) * (2 * m + 3)))
+
+
+def kink_bias(half_width: int) -> float:
+    """Return by how much smoothing shifts the sample at a kink, per change of slope a sample."""
+    j = np.arange(half_width + 1)
+    return float(j @ smoothing_kernel(half_width)[half_width:]) if half_width > 1 else 0.0
+
+
+def smoothed(values: Array, half_width: int | None = None) -> Array:
+    """Return periodic signals (..., N) smoothed by local parabolas, by default over 1/32 of a period."""
+    if half_width is None:
+        half_width = round(SMOOTHED_SHARE * values.shape[-1])
+    kernel = smoothing_kernel(half_width)
+    return np.asarray(convolve1d(values, kernel, axis=-1, mode="wrap"))
+
+
+def smoothed_record(values: Array, half_width: int = 3) -> Array:
+    """Return a record (T,) that does not repeat, smoothed by local parabolas."""
+    return np.asarray(convolve1d(values, smoothing_kernel(half_width), mode="nearest"))
+
+
+def noise_sd(values: Array) -> Array:
+    """Return the standard deviation of the white noise on periodic signals (..., N), by what smoothing takes away.
+
+    Three parabolic samples either side; the median is used, so that kinks and jumps do not count. The rest that
+    the smoothing leaves has the variance ``1 - h_0`` of the noise.
+    """
+    kernel = smoothing_kernel(3)
+    rest = values - smoothed(values, 3)
+    return np.asarray(SIGMA_OF_MAD * np.median(np.abs(rest), axis=-1) / np.sqrt(1.0 - kernel[3]))
+
+
+def upward_crossings(values: Array) -> Array:
+    """Return where (n,), in samples, a signal passes its middle upwards, each time having been well below it."""
+    middle, reach = 0.5 * (values.max() + values.min()), 0.5 * np.ptp(values)
+    side = np.where(values > middle + HYSTERESIS * reach, 1, np.where(values < middle - HYSTERESIS * reach, -1, 0))
+    decided = np.flatnonzero(side)
+    turns = np.flatnonzero((side[decided][:-1] < 0) & (side[decided][1:] > 0))
+    found = []
+    for before, after in zip(decided[turns], decided[turns + 1], strict=True):
+        k = before + int(np.flatnonzero(values[before:after + 1] <= middle)[-1])
+        found.append(k + (middle - values[k]) / (values[k + 1] - values[k]))
+    return np.array(found)
+
+
+def without_trend(values: Array, period: int) -> Array:
+    """Return a signal (T,) without its moving mean over `period` samples; the ends take the nearest mean."""
+    if period < 2 or len(values) < 2 * period:
+        return values - values.mean()
+    total = np.r_[0.0, np.cumsum(values - values.mean())]
+    mean = (total[period:] - total[:-period]) / period
+    before = (len(values) - len(mean)) // 2
+    padded = np.r_[np.full(before, mean[0]), mean, np.full(len(values) - len(mean) - before, mean[-1])]
+    return np.asarray(values - values.mean() - padded)
+
+
+def closure_jump(turns: Array, values: Array, interval: float) -> tuple[float, float]:
+    """Return the jump from the end of one period (n,) to its start, and its standard deviation.
+
+    Both ends are extrapolated by straight lines to their middle, `interval` turns apart. The deviation holds the
+    noise of the lines and what their difference in slope can feign.
+    """
+    m = max(4, round(EDGE_SHARE * len(values)))
+    meeting = 0.5 * interval
+    (slope, start), first = _line(turns[:m] - turns[0] + meeting, values[:m])
+    (slope_end, end), last = _line(turns[-m:] - turns[-1] - meeting, values[-m:])
+    noise = np.hypot(first, last)
+    feigned = 0.5 * abs(slope - slope_end) * m * interval
+    return float(end - start), float(np.hypot(noise, feigned))
+
+
+def _line(turns: Array, values: Array) -> tuple[Array, float]:
+    """Fit a line; return its slope and value at zero, and the standard deviation of that value."""
+    basis = np.column_stack([turns, np.ones_like(turns)])
+    inverse = np.linalg.inv(basis.T @ basis)
+    found = inverse @ basis.T @ values
+    variance = float(np.sum((values - basis @ found) ** 2)) / max(1, len(values) - 2)
+    return found, float(np.sqrt(variance * inverse[1, 1]))
+
+
+def resampled(turns: Array, values: Array, periods: int, at: Array, evenly: bool) -> Array:
+    """Return a signal that repeats after `periods` turns at the turns `at` (m,); turns and values (n,).
+
+    Even samples by a periodic cubic spline, which keeps the noise nearly white; uneven ones by straight lines,
+    which cannot overshoot between two that are close.
+    """
+    start = turns[0]
+    wrapped = start + (at - start) % periods
+    if evenly:
+        spline = CubicSpline(np.r_[turns, start + periods], np.r_[values, values[0]], bc_type="periodic")
+        return np.asarray(spline(wrapped))
+    return np.interp(wrapped, np.r_[turns, start + periods], np.r_[values, values[0]])

@@ -1,0 +1,94 @@
+"""What no joint does: a displacement of metres, a friction force of many times the normal load; wrong units or columns.
+
+Limits are wide: a recording that crosses one is refused, because every result of it would be wrong.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.units import format_quantity
+from fretflow.recordings.loopset import FORCES, LoopSet
+from fretflow.recordings.notes import Note
+from fretflow.recordings.schema import RecordingFile, Test, TestKind
+
+# Peak-to-peak displacement, m.
+RANGES = {
+    TestKind.FRETTING_RIG: (1e-9, 5e-3),
+    TestKind.IMPOSED_DISPLACEMENT: (1e-9, 1.0),
+    TestKind.LUMPED: (1e-9, 20.0),
+}
+LARGEST_FRICTION = 5.0
+STATED = 2.0  # factor between what is stated and what is measured that is refused
+NOTED = 1.05
+
+
+def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
+    """Check a peak-to-peak displacement (m).
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it is out of the range of its kind of test.
+    """
+    low, high = RANGES[kind]
+    if not low <= reach <= high:
+        raise UnreliableRecordingError(
+            f"{path}: {block}.displacement: {format_quantity(reach, 'm', 4)} peak to peak is beyond {kind} tests "
+            f"({format_quantity(low, 'm')} to {format_quantity(high, 'm')}); check its unit and column")
+
+
+def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: np.ndarray, amplitude: np.ndarray) -> tuple[
+        Note, ...]:
+    """Compare loops with what is stated of them; `load` and `amplitude` of the excitation are (K,), N, or nan.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If they contradict it.
+    """
+    if "displacement" in loops.channels:
+        check_motion(path, block, test.kind, float(np.nanmax(np.ptp(loops.mean("displacement"), axis=1))))
+    notes: tuple[Note, ...] = ()
+    force = next((name for name in FORCES if name in loops.channels), None)
+    if force and test.kind is TestKind.FRETTING_RIG:
+        mean = loops.mean(force)
+        ratio = float(np.nanmax(0.5 * np.ptp(mean, axis=1) / load)) if np.isfinite(load).any() else 0.0
+        if ratio > LARGEST_FRICTION:
+            raise UnreliableRecordingError(f"{path}: {block}.{force}: its amplitude is {ratio:.3g} times the normal load; "
+                                           "check its unit and column, and normal_load")
+    notes += _against(path, block, loops, "excitation", amplitude, "excitation_amplitude", amplitude_of=True)
+    notes += _against(path, block, loops, "normal_force", load, "normal_load", amplitude_of=False)
+    return notes
+
+
+def _against(path: Path, block: str, loops: LoopSet, name: str, stated: np.ndarray, key: str, amplitude_of: bool) -> tuple[
+        Note, ...]:
+    if name not in loops.channels or not np.isfinite(stated).any():
+        return ()
+    mean = loops.mean(name)
+    found = 2.0 / mean.shape[1] * np.abs(np.fft.rfft(mean, axis=1)[:, 1]) if amplitude_of else mean.mean(axis=1)
+    with np.errstate(invalid="ignore"):
+        ratio = found / stated
+    k = int(np.nanargmax(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9)))))
+    worst = max(abs(ratio[k]), 1.0 / max(abs(ratio[k]), 1e-9))
+    words = f"{format_quantity(float(found[k]), 'N', 4)} was measured where {key} says {format_quantity(float(stated[k]), 'N', 4)}"
+    if worst > STATED or ratio[k] < 0.0:
+        raise UnreliableRecordingError(f"{path}: {block}.{name}: {words}; correct the one that is wrong")
+    return (Note(block, words, name),) if worst > NOTED else ()
+
+
+def check_file(path: Path, file: RecordingFile, cycles: np.ndarray) -> None:
+    """Compare the cycle counts of the loops with the length of the test.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If a loop was recorded after the end.
+    """
+    if file.test.cycles is not None and len(cycles) and int(cycles.max()) > file.test.cycles:
+        raise UnreliableRecordingError(f"{path}: loops.cycle goes up to {int(cycles.max())}, but test.cycles is "
+                                       f"{file.test.cycles}; correct the one that is wrong")

@@ -1,0 +1,203 @@
+"""What is read off recorded loops, with its uncertainty and where that comes from.
+
+Three sources, each one standard deviation, added in squares: the noise of the samples (the loop is read again and
+again with new noise of the size that its own samples show), the scatter between repeats where it is larger, and the
+calibration of the channels, whose gain enters each reading by a known power. A stiffness is judged by its
+inverse, which noise leaves nearly normal; where that is not clearly above zero, only a lower bound is given.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.contact.loops import HysteresisLoop, LoopReadings, read_loop
+from fretflow.core.errors import InputError, UnreliableRecordingError
+from fretflow.core.records import quantity, record
+from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.periods import noise_sd, smoothed
+
+Array = NDArray[np.float64]
+
+DRAWS = 150
+MOST_DRAWN = 12  # cycle counts that are read with new noise; the others take the nearest one's share
+CLEAR = 3.0  # standard deviations that a compliance must be above zero
+SHOWN = 0.5  # of the draws in which a reading must be there
+SEED = 20210
+
+# Powers with which the gains of displacement, force and normal load enter.
+POWERS = {
+    "friction_coefficient": (0, 1, -1),
+    "friction_limit": (0, 1, 0),
+    "tangential_compliance": (1, -1, 0),
+    "dissipated_energy": (1, 1, 0),
+    "sliding_distance": (1, 0, 0),
+    "peak_to_peak": (1, 0, 0),
+}
+
+
+class Source(StrEnum):
+    """Where most of an uncertainty comes from."""
+
+    NOISE = "noise"
+    REPEATS = "repeats"
+    CALIBRATION = "calibration"
+
+
+@record
+class Estimate:
+    """One quantity at K cycle counts, nan where the loop does not show it, with standard deviations."""
+
+    value: Array = quantity("", "(K,)")
+    noise: Array = quantity("", "(K,), by noise")
+    repeats: Array = quantity("", "(K,), by the scatter of repeats, zero without any")
+    calibration: Array = quantity("", "(K,), by the gains")
+
+    @property
+    def sd(self) -> Array:
+        """Return the standard deviation in all, (K,): repeats scatter by noise already."""
+        return np.sqrt(np.maximum(self.noise, self.repeats) ** 2 + self.calibration**2)
+
+    @property
+    def dominated_by(self) -> tuple[Source | None, ...]:
+        """Return the largest source at each cycle count; None where nothing is read."""
+        parts = np.stack([self.noise, self.repeats, self.calibration])
+        sources = tuple(Source)
+        return tuple(sources[int(np.argmax(part))] if np.isfinite(value) and part.max() > 0.0 else None
+                     for part, value in zip(parts.T, self.value, strict=True))
+
+
+@record
+class RecordedReadings:
+    """The readings of a set of loops."""
+
+    cycles: NDArray[np.int64] = quantity("1", "(K,)")
+    regime: tuple[str, ...]
+    friction_coefficient: Estimate = quantity("1")
+    friction_limit: Estimate = quantity("N")
+    tangential_stiffness: Estimate = quantity("N/m")
+    stiffness_at_least: Array = quantity("N/m", "(K,), two standard deviations below; nan where nothing is known")
+    dissipated_energy: Estimate = quantity("J")
+    sliding_distance: Estimate = quantity("m")
+    peak_to_peak: Estimate = quantity("m")
+
+
+def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: float = 0.0) -> RecordedReadings:
+    """Read the loops at each cycle count, as the mean of their repeats.
+
+    Parameters
+    ----------
+    loops : LoopSet
+        Clean loops of displacement and force.
+    normal_load : (K,) array
+        In N, nan where it is not known; a recorded normal force goes before it.
+    normal_load_sd : float
+        Its relative standard deviation.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If a loop cannot be read, naming its cycle count.
+    """
+    load = normal_load if "normal_force" not in loops.channels else np.nanmean(loops.mean("normal_force"), axis=1)
+    if "normal_force" in loops.channels:
+        normal_load_sd = loops.calibration_sd.get("normal_force", 0.0)
+    kept = np.flatnonzero(loops.repeats)
+    seen = [_read(loops, int(k), loops.mean("displacement")[k], loops.mean(loops.force_name)[k], load[k]) for k in kept]
+    values = {name: _column(seen, name) for name in POWERS}
+    noise = _noise(loops, kept, load, values)
+    scatter = _scatter(loops, kept, load, values)
+    gains = np.array([loops.calibration_sd.get("displacement", 0.0), loops.calibration_sd.get(loops.force_name, 0.0),
+                      normal_load_sd])
+    estimates = {
+        name: Estimate(value=values[name], noise=noise[name], repeats=scatter[name],
+                       calibration=np.abs(values[name]) * float(np.linalg.norm(gains * powers)))
+        for name, powers in POWERS.items()}
+    compliance = estimates.pop("tangential_compliance")
+    stiffness, least = _stiffness(compliance)
+    return RecordedReadings(cycles=loops.cycles[kept], regime=tuple(str(r.regime) for r in seen),
+                            tangential_stiffness=stiffness, stiffness_at_least=least, **estimates)
+
+
+def _read(loops: LoopSet, k: int, x: Array, force: Array, load: float) -> LoopReadings:
+    try:
+        return _reading(x, force, load)
+    except InputError as error:
+        raise UnreliableRecordingError(f"cycle {loops.cycles[k]}: {error}") from error
+
+
+def _reading(x: Array, force: Array, load: float) -> LoopReadings:
+    guide = HysteresisLoop(displacement=smoothed(x), force=smoothed(force))
+    return read_loop(HysteresisLoop(displacement=x, force=force), load if np.isfinite(load) else None, guide)
+
+
+def _column(seen: list[LoopReadings], name: str) -> Array:
+    return np.array([np.nan if (value := getattr(reading, name)) is None else value for reading in seen])
+
+
+def _noise(loops: LoopSet, kept: NDArray[np.int64], load: Array, values: dict[str, Array]) -> dict[str, Array]:
+    """Return the standard deviation of each reading by noise, from reading smooth loops with new noise."""
+    rng = np.random.default_rng(SEED)
+    drawn = np.unique(np.linspace(0, len(kept) - 1, min(MOST_DRAWN, len(kept))).round().astype(int))
+    spread = {name: np.full(len(kept), np.nan) for name in POWERS}
+    for place in drawn:
+        k = int(kept[place])
+        channels = []
+        for name in ("displacement", loops.force_name):
+            each = loops.channels[name][k, loops.usable[k]]
+            size = loops.sd.get(name) or float(np.sqrt(np.mean(noise_sd(each) ** 2)))
+            channels.append((smoothed(loops.mean(name)[k]), size / np.sqrt(len(each))))
+        draws = []
+        for _ in range(DRAWS if any(size > 0.0 for _, size in channels) else 0):
+            x, force = (mean + size * rng.standard_normal(len(mean)) for mean, size in channels)
+            draws.append(_reading(x, force, load[k]))
+        for name in POWERS:
+            column = _column(draws, name)
+            known = np.isfinite(column)
+            spread[name][place] = np.std(column[known]) if known.sum() > SHOWN * DRAWS else (
+                np.nan if draws else 0.0)
+    return {name: _spread_to_all(spread[name], drawn, values[name]) for name in POWERS}
+
+
+def _spread_to_all(spread: Array, drawn: NDArray[np.int64], values: Array) -> Array:
+    """Give every cycle count the spread of the nearest one drawn, in proportion to its value."""
+    place = np.arange(len(values))
+    nearest = drawn[np.argmin(np.abs(place[:, None] - drawn[None, :]), axis=1)]
+    scale = np.where(nearest == place, 1.0, np.abs(values) / np.maximum(np.abs(values[nearest]), 1e-300))
+    return np.asarray(spread[nearest] * scale)
+
+
+def _scatter(loops: LoopSet, kept: NDArray[np.int64], load: Array, values: dict[str, Array]) -> dict[str, Array]:
+    """Return the standard deviation of each mean reading by the scatter of repeats, pooled over cycle counts.
+
+    The scatter is pooled relative to the reading, as gains scatter.
+    """
+    repeats = loops.repeats[kept]
+    shares: dict[str, list[float]] = {name: [] for name in POWERS}
+    freedom = dict.fromkeys(POWERS, 0)
+    for place, k in enumerate(kept):
+        if repeats[place] < 2:
+            continue
+        each = [_read(loops, int(k), x, force, load[k]) for x, force in zip(
+            loops.displacement[k, loops.usable[k]], loops.force[k, loops.usable[k]], strict=True)]
+        for name in POWERS:
+            column = _column(each, name)
+            if np.all(np.isfinite(column)) and values[name][place] != 0.0:
+                shares[name].append(float(np.sum((column / values[name][place] - column.mean() / values[name][place]) ** 2)))
+                freedom[name] += len(column) - 1
+    return {name: np.abs(values[name]) * np.sqrt(sum(shares[name]) / max(freedom[name], 1) / repeats) for name in POWERS}
+
+
+def _stiffness(compliance: Estimate) -> tuple[Estimate, Array]:
+    """Return the stiffness where its inverse is clearly positive, and what it is at least."""
+    c, sd = compliance.value, compliance.sd
+    known = np.isfinite(c) & np.isfinite(sd)
+    clear = known & (np.nan_to_num(c) > CLEAR * np.nan_to_num(sd))
+    slope = np.where(clear, 1.0 / np.where(clear, c, 1.0) ** 2, np.nan)
+    upper = np.where(known, np.maximum(c, 0.0) + 2.0 * sd, np.nan)
+    there = np.nan_to_num(upper) > 0.0
+    least = np.where(there, 1.0 / np.where(there, upper, 1.0), np.nan)
+    return Estimate(value=np.where(clear, 1.0 / np.where(clear, c, 1.0), np.nan), noise=compliance.noise * slope,
+                    repeats=compliance.repeats * slope, calibration=compliance.calibration * slope), least

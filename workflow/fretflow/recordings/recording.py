@@ -1,0 +1,177 @@
+"""A whole recording, read and cleaned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.config import Rig, Specimens
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import record
+from fretflow.recordings.blocks import Columns, read_columns
+from fretflow.recordings.cleaning import clean_loops
+from fretflow.recordings.loopset import LoopSet, Series, frozen_arrays
+from fretflow.recordings.notes import Note, row_ranges
+from fretflow.recordings.plausibility import check_file, check_loops, check_motion
+from fretflow.recordings.schema import (
+    FILE,
+    Block,
+    Condition,
+    RecordingFile,
+    Test,
+    TestKind,
+    Wear,
+    load_recording_file,
+)
+from fretflow.recordings.series import clean_series
+
+Array = NDArray[np.float64]
+
+
+@record
+class Points:
+    """A table without cycles, P rows in SI: a frequency response or a map of depth."""
+
+    channels: Mapping[str, Array]
+    units: Mapping[str, str]
+    sd: Mapping[str, float]
+    calibration_sd: Mapping[str, float]
+
+    def check(self) -> None:
+        """Make the channels read-only."""
+        object.__setattr__(self, "channels", frozen_arrays(self.channels))
+
+
+@record
+class Sweep:
+    """Loops at other conditions; `loops.cycles` holds the ids of the `conditions`, in the same order."""
+
+    conditions: tuple[Condition, ...]  # complete, as far as the test is
+    loops: LoopSet
+
+
+@record
+class Recording:
+    """What was recorded, in SI, and what had to be done to it."""
+
+    path: Path
+    title: str
+    test: Test
+    rig: Rig | None  # None where nothing is said of it
+    specimen: Specimens | None
+    given: Mapping[str, Any]  # what the file says of test, rig and specimen, by the keys of case files
+    wear: Wear
+    loops: LoopSet | None
+    series: Series | None
+    sweep: Sweep | None
+    frf: Points | None
+    wear_depth: Points | None
+    notes: tuple[Note, ...]
+
+    @property
+    def kind(self) -> TestKind:
+        """Return what is to be predicted."""
+        return self.test.kind
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording: its folder or its ``recording.toml``.
+
+    Raises
+    ------
+    RecordingError
+        If a file is damaged, contradicts another or too little of it is usable.
+    ConfigError
+        If ``recording.toml`` has a missing, unknown or impossible value.
+    """
+    toml = path / FILE if path.is_dir() else path
+    file = load_recording_file(toml)
+    folder, test = toml.parent, file.test
+    notes: list[Note] = []
+    loops = series = sweep = None
+    if file.loops is not None:
+        loops, found = loops_of(read_columns("loops", file.loops, folder), test)
+        check_file(toml, file, loops.cycles)
+        notes += found
+    if file.series is not None:
+        series, found = series_of(read_columns("series", file.series, folder), test)
+        notes += found
+    if file.sweep is not None:
+        sweep, found = _sweep(read_columns("sweep", file.sweep, folder), file)
+        notes += found
+    tables = {}
+    for name in ("frf", "wear_depth"):
+        block: Block | None = getattr(file, name)
+        tables[name] = None
+        if block is not None:
+            tables[name], found = _points(read_columns(name, block, folder))
+            notes += found
+    return Recording(
+        path=path, title=file.title or path.stem, test=test, rig=file.rig, specimen=file.specimen, given=file.given(),
+        wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)
+
+
+def loops_of(columns: Columns, test: Test) -> tuple[LoopSet, tuple[Note, ...]]:
+    """Clean the loops of a block and compare them with what is stated of the test."""
+    frequency = float("nan") if test.excitation_frequency is None else test.excitation_frequency
+    loops, notes = clean_loops(columns, lambda _: frequency)
+    count = len(loops.cycles)
+    notes += check_loops(columns.path, columns.block, loops, test, _stated([test.normal_load] * count),
+                         _stated([test.excitation_amplitude] * count))
+    if count == 1 and len(loops.repeats) == 1:
+        notes += (Note(columns.block, "one cycle count only: no evolution can be seen"),)
+    if loops.repeats.max() < 2:
+        notes += (Note(columns.block, "no repeats: uncertainties rest on the noise within each loop"),)
+    return loops, notes
+
+
+def series_of(columns: Columns, test: Test) -> tuple[Series, tuple[Note, ...]]:
+    """Clean a long record and compare it with what is stated of the test."""
+    series, notes = clean_series(columns)
+    if "displacement" in series.channels:
+        check_motion(columns.path, columns.block, test.kind, float(np.ptp(series.channels["displacement"])))
+    return series, notes
+
+
+def _sweep(columns: Columns, file: RecordingFile) -> tuple[Sweep, tuple[Note, ...]]:
+    if file.sweep is None:
+        raise UnreliableRecordingError("sweep: there is no such block")
+    test = file.test
+    keys = [key for key in Condition.model_fields if key != "id"]
+    stated = {c.id: c.model_copy(update={key: getattr(test, key) for key in keys if getattr(c, key) is None})
+              for c in file.sweep.conditions}
+    there = np.unique(columns.index("condition"))
+    unknown = [int(i) for i in there if int(i) not in stated]
+    if unknown:
+        raise UnreliableRecordingError(f"sweep.conditions: none has the id {unknown[0]} that stands in {columns.path}; "
+                                       "describe it or remove its rows")
+
+    def frequency(condition: int) -> float:
+        value = stated[condition].excitation_frequency
+        return float("nan") if value is None else value
+
+    loops, notes = clean_loops(columns, frequency, index="condition")
+    conditions = tuple(stated[int(i)] for i in loops.cycles)
+    notes += check_loops(columns.path, "sweep", loops, test, _stated([c.normal_load for c in conditions]),
+                         _stated([c.excitation_amplitude for c in conditions]))
+    absent = [str(i) for i in stated if i not in there]
+    if absent:
+        notes += (Note("sweep", f"no rows for the conditions {', '.join(absent)}"),)
+    return Sweep(conditions=conditions, loops=loops), notes
+
+
+def _points(columns: Columns) -> tuple[Points, tuple[Note, ...]]:
+    complete = np.all([np.isfinite(values) for values in columns.values.values()], axis=0)
+    notes = columns.notes
+    if not complete.all():
+        notes += (Note(columns.block, "lack a number and are left out", "", row_ranges(np.flatnonzero(~complete))),)
+    return Points(channels={name: values[complete] for name, values in columns.values.items()}, units=columns.units,
+                  sd=columns.sd, calibration_sd=columns.calibration_sd), notes
+
+
+def _stated(values: list[float | None]) -> Array:
+    return np.array([np.nan if value is None else value for value in values])

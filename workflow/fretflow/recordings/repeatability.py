@@ -1,0 +1,96 @@
+"""How far repeats of the same loop differ: the floor under which no model can be told from the recording.
+
+Model of a channel at cycle count k, repeat r, sample n (phase)::
+
+    y_krn = (1 + g_kr) m_kn + o_kr + e_krn
+
+with the loop m without its mean, the gain g and the offset o of a repeat, and noise e whose size may depend on the
+phase. All are estimated from the differences between repeats alone, never from the residuals of a fit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import quantity, record
+
+Array = NDArray[np.float64]
+
+LEAST_COUNTS = 7  # cycle counts for the scatter about their trend
+
+
+@record
+class Repeatability:
+    """What the repeats of one channel say; in the channel's unit unless stated."""
+
+    mean: Array = quantity("", "(K, N), over the repeats")
+    repeats: NDArray[np.int64] = quantity("1", "(K,)")
+    noise_sd: Array = quantity("", "(N,), of one sample without gain and offset")
+    gain_sd: float = quantity("1")  # between repeats, relative, beyond what noise explains
+    offset_sd: float  # between repeats, beyond what noise explains
+    repeat_sd: Array = quantity("", "(N,), between repeats in all: the floor of a single loop")
+    cycle_sd: Array | None = quantity("", "(N,), of a cycle count about its neighbours, beyond the repeats")
+    degrees_of_freedom: int  # of the differences between repeats, per phase
+
+    def covariance(self, k: int) -> Array:
+        """Return the covariance (N, N) of the mean loop at cycle count `k` by noise, gain and offset."""
+        loop = self.mean[k] - self.mean[k].mean()
+        one = np.diag(self.noise_sd**2) + self.gain_sd**2 * np.outer(loop, loop) + self.offset_sd**2
+        return np.asarray(one / self.repeats[k])
+
+
+def repeatability(values: Array) -> Repeatability:
+    """Return what the repeats of a channel (K, R, N) say, nan where there is no repeat.
+
+    The scatter of a cycle count about its neighbours, where there are enough of them, is that of the mean loops
+    about the cubic through two neighbours on either side, ``m_k - (4 m_(k-1) + 4 m_(k+1) - m_(k-2) - m_(k+2)) / 6``,
+    35/18 of one loop's variance. Its median is taken, so that one jump does not count. An evolution that is smooth
+    from count to count is no part of it; one that is not cannot be told from scatter, so it is an upper bound.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If no cycle count has two repeats.
+    """
+    there = np.isfinite(values).all(axis=2)
+    repeats = there.sum(axis=1)
+    freedom = int(np.sum(np.maximum(repeats - 1, 0)))
+    if not freedom:
+        raise UnreliableRecordingError("loops: no cycle count has two repeats, so nothing tells how far they scatter; "
+                                       "record some loops twice")
+    mean = np.full((len(values), values.shape[2]), np.nan)
+    total, rest, between = np.zeros(values.shape[2]), np.zeros(values.shape[2]), np.zeros(2)
+    noise_of_fit = np.zeros(2)
+    for k in np.flatnonzero(repeats):
+        loops = values[k, there[k]]
+        mean[k] = loops.mean(axis=0)
+        if repeats[k] < 2:
+            continue
+        basis = np.stack([mean[k] - mean[k].mean(), np.ones(values.shape[2])])
+        squares = np.maximum((basis * basis).sum(axis=1), 1e-300)
+        away = loops - mean[k]
+        fits = away @ basis.T / squares  # (R, gain and offset); the two are orthogonal
+        total += np.sum(away**2, axis=0)
+        rest += np.sum((away - fits @ basis) ** 2, axis=0)
+        between += np.sum(fits**2, axis=0)
+        noise_of_fit += (repeats[k] - 1) / squares
+    samples = values.shape[2]
+    noise = rest / freedom * samples / (samples - 2)
+    fitted = np.sqrt(np.maximum(between - noise_of_fit * noise.mean(), 0.0) / freedom)
+    repeat_variance = total / freedom
+    return Repeatability(mean=mean, repeats=repeats, noise_sd=np.sqrt(noise), gain_sd=float(fitted[0]),
+                         offset_sd=float(fitted[1]), repeat_sd=np.sqrt(repeat_variance),
+                         cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom)
+
+
+def _about_neighbours(mean: Array, repeats: NDArray[np.int64], repeat_variance: Array) -> Array | None:
+    known = np.flatnonzero(repeats)
+    if len(known) < LEAST_COUNTS:
+        return None
+    loops = mean[known]
+    away = loops[2:-2] - (4.0 * loops[1:-3] + 4.0 * loops[3:-1] - loops[:-4] - loops[4:]) / 6.0
+    # The median of squared normal deviates is 0.455 of their variance.
+    variance = np.median(away**2, axis=0) / 0.455 / (35.0 / 18.0)
+    return np.sqrt(np.maximum(variance - repeat_variance / repeats[known].mean(), 0.0))

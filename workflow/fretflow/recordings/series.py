@@ -1,0 +1,189 @@
+"""Long records: cleaned row by row, and cut into the cycles by which the displacement comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.recordings import periods as p
+from fretflow.recordings.blocks import Columns
+from fretflow.recordings.loopset import FORCES, LoopSet, Series
+from fretflow.recordings.notes import Note, row_ranges
+from fretflow.recordings.stretches import SHORTEST, UNEVEN
+
+Array = NDArray[np.float64]
+
+BRIDGED = 5  # sampling intervals
+SMALLEST_CYCLE = 0.1  # of the largest one
+OPEN = 0.15  # of the range between the ends of a single loop
+STEADY = 0.05  # change of the peak-to-peak displacement from cycle to cycle
+
+
+def clean_series(columns: Columns) -> tuple[Series, tuple[Note, ...]]:
+    """Fill the short holes of a long record and mark the rows in the long ones.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If time does not grow, a channel holds no number or the displacement never changes, naming rows.
+    """
+    time, rows, notes = _time(columns)
+    usable = np.ones(len(rows), dtype=bool)
+    channels = {}
+    for name in columns.physical:
+        values = columns.values[name][rows]
+        there = np.isfinite(values)
+        if not there.any() or (name in ("displacement", *FORCES) and np.ptp(values[there]) == 0.0):
+            raise UnreliableRecordingError(f"{columns.path}: {name}, rows 1-{columns.rows}: "
+                                           f"{'never changes' if there.any() else 'no number'}; check that the sensor "
+                                           "was on and the right column is named")
+        channels[name], far, more = _filled(columns.block, name, values, there, rows)
+        usable &= ~far
+        notes += more
+    if time is not None and len(time) > 2:
+        far, more = _gaps(columns.block, time, rows)
+        usable &= ~far
+        notes += more
+    series = Series(time=time, channels=channels, usable=usable, units={n: columns.units[n] for n in channels},
+                    sd=columns.sd, calibration_sd=columns.calibration_sd, displacement_of=columns.displacement_of)
+    return series, (*columns.notes, *notes)
+
+
+def _time(columns: Columns) -> tuple[Array | None, NDArray[np.int64], tuple[Note, ...]]:
+    rows = np.arange(columns.rows)
+    time = columns.values.get("time")
+    if time is None:
+        return None, rows, ()
+    known = np.isfinite(time)
+    notes = () if known.all() else (Note(columns.block, "have no time and are left out", "time", row_ranges(rows[~known])),)
+    rows, time = rows[known], time[known]
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size or len(time) < SHORTEST:
+        what = f"row {rows[back[0] + 1] + 1}: time does not grow; sort the rows" if back.size else (
+            f"only {len(time)} rows; at least {SHORTEST} are needed")
+        raise UnreliableRecordingError(f"{columns.path}: time, {what}")
+    return time, rows, notes
+
+
+def _filled(block: str, name: str, values: Array, there: NDArray[np.bool_], rows: NDArray[np.int64]) -> tuple[
+        Array, NDArray[np.bool_], tuple[Note, ...]]:
+    """Return a channel with its missing values interpolated, which rows are too far for that, and notes."""
+    far = np.zeros(len(values), dtype=bool)
+    if there.all():
+        return values, far, ()
+    known = np.flatnonzero(there)
+    missing = np.flatnonzero(~there)
+    after = np.searchsorted(known, missing)
+    before = known[np.maximum(after - 1, 0)]
+    beyond = known[np.minimum(after, len(known) - 1)]
+    long = (beyond - before > BRIDGED + 1) | (beyond < missing) | (before > missing)
+    far[missing[long]] = True
+    notes = ()
+    if not long.all():
+        notes += (Note(block, "no number there; filled by interpolation", name, row_ranges(rows[missing[~long]])),)
+    if long.any():
+        notes += (Note(block, "no number in a long stretch; the cycles that it touches are left out", name,
+                       row_ranges(rows[missing[long]])),)
+    return np.interp(np.arange(len(values)), known, values[there]), far, notes
+
+
+def _gaps(block: str, time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.bool_], tuple[Note, ...]]:
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    far = np.zeros(len(time), dtype=bool)
+    gaps = np.flatnonzero(steps > (1.0 + 5.0 * UNEVEN) * step)
+    long = gaps[steps[gaps] > (BRIDGED + 1.5) * step]
+    far[long], far[long + 1] = True, True
+    notes = ()
+    if gaps.size:
+        notes += (Note(block, f"follow gaps in time, the longest {steps.max():.4g} s; cycles with more than {BRIDGED} "
+                       "samples missing are left out", "time", row_ranges(rows[gaps + 1])),)
+    return far, notes
+
+
+def loops_of_series(series: Series, block: str = "series") -> tuple[LoopSet, tuple[Note, ...]]:
+    """Cut a long record into cycles, numbered from 1; each is a loop of its own without repeats.
+
+    A cycle lasts from one passage of the displacement upwards through its middle to the next. A record
+    that ends near where it began and has no such cycle within is one loop.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it holds no whole cycle.
+    """
+    if "displacement" not in series.channels:
+        raise UnreliableRecordingError(f"{block}: no channel displacement, by which cycles are told apart")
+    cuts = _cuts(series)
+    if len(cuts) < 2:
+        raise UnreliableRecordingError(f"{block}: holds no whole cycle of the displacement; record at least one, from "
+                                       "one passage of its middle to the next")
+    spans = np.diff(cuts)
+    whole = np.array([bool(series.usable[int(a):int(np.ceil(b)) + 1].all()) and b - a >= SHORTEST
+                      for a, b in zip(cuts[:-1], cuts[1:], strict=True)])
+    samples = max(SHORTEST, int(np.median(spans)))
+    channels = {name: _sampled(values, cuts, samples) for name, values in series.channels.items()}
+    reach = np.ptp(channels["displacement"], axis=1)
+    kept = whole & (reach > SMALLEST_CYCLE * reach[whole].max(initial=0.0))
+    if not kept.any():
+        raise UnreliableRecordingError(f"{block}: no cycle has {SHORTEST} samples without long holes; record more")
+    notes = _cycle_notes(block, cuts, kept, reach)
+    interval = series.sampling_interval
+    frequency = 1.0 / (spans[kept] * interval) if interval else np.full(int(kept.sum()), np.nan)
+    loops = LoopSet(
+        cycles=np.flatnonzero(kept) + 1, frequency=frequency, phase=2.0 * np.pi * np.arange(samples) / samples,
+        channels={name: values[kept][:, None, :] for name, values in channels.items()}, units=series.units,
+        sd=series.sd, calibration_sd=series.calibration_sd, displacement_of=series.displacement_of,
+        aligned_to="displacement")
+    return _from_maximum(loops), notes
+
+
+def _cuts(series: Series) -> Array:
+    """Return where (n,), in samples, the cycles begin and the last one ends."""
+    x = series.channels["displacement"]
+    rough = p.upward_crossings(p.smoothed_record(x))
+    if len(rough) < 2:
+        return np.array([0.0, len(x)]) if _closes(series) else rough
+    return p.upward_crossings(p.without_trend(x, round(float(np.median(np.diff(rough))))))
+
+
+def _closes(series: Series) -> bool:
+    """Return whether the record as a whole is one loop: every channel of it ends near where it began."""
+    loop = [values for name, values in series.channels.items() if name in ("displacement", *FORCES)]
+    return series.rows >= SHORTEST and all(
+        abs(values[-1] - values[0]) < OPEN * np.ptp(values) for values in loop)
+
+
+def _sampled(values: Array, cuts: Array, samples: int) -> Array:
+    """Return each cycle at `samples` even instants between its cuts, (cycles, samples)."""
+    at = cuts[:-1, None] + np.diff(cuts)[:, None] * np.arange(samples) / samples
+    return np.interp(at, np.arange(len(values) + 1), np.append(values, values[0]))
+
+
+def _cycle_notes(block: str, cuts: Array, kept: NDArray[np.bool_], reach: Array) -> tuple[Note, ...]:
+    notes = [Note(block, "each cycle is a loop without repeats: uncertainties rest on the noise within it")]
+    ends = np.array([[int(a) + 1, int(b)] for a, b in zip(cuts[:-1], cuts[1:], strict=True)])
+    outside = tuple((a, b) for a, b in zip(ends[~kept, 0].tolist(), ends[~kept, 1].tolist(), strict=True))
+    if outside:
+        notes.append(Note(block, "cycles left out: too small, too short or with holes", "", outside))
+    change = np.abs(np.diff(reach)) / np.maximum(reach[1:], reach[:-1])
+    moving = kept & (np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) > STEADY)
+    if moving.any():
+        numbers = ", ".join(str(k + 1) for k in np.flatnonzero(moving)[:8]) + (" ..." if moving.sum() > 8 else "")
+        notes.append(Note(block, f"motion is not steady in cycles {numbers}: their loops do not close", "displacement",
+                          tuple((a, b) for a, b in ends[moving].tolist())))
+    return tuple(notes)
+
+
+def _from_maximum(loops: LoopSet) -> LoopSet:
+    """Roll every loop so that it begins at the maximum of its displacement's fundamental."""
+    samples = len(loops.phase)
+    turns = np.arange(samples) / samples
+    shift = [-round(p.turn_of_maximum(turns, x) * samples) for x in loops.channels["displacement"][:, 0]]
+    rolled: Mapping[str, Array] = {name: np.array([np.roll(v, s, axis=-1) for v, s in zip(values, shift, strict=True)])
+                                   for name, values in loops.channels.items()}
+    return replace(loops, channels=rolled)

@@ -1,0 +1,259 @@
+"""A stretch of rows recorded at one cycle count, as whole periods in order of phase: time, holes and drift."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.recordings import periods as p
+from fretflow.recordings.notes import Note, row_ranges
+
+Array = NDArray[np.float64]
+
+SHORTEST = 16  # samples a period
+LONGEST_HOLE = 0.05  # of a period that is bridged
+UNEVEN = 0.1  # of the sampling interval
+MOST_MISSING = 0.2  # of the samples of a stretch
+DRIFT_SIGNIFICANCE = 4.0  # standard deviations
+LEAST_DRIFT = 1e-6  # of the range: less is rounding
+OTHER_FREQUENCY = 0.02  # relative: beyond, the one that is given is wrong
+WHOLE = 0.02  # of a period that may be lacking at the end
+
+
+class Unusable(Exception):  # noqa: N818 - it becomes a note, unless nothing else is left
+    """A stretch cannot be used; the message says why."""
+
+    def __init__(self, reason: str, channel: str = "") -> None:
+        super().__init__(reason)
+        self.channel = channel
+
+
+class Notebook:
+    """Collects notes; those of one text and channel become one with all their rows."""
+
+    def __init__(self, block: str) -> None:
+        self._block = block
+        self._rows: dict[tuple[str, str], list[NDArray[np.int64]]] = {}
+
+    def add(self, text: str, channel: str, rows: NDArray[np.int64]) -> None:
+        """Note `text` about `rows` (n,), counted from 0."""
+        self._rows.setdefault((text, channel), []).append(rows)
+
+    def notes(self) -> tuple[Note, ...]:
+        """Return what was noted."""
+        return tuple(Note(self._block, text, channel, row_ranges(np.concatenate(rows)))
+                     for (text, channel), rows in self._rows.items())
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Whole periods of all channels, not yet on a common phase grid."""
+
+    rows: NDArray[np.int64]
+    turns: Array  # (n,), from the first row
+    values: Array  # (C, n), complete
+    periods: int
+    evenly: bool
+    reference: float  # turn in [0, 1) at which the reference is largest
+    reference_sd: float  # of it, in samples
+    excluded: frozenset[int] = field(default=frozenset())  # periods with too long a hole
+
+    @property
+    def samples(self) -> int:
+        """Return the samples a period, rounded."""
+        return round(len(self.turns) / self.periods)
+
+    @property
+    def offset(self) -> float | None:
+        """Return where the first sample after the reference's maximum lies, in samples; None if that varies."""
+        if not self.evenly or len(self.turns) != self.samples * self.periods:
+            return None
+        return float(-self.reference * self.samples % 1.0)
+
+    def on_grid(self, samples: int, offset: float, exact: bool) -> Array:
+        """Return the periods (P, C, N) at the phases ``(n + offset) / N`` after the reference's maximum.
+
+        `exact` says that the samples lie there already.
+        """
+        first = int(np.ceil((self.turns[0] - self.reference) * samples - offset - 1e-6))
+        if exact:
+            first = round((self.turns[0] - self.reference) * samples - offset)
+            values = self.values
+        else:
+            at = self.reference + (first + offset + np.arange(samples * self.periods)) / samples
+            values = np.array([p.resampled(self.turns, channel, self.periods, at, self.evenly)
+                               for channel in self.values])
+        cut = values.reshape(len(values), self.periods, samples).swapaxes(0, 1)
+        return np.roll(cut, first % samples, axis=2)
+
+
+def make_stretch(rows: NDArray[np.int64], time: Array | None, values: Array, names: Sequence[str],
+                 reference: str, frequency: float, notes: Notebook) -> Stretch:
+    """Turn rows (n,) with their time (s) and channels (C, n) into whole periods, noting what is done.
+
+    A `frequency` (Hz) of nan is found from the reference; rows in which it does not come back are one period. Without
+    a time the rows are taken as even.
+
+    Raises
+    ------
+    Unusable
+        If that cannot be done.
+    """
+    rows, turns, values, interval = _turns(rows, time, values, names.index(reference), frequency, notes)
+    periods = int(np.floor(turns[-1] + interval + WHOLE))
+    if periods == 0 and turns[-1] + interval >= 1.0 - LONGEST_HOLE:
+        notes.add(f"end {1.0 - turns[-1] - interval:.1%} of a period too early, which is bridged", "", rows[-1:])
+        periods = 1
+    if periods == 0:
+        raise Unusable(f"{turns[-1] + interval:.0%} of a period; at least one whole period is needed")
+    used = turns < periods - 0.5 * interval
+    if len(turns) - used.sum() > WHOLE / interval:
+        notes.add("are no whole period and left out", "", rows[~used])
+    rows, turns, values = rows[used], turns[used], values[:, used]
+    if len(turns) < SHORTEST * periods:
+        raise Unusable(f"{len(turns) / periods:.0f} samples a period; at least {SHORTEST} are needed")
+    whole = _filled(rows, turns, values, names, notes)
+    excluded = _holes(rows, turns, values, interval, periods, names, notes)
+    evenly = bool(np.all(np.abs(np.diff(turns) - interval) < UNEVEN * interval))
+    whole = _without_drift(rows, turns, whole, names, periods, interval, notes)
+    k = names.index(reference)
+    maximum = p.turn_of_maximum(turns, whole[k])
+    noise = float(p.noise_sd(whole[k])) / max(abs(p.fundamental(turns, whole[k])), 1e-300)
+    spread = float(noise * np.sqrt(2.0 / len(turns)) * len(turns) / periods / (2.0 * np.pi))
+    return Stretch(rows, turns, whole, periods, evenly, maximum, spread, excluded)
+
+
+def _turns(rows: NDArray[np.int64], time: Array | None, values: Array, reference: int, frequency: float,
+           notes: Notebook) -> tuple[NDArray[np.int64], Array, Array, float]:
+    """Return rows, turns, values without rows that have no time, and the sampling interval in turns."""
+    if time is not None and not np.all(np.isfinite(time)):
+        known = np.isfinite(time)
+        notes.add("have no time and are left out", "time", rows[~known])
+        rows, time, values = rows[known], time[known], values[:, known]
+    if len(rows) < SHORTEST:
+        raise Unusable(f"{len(rows)} samples; at least {SHORTEST} a period are needed")
+    if time is None:
+        time, frequency = np.arange(len(rows)) * 1.0, float("nan")
+    else:
+        _must_grow(rows, time)
+    step = float(np.median(np.diff(time)))
+    frequency = _true_frequency(rows, time, values[reference], frequency, notes)
+    if not np.isfinite(frequency):
+        frequency = 1.0 / (time[-1] - time[0] + step)
+    steps = np.diff(time)
+    gaps = steps > (1.0 + 5.0 * UNEVEN) * step
+    if np.any(gaps):
+        notes.add("follow gaps in time, bridged where they are short", "time", rows[1:][gaps])
+    elif np.any(np.abs(steps - step) > UNEVEN * step):
+        notes.add("are sampled unevenly and resampled", "time", rows)
+    return rows, (time - time[0]) * frequency, values, step * frequency
+
+
+def _must_grow(rows: NDArray[np.int64], time: Array) -> None:
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        raise Unusable(f"time does not grow at row {rows[back[0] + 1] + 1}; sort the rows, and check that each loop has "
+                       "its own cycle and repeat", "time")
+
+
+def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: float, notes: Notebook) -> float:
+    """Return the frequency by which the reference comes back, the given one where that cannot be told."""
+    there = np.isfinite(values)
+    crossings = p.upward_crossings(values[there]) if there.any() else np.zeros(0)
+    if len(crossings) < (2 if not np.isfinite(given) else 4):
+        return given
+    at = np.interp(crossings, np.arange(there.sum()), time[there])
+    found = float(1.0 / np.median(np.diff(at)))
+    between = round(float((at[-1] - at[0]) * found))
+    found = between / float(at[-1] - at[0])
+    if not np.isfinite(given):
+        return found
+    if abs(found / given - 1.0) > OTHER_FREQUENCY:
+        raise Unusable(f"periods come at {found:.6g} Hz where {given:.6g} Hz are stated; correct excitation_frequency "
+                       "or the unit of time", "time")
+    if abs(found / given - 1.0) * (time[-1] - time[0]) * given < WHOLE:
+        return given
+    notes.add(f"cut into periods at the {found:.6g} Hz by which the signal comes back, not at {given:.6g} Hz", "time", rows)
+    return found
+
+
+def _filled(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequence[str], notes: Notebook) -> Array:
+    """Return the values with missing samples interpolated."""
+    if np.all(np.isfinite(values)):
+        return values
+    whole = values.copy()
+    for name, channel in zip(names, whole, strict=True):
+        missing = ~np.isfinite(channel)
+        if missing.mean() > MOST_MISSING:
+            raise Unusable(f"{missing.mean():.0%} of the samples are missing; at most {MOST_MISSING:.0%} can be bridged",
+                           name)
+        if missing.any():
+            notes.add("no number there; filled by interpolation", name, rows[missing])
+            channel[missing] = np.interp(turns[missing], turns[~missing], channel[~missing], period=float(
+                max(1.0, np.ceil(turns[-1]))))
+    return whole
+
+
+def _holes(rows: NDArray[np.int64], turns: Array, values: Array, interval: float, periods: int,
+           names: Sequence[str], notes: Notebook) -> frozenset[int]:
+    """Return the periods in which a channel lacks more than can be bridged."""
+    bad: dict[int, str] = {}
+    for name, channel in zip(names, values, strict=True):
+        there = turns[np.isfinite(channel)]
+        edges = np.r_[there, there[0] + periods]
+        for k in np.flatnonzero(np.diff(edges) - interval > LONGEST_HOLE):
+            touched = range(int(edges[k]), int(np.ceil(edges[k + 1] - 1e-9)))
+            bad = {**dict.fromkeys((period % periods for period in touched), name), **bad}
+    if len(bad) == periods:
+        raise Unusable(f"more than {LONGEST_HOLE:.0%} of a period is missing in one place", bad[0])
+    for period, name in bad.items():
+        inside = rows[(turns >= period) & (turns < period + 1)]
+        notes.add(f"period left out: it lacks more than {LONGEST_HOLE:.0%} of its samples in one place", name, inside)
+    return frozenset(bad)
+
+
+def _without_drift(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequence[str], periods: int,
+                   interval: float, notes: Notebook) -> Array:
+    """Return the channels without their drift where it is significant, so that each period closes."""
+    flat = values
+    for k, name in enumerate(names):
+        drift = _drift(turns, values[k], periods, interval)
+        if drift is not None:
+            flat = values.copy() if flat is values else flat
+            flat[k] -= drift
+            share = np.ptp(drift) / np.ptp(values[k])
+            notes.add(f"drift removed, {_rounded(share)} of the range", name, rows)
+    return flat
+
+
+def _rounded(share: float) -> str:
+    return next((f"below {limit:.0%}" for limit in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5) if share < limit), "above 50%")
+
+
+def _drift(turns: Array, values: Array, periods: int, interval: float) -> Array | None:
+    """Return the drift (n,) about its mean, or None if there is no significant one.
+
+    Over several periods it is the line through the periods' means; in a single one it is a straight line that
+    closes it.
+    """
+    least = LEAST_DRIFT * float(np.ptp(values))
+    if periods == 1:
+        jump, sd = p.closure_jump(turns, values, interval)
+        if abs(jump) <= max(DRIFT_SIGNIFICANCE * sd, least):
+            return None
+        return jump * (turns - turns.mean())
+    period = np.minimum(turns.astype(int), periods - 1)
+    counts = np.bincount(period, minlength=periods)
+    means = np.bincount(period, values, periods) / np.maximum(counts, 1)
+    noise = float(p.noise_sd(values)) / np.sqrt(counts.min() or 1)
+    if not np.all(counts) or np.ptp(means) <= max((DRIFT_SIGNIFICANCE + np.log10(periods)) * noise, least):
+        return None
+    centres = np.arange(periods) + 0.5
+    line = np.interp(turns, centres, means)
+    for outside, a, b in ((turns < centres[0], 0, 1), (turns > centres[-1], -1, -2)):
+        slope = (means[a] - means[b]) / (centres[a] - centres[b])
+        line[outside] = means[a] + slope * (turns[outside] - centres[a])
+    return np.asarray(line - line.mean())
