@@ -85,6 +85,13 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 
+def declared_priors(section: type[Section]) -> dict[str, Prior]:
+    """Return the ranges of the fields of `section` that `parameter` declared."""
+    extras = {name: info.json_schema_extra for name, info in section.model_fields.items()}
+    return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
+            if isinstance(extra, dict) and "prior" in extra}
+
+
 @dataclass(frozen=True)
 class Sketch:
     """A small picture of an effect: labelled curves (x, y) in the units that the axes name."""
@@ -115,9 +122,7 @@ class Effect(Section):
     @classmethod
     def priors(cls) -> dict[str, Prior]:
         """Return the range of every parameter that has one."""
-        extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
-        return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
-                if isinstance(extra, dict) and "prior" in extra}
+        return declared_priors(cls)
 
     def changed(self, **values: float | None) -> Self:
         """Return the effect with other values (SI) of some parameters."""

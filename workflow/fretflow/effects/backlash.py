@@ -1,0 +1,55 @@
+"""Play between the arm and its holder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.driven import Sliders
+from fretflow.rig.force_laws import HingePlay
+from fretflow.wear.slow import SlowState
+
+
+class Backlash(Effect):
+    """A gap that must be crossed, without force, each time the force between arm and holder changes its sign.
+
+    In the rig the hinge between block and arm carries nothing within the play. A driven joint has the play in series:
+    its spring unloads, crosses the gap and loads again on the other side. With distributed slip limits each of the
+    sliders has the play for itself.
+    """
+
+    id: ClassVar[str] = "backlash"
+    title: ClassVar[str] = "play between arm and holder"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "k (|d| - g / 2) sign(d) where |d| > g / 2, else 0"
+    source: ClassVar[str] = ("dead zone in series with a spring: M. Nordin, P.-O. Gutman, Automatica 38 (2002), "
+                             "controlling mechanical systems with backlash")
+    observables: ClassVar[tuple[str, ...]] = ("flat part of a loop where the force changes its sign",)
+    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+
+    play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return no play."""
+        return cls().changed(play=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Free the hinge within the play."""
+        if self.play == 0.0:
+            return problem
+        hinge = problem.joint.quasi_static().rig.hinge_stiffness
+        return replace(problem, rig_forces=(*problem.rig_forces, HingePlay(hinge, self.play)))
+
+    def sliders(self, sliders: Sliders) -> Sliders:
+        """Put the play before the sliders."""
+        return replace(sliders, play=sliders.play + self.play)
+
+    def sketch(self) -> Sketch:
+        """Return a loop with a flat part at zero force."""
+        return loop_sketch(self)

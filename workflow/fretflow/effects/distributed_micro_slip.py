@@ -1,0 +1,76 @@
+"""Sliding that begins at some places before others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core.config import Case
+from fretflow.effects.effect import Array, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.driven import Sliders
+from fretflow.wear.slow import SlowState
+
+ELEMENTS = 32
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
+class DistributedMicroSlip(Effect):
+    """Slip limits that are spread about their mean, at equal stiffness and equal limit in all.
+
+    The limit at the quantile q, from 0 to 1, is ``1 - w + w (1 + b) q^b`` of the mean. With b = 1 the limits are
+    uniform in ``1 - w ... 1 + w``; with w = 1 their density falls as the power ``1 / b - 1``. A driven joint becomes
+    32 sliders side by side. In the fretting rig the nodes differ in their friction coefficient, spread over the face
+    by the golden ratio's sequence so that neighbours differ, and the area mean of the factors is 1.
+    """
+
+    id: ClassVar[str] = "distributed-micro-slip"
+    title: ClassVar[str] = "distributed slip limits"
+    block: ClassVar[Block] = Block.CONTACT
+    equation: ClassVar[str] = "slip limit s (1 - w + w (1 + b) q^b), q uniform in 0...1"
+    source: ClassVar[str] = ("W. D. Iwan, J. Appl. Mech. 33 (1966); power law of limits: D. J. Segalman, J. Appl. "
+                             "Mech. 72 (2005)")
+    observables: ClassVar[tuple[str, ...]] = ("knee of a loop between stick and plateau",
+                                              "dissipated energy over amplitude below gross slip")
+    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+
+    spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)
+    power: float = parameter(1.0, "b: 1 for a uniform distribution, more for many small limits", 0.5, 4.0,
+                             gt=0.0, logarithmic=True)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return one limit for all."""
+        return cls(spread=0.0)
+
+    def shares(self, quantile: Array) -> Array:
+        """Return the slip limits over their mean at `quantile` (M,)."""
+        return np.asarray(1.0 - self.spread + self.spread * (1.0 + self.power) * quantile**self.power)
+
+    def sliders(self, sliders: Sliders) -> Sliders:
+        """Return each slider as many."""
+        if self.spread == 0.0:
+            return sliders
+        ends = np.arange(ELEMENTS + 1) / ELEMENTS
+        # the mean over each element's quantiles, so that that of all is 1 exactly
+        middle = 1.0 - self.spread + self.spread * ELEMENTS * np.diff(ends**(1.0 + self.power))
+        return replace(sliders, stiffness=np.repeat(sliders.stiffness / ELEMENTS, ELEMENTS),
+                       reach=np.outer(sliders.reach, middle).ravel())
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Spread the friction coefficients of the nodes."""
+        if self.spread == 0.0:
+            return problem
+        areas = problem.interface.areas
+        # ranks of the sequence instead of its values: even at few nodes
+        order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
+        factors = self.shares((order + 0.5) / len(areas))
+        factors = factors / (factors @ areas / areas.sum())
+        return replace(problem, friction_coefficient=np.asarray(problem.friction_coefficient * factors))
+
+    def sketch(self) -> Sketch:
+        """Return a loop with a round knee."""
+        return loop_sketch(self)

@@ -1,0 +1,51 @@
+"""One more resonance between the contact and the force sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+from pydantic import Field
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.rig.sensors import Signals
+
+
+class ExtraMode(Effect):
+    """Measured force ``H T`` with H of an oscillator that the friction force drives: its spring's force over T."""
+
+    id: ClassVar[str] = "extra-mode"
+    title: ClassVar[str] = "one more resonance in the force path"
+    block: ClassVar[Block] = Block.SENSOR
+    equation: ClassVar[str] = "T_meas = H T, H = 1 - r + r / (1 - (w/w_0)^2 + 2 i zeta w/w_0)"
+    source: ClassVar[str] = ("transfer function of one mode: D. J. Ewins, Modal Testing: Theory, Practice and "
+                             "Application, 2nd ed., Research Studies Press (2000)")
+    observables: ClassVar[tuple[str, ...]] = ("ripple on the plateaus after a reversal", "high harmonics of the force")
+    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    sensed_at: ClassVar[int] = 1
+
+    frequency: u.Frequency = parameter(450.0, "w_0 / 2 pi: frequency of the mode", 250.0, 900.0, logarithmic=True)
+    damping_ratio: float = parameter(0.03, "zeta: its damping ratio", 0.01, 0.1, gt=0.0)
+    share: float = Field(1.0, ge=0.0, le=1.0, description="r: share of the force path's flexibility in this mode")
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a mode that takes no part."""
+        return cls(share=0.0)
+
+    def sense(self, signals: Signals) -> Signals:
+        """Send the friction force through the mode."""
+        if self.share == 0.0:
+            return signals
+        natural = 2.0 * np.pi * self.frequency
+        below = np.array([1.0 / natural**2, 2.0 * self.damping_ratio / natural, 1.0])
+        above = (1.0 - self.share) * below + self.share * np.array([0.0, 0.0, 1.0])
+        return replace(signals, friction_force=signals.filtered(signals.friction_force, above, below))
+
+    def sketch(self) -> Sketch:
+        """Return a loop that rings after each reversal."""
+        return loop_sketch(self)

@@ -1,0 +1,51 @@
+"""A constant force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.force_laws import BlockPull
+from fretflow.wear.slow import SlowState
+
+
+class ForceOffset(Effect):
+    """A constant force: on the rig's block, or in the force of a joint that a motion drives.
+
+    An actuator's offset, a slope under gravity, a preloaded spring.
+    """
+
+    id: ClassVar[str] = "force-offset"
+    title: ClassVar[str] = "constant force"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "F_0 besides all other forces"
+    source: ClassVar[str] = ("offset of the drive force: A. Janot, M. Gautier, M. Brunot, Data Set and Reference "
+                             "Models of EMPS, Workshop on Nonlinear System Identification Benchmarks (2019)")
+    observables: ClassVar[tuple[str, ...]] = ("mean of the force",)
+    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+
+    force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return no force."""
+        return cls().changed(force_offset=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Pull at the block."""
+        if self.force_offset == 0.0:
+            return problem
+        return replace(problem, rig_forces=(*problem.rig_forces, BlockPull(self.force_offset)))
+
+    def force(self, motion: Motion) -> Array | float:
+        """Return the force."""
+        return self.force_offset
+
+    def sketch(self) -> Sketch:
+        """Return a loop that is shifted."""
+        return loop_sketch(self)

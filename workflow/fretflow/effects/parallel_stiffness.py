@@ -1,0 +1,52 @@
+"""A spring beside the contact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import ALL_KINDS, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.force_laws import ArmSupport
+from fretflow.rig.sensors import Signals
+from fretflow.wear.slow import SlowState
+
+
+class ParallelStiffness(Effect):
+    """A spring from the moving specimen to the ground, in the force that is measured: ``T_meas = T + k x``.
+
+    A seal, a cable, a leaf that guides the arm, or the part of a joint that never slides.
+    """
+
+    id: ClassVar[str] = "parallel-stiffness"
+    title: ClassVar[str] = "spring beside the contact"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "force on the arm -k x; T_meas = T + k x"
+    source: ClassVar[str] = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), "
+                             "640-643")
+    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
+    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+
+    stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return no spring."""
+        return cls().changed(stiffness=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Hold the arm by the spring."""
+        if self.stiffness == 0.0:
+            return problem
+        return replace(problem, rig_forces=(*problem.rig_forces, ArmSupport(stiffness=self.stiffness)))
+
+    def sense(self, signals: Signals) -> Signals:
+        """Add the spring's force to the friction force."""
+        return replace(signals, friction_force=signals.friction_force + self.stiffness * signals.arm)
+
+    def sketch(self) -> Sketch:
+        """Return a loop whose plateaus rise."""
+        return loop_sketch(self)

@@ -1,0 +1,43 @@
+"""A force channel whose zero wanders."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import ALL_KINDS, Block, Effect, Kind, Sketch, parameter
+from fretflow.rig.sensors import Signals
+
+
+class SensorDrift(Effect):
+    """Measured force ``T + d s``, s the share of the test, or of the record, that is over."""
+
+    id: ClassVar[str] = "sensor-drift"
+    title: ClassVar[str] = "drift of the force channel"
+    block: ClassVar[Block] = Block.SENSOR
+    equation: ClassVar[str] = "T_meas = T + d s, s from 0 to 1 over the test"
+    source: ClassVar[str] = "instrumental drift: International Vocabulary of Metrology, JCGM 200 (2012), 4.21"
+    observables: ClassVar[tuple[str, ...]] = ("mean of the friction force over cycles",)
+    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    sensed_at: ClassVar[int] = 2
+
+    drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a channel that stays."""
+        return cls().changed(drift=0.0)
+
+    def sense(self, signals: Signals) -> Signals:
+        """Add the offset to the friction force."""
+        return replace(signals, friction_force=signals.friction_force + self.drift * signals.progress)
+
+    def sketch(self) -> Sketch:
+        """Return the offset over the test."""
+        share = np.linspace(0.0, 1.0, 50)
+        return Sketch("share of the test", "mean friction force in N",
+                      {"baseline": (share, 0.0 * share), "effect": (share, self.drift * share)})

@@ -1,0 +1,44 @@
+"""A force sensor that carries a mass between itself and the contact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.rig.sensors import Signals
+
+
+class SensorInertia(Effect):
+    """Measured force ``T + m a``, a the acceleration of the moving specimen.
+
+    A lumped joint has a mass of its own, which would take m in.
+    """
+
+    id: ClassVar[str] = "sensor-inertia"
+    title: ClassVar[str] = "mass between the contact and the force sensor"
+    block: ClassVar[Block] = Block.SENSOR
+    equation: ClassVar[str] = "T_meas = T + m a"
+    source: ClassVar[str] = ("Newton's second law; mass cancellation: D. J. Ewins, Modal Testing: Theory, Practice and "
+                             "Application, 2nd ed., Research Studies Press (2000)")
+    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and negative", "high harmonics")
+    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    sensed_at: ClassVar[int] = 1
+
+    mass: u.SignedMass = parameter(0.5, "m: mass that moves before the sensor", 0.1, 3.0, ge=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a sensor without mass."""
+        return cls().changed(mass=0.0)
+
+    def sense(self, signals: Signals) -> Signals:
+        """Add the inertia to the friction force."""
+        return replace(signals, friction_force=signals.friction_force + self.mass * signals.acceleration)
+
+    def sketch(self) -> Sketch:
+        """Return a loop whose plateaus fall."""
+        return loop_sketch(self)

@@ -1,0 +1,43 @@
+"""A displacement sensor that sees, besides the joint, the spring of what the force goes through."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.rig.sensors import Signals
+
+
+class SensorPathCompliance(Effect):
+    """Measured displacement ``x + c T``: the slope while the joint sticks falls from k to ``1 / (1 / k + c)``.
+
+    Only where the model knows the joint's own compliance: a slider that a measured motion drives takes c into its
+    stiffness.
+    """
+
+    id: ClassVar[str] = "sensor-path-compliance"
+    title: ClassVar[str] = "compliance between the contact and the displacement sensor"
+    block: ClassVar[Block] = Block.SENSOR
+    equation: ClassVar[str] = "x_meas = x + c T"
+    source: ClassVar[str] = ("springs in series; the compliance of the apparatus in measured fretting loops: S. "
+                             "Fouvry, P. Kapsa, L. Vincent, Wear 185 (1995)")
+    observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "peak-to-peak displacement")
+
+    compliance: u.SignedCompliance = parameter(2e-8, "c: displacement that a force adds", 6e-9, 6e-8, ge=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a rigid path."""
+        return cls().changed(compliance=0.0)
+
+    def sense(self, signals: Signals) -> Signals:
+        """Add the path's stretch to the displacement."""
+        return replace(signals, displacement=signals.displacement + self.compliance * signals.friction_force)
+
+    def sketch(self) -> Sketch:
+        """Return a loop that leans."""
+        return loop_sketch(self)

@@ -1,0 +1,51 @@
+"""A dashpot beside the contact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.sketches import loop_sketch
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.force_laws import ArmSupport
+from fretflow.rig.sensors import Signals
+from fretflow.wear.slow import SlowState
+
+
+class Viscous(Effect):
+    """A dashpot from the moving specimen to the ground, in the force that is measured: ``T_meas = T + c v``.
+
+    A lumped joint has a damper of its own.
+    """
+
+    id: ClassVar[str] = "viscous"
+    title: ClassVar[str] = "dashpot beside the contact"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "force on the arm -c v; T_meas = T + c v"
+    source: ClassVar[str] = "combined Coulomb and viscous friction: J. P. Den Hartog, Trans. ASME 53 (1931), APM-53-9"
+    observables: ClassVar[tuple[str, ...]] = ("bulge of both plateaus of a loop", "loops at other frequencies")
+    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+
+    damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return no dashpot."""
+        return cls().changed(damping=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Hold the arm by the dashpot."""
+        if self.damping == 0.0:
+            return problem
+        return replace(problem, rig_forces=(*problem.rig_forces, ArmSupport(damping=self.damping)))
+
+    def sense(self, signals: Signals) -> Signals:
+        """Add the dashpot's force to the friction force."""
+        return replace(signals, friction_force=signals.friction_force + self.damping * signals.velocity)
+
+    def sketch(self) -> Sketch:
+        """Return a loop whose plateaus bulge."""
+        return loop_sketch(self)
