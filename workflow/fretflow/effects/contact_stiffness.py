@@ -107,7 +107,7 @@ class ContactStiffness(Effect):
     id: ClassVar[str] = "contact-stiffness"
     title: ClassVar[str] = "asperity springs in series with the bodies"
     block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "k_c = k_t (p / p_0)^m per area, normal ratio k_t"
+    equation: ClassVar[str] = "k_t (p / p_0)^m tangential, ratio times as much normal"
     source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
                              "108 (2012), power law; D. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
     observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "approach", "first resonance")

@@ -28,9 +28,11 @@ from fretflow.harmonic.contact_sample import Array, ContactSystem, SampleState
 from fretflow.harmonic.jenkins_start import jenkins_arm_motion
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.harmonic.reach import extend_solution, penetrating, restrict, restrict_solution, within_reach
+from fretflow.rig.forces import ShareOfForce
 from fretflow.rig.joint import QuasiStaticJoint
 
 SMALLEST_STEP = 1e-3
+SMALLEST_SHARE = 0.05  # step in which further forces on the rig are raised
 REPEATS = 0.02  # how well a period must repeat, relative to the residual before it
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
 
@@ -86,6 +88,26 @@ class QuasiStaticSolver:
         return self._solve_all(replace(problem, joint=joint), samples, start)
 
     def _solve_all(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        try:
+            return self._find(problem, samples, start)
+        except NonConvergenceError:
+            if start is not None or not problem.rig_forces:
+                raise
+        found, share, step = self._find(replace(problem, rig_forces=()), samples, None), 0.0, 0.5
+        while share < 1.0:
+            target = min(1.0, share + step)
+            part = replace(problem, rig_forces=tuple(ShareOfForce(target, force) for force in problem.rig_forces))
+            try:
+                found = self._find(part, samples, found)
+            except NonConvergenceError:
+                step *= 0.5
+                if step < SMALLEST_SHARE:
+                    raise
+                continue
+            share, step = target, 2.0 * step
+        return found
+
+    def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
         joint = problem.joint.quasi_static()
         harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
         equations = ArmEquations.of(problem, harmonics, samples)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -22,3 +23,15 @@ class RigForce(Protocol):
     def __call__(self, displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
         ...
+
+
+@dataclass(frozen=True)
+class ShareOfForce:
+    """A share of another force (a `RigForce`)."""
+
+    share: float
+    whole: RigForce
+
+    def __call__(self, displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> ForceAndSlopes:
+        """Return the share of the other's force and slopes."""
+        return ForceAndSlopes(*(self.share * part for part in self.whole(displacement, velocity)))
