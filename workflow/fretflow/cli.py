@@ -229,6 +229,39 @@ def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects")) ->
 
 
 @app.command
+def loops(
+    recording: Path, /, *, normal_load: str | None = None, frequency: str | None = None,
+    displacement: str | None = None, force: str | None = None, time: str | None = None, out: Out = Path("runs"),
+    json: Path | None = None,
+) -> None:
+    """Read recorded hysteresis loops: friction, stiffness, energy and sliding with uncertainty, for each cycle count.
+
+    Writes OUT/<name>-loops/ with a picture and CSV. Whatever had to be cleaned or left out is listed with its rows.
+
+    Parameters
+    ----------
+    recording
+        folder with a recording.toml, or one file of loops: CSV, HDF5 or MATLAB
+    normal_load
+        such as "60 N", where the recording does not say it
+    frequency
+        such as "100 Hz", of a single file
+    displacement
+        of a single file: "COLUMN [UNIT]", "[UNIT]" or "COLUMN" where its heading has the unit; likewise:
+    force
+        column and unit of the friction force
+    time
+        column and unit of the time
+    json
+        file for all numbers
+    """
+    from fretflow.cli_loops import show_loops
+
+    columns = {"displacement": displacement, "friction_force": force, "time": time}
+    show_loops(recording, columns, normal_load, frequency, out, json)
+
+
+@app.command
 def init(path: Path = Path("case.toml"), /) -> None:
     """Write a commented case file to start from.
 

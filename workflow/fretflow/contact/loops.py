@@ -97,7 +97,8 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None, guide: Hysteresis
         raise InputError(f"normal_load: must be positive, got {normal_load}")
     guide = loop if guide is None else guide
     if len(guide.force) != len(loop.force):
-        raise InputError(f"guide: has {len(guide.force)} samples for the loop's {len(loop.force)}; smooth the loop itself")
+        raise InputError(f"guide: has {len(guide.force)} samples for the loop's {len(loop.force)}; smooth the loop "
+                         "itself")
     there, back = half_cycles(loop, guide)
     compliance = tangential_compliance(there, back)
     stiffness = 1.0 / compliance if compliance is not None and compliance > 0.0 else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from functools import cache
 from tokenize import TokenError
 from typing import TYPE_CHECKING, Annotated, Any
@@ -87,11 +88,16 @@ def _factor(given: str, unit: str, value: str, example: str) -> float:
 
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:
     """Return `value`, in the SI unit `unit`, as text in the unit that engineers read, like ``"14.2 um"``."""
-    choices = _READABLE.get(unit, ((unit, 1.0),))
-    name, size = next((c for c in choices if abs(value) >= c[1] * 0.999999), choices[-1])
-    if value == 0.0:
-        name, size = unit, 1.0
+    name, size = readable_unit(value, unit)
     return f"{value / size:.{digits}g} {name}".rstrip()
+
+
+def readable_unit(value: float, unit: str) -> tuple[str, float]:
+    """Return the unit that engineers read `value` in, which is in the SI unit `unit`, and its size in SI."""
+    choices = _READABLE.get(unit, ((unit, 1.0),))
+    if value == 0.0:
+        return unit, 1.0
+    return next((c for c in choices if abs(value) >= c[1] * 0.999999), choices[-1])
 
 
 class Unit:
@@ -145,3 +151,9 @@ SignedCompliance = Annotated[float, Unit("m/N"), _parser("m/N")]
 CubicStiffness = Annotated[float, Unit("N/m^3"), _parser("N/m^3")]
 RayleighMass = Annotated[float, Unit("1/s"), _parser("1/s"), AfterValidator(_not_negative)]
 RayleighStiffness = Annotated[float, Unit("s"), _parser("s"), AfterValidator(_not_negative)]
+
+
+def smallest(marks: Iterable[object]) -> float | None:
+    """Return zero if the marks of an annotated field refuse negative values, else None."""
+    refuses = any(isinstance(mark, AfterValidator) and mark.func in (_positive, _not_negative) for mark in marks)
+    return 0.0 if refuses else None

@@ -82,12 +82,13 @@ def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tup
 
 
 def _demand(table: Table, channel: str, column: str) -> None:
-    example = f'--{_option(channel)} "{column or "COLUMN"} [{"um" if CHANNELS[channel][0] == "m" else CHANNELS[channel][0]}]"'
+    unit = "um" if CHANNELS[channel][0] == "m" else CHANNELS[channel][0]
+    example = f'--{_option(channel)} "{column or "COLUMN"} [{unit}]"'
     if not column:
-        raise UnsupportedRecordingError(f"{table.path}: no column {', '.join(table.columns)} is known as the {channel}; "
-                                        f"name it: {example}")
-    raise UnsupportedRecordingError(f"{table.path}: column {column} has no unit that is known as one of the {channel}; "
-                                    f"give it: {example}")
+        raise UnsupportedRecordingError(f"{table.path}: no column {', '.join(table.columns)} is known as the "
+                                        f"{channel}; name it: {example}")
+    raise UnsupportedRecordingError(f"{table.path}: column {column} has no unit that is known as one of the "
+                                    f"{channel}; give it: {example}")
 
 
 def _option(channel: str) -> str:

@@ -108,5 +108,5 @@ def _agree(table: Table, block: str, channel: str, heading: str, unit: str) -> N
         raise UnreliableRecordingError(f"{table.path}: column {heading} is in {stated!r}, which is no unit of "
                                        f"{channel} ({block}.{channel}); name the right column") from error
     if not same:
-        raise UnreliableRecordingError(f"{block}.{channel}.unit: is {unit!r}, but the file {table.path} says {stated!r} "
-                                       f"of column {heading}; correct the one that is wrong")
+        raise UnreliableRecordingError(f"{block}.{channel}.unit: is {unit!r}, but the file {table.path} says "
+                                       f"{stated!r} of column {heading}; correct the one that is wrong")

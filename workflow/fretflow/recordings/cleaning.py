@@ -74,8 +74,8 @@ def _reference(columns: Columns) -> str:
     for name in ("excitation", "displacement", *columns.physical):
         if name in columns.physical:
             return name
-    raise UnreliableRecordingError(f"{columns.block}: names no channel but {', '.join(columns.values)}; name the columns "
-                                   "of displacement and force")
+    raise UnreliableRecordingError(f"{columns.block}: names no channel but {', '.join(columns.values)}; name the "
+                                   "columns of displacement and force")
 
 
 def _gather(columns: Columns, index: str) -> tuple[NDArray[np.int64], list[tuple[int, NDArray[np.int64]]]]:

@@ -54,8 +54,9 @@ def read_delimited(path: Path) -> Table:
         If commas may separate numbers or be part of them.
     """
     form = _form(path)
+    notes: tuple[Note, ...] = ()
     try:
-        rows, kept, notes = *_read_fast(path, form), ()
+        rows, kept = _read_fast(path, form)
     except ValueError:
         rows, kept, notes = _read_by_row(path, form)
     columns = {form.headings[k]: np.ascontiguousarray(rows[:, j]) for j, k in enumerate(kept)}
@@ -168,7 +169,7 @@ def _read_by_row(path: Path, form: _Form) -> tuple[Array, Sequence[int], tuple[N
             cells.append(_padded(form.split(text), text, form, width))
             if len(cells[-1]) != width:
                 short = len(cells) - 1
-    notes = ()
+    notes: tuple[Note, ...] = ()
     if short is not None:
         notes = (Note(path.name, "the file is cut off within this row, which is left out", rows=((short + 1,) * 2,)),)
         cells.pop()

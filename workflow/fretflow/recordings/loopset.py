@@ -63,7 +63,8 @@ class LoopSet:
     @property
     def usable(self) -> NDArray[np.bool_]:
         """Return which repeats there are, (K, R)."""
-        return np.all([np.isfinite(values[:, :, 0]) for values in self.channels.values()], axis=0)
+        there = [np.isfinite(values[:, :, 0]) for values in self.channels.values()]
+        return np.asarray(np.all(there, axis=0))
 
     @property
     def repeats(self) -> NDArray[np.int64]:

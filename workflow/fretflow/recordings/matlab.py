@@ -16,6 +16,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
@@ -112,7 +113,7 @@ def _loops_of_fields(fields: dict[str, Any], name: str, cycle: float | None) -> 
     counts = next((np.ravel(lower[key]) for key in COUNTS if key in lower and _is_numeric(lower[key])), None)
     own = float(counts[0]) if counts is not None and len(counts) == 1 else cycle
     if (pair := next((p for p in PAIRS if p[0] in lower and p[1] in lower), None)) is not None:
-        values = [np.ravel(lower[key]) if _is_numeric(lower[key]) else [] for key in pair]
+        values = [np.ravel(lower[key]) if _is_numeric(lower[key]) else np.zeros(0) for key in pair]
         if len(values[0]) == len(values[1]) >= SHORTEST:
             samples = np.column_stack(values).astype(float)
             yield FoundLoop(name, samples, own if own is not None else _count_in_name(name))
@@ -158,7 +159,7 @@ def _is_numeric(node: Any) -> bool:
 
 
 def _as_samples(node: Any) -> Array | None:
-    values = np.asarray(node)
+    values: NDArray[Any] = np.asarray(node)
     if values.dtype.kind not in "fiu" or values.ndim != 2 or 2 not in values.shape:
         return None
     values = values if values.shape[1] == 2 else values.T

@@ -91,7 +91,7 @@ def upward_crossings(values: Array) -> Array:
 def without_trend(values: Array, period: int) -> Array:
     """Return a signal (T,) without its moving mean over `period` samples; the ends take the nearest mean."""
     if period < 2 or len(values) < 2 * period:
-        return values - values.mean()
+        return np.asarray(values - values.mean())
     total = np.r_[0.0, np.cumsum(values - values.mean())]
     mean = (total[period:] - total[:-period]) / period
     before = (len(values) - len(mean)) // 2

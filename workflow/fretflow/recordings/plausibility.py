@@ -8,12 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.units import format_quantity
 from fretflow.recordings.loopset import FORCES, LoopSet
 from fretflow.recordings.notes import Note
 from fretflow.recordings.schema import RecordingFile, Test, TestKind
+
+Array = NDArray[np.float64]
 
 # Peak-to-peak displacement, m.
 RANGES = {
@@ -41,8 +44,7 @@ def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
             f"({format_quantity(low, 'm')} to {format_quantity(high, 'm')}); check its unit and column")
 
 
-def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: np.ndarray, amplitude: np.ndarray) -> tuple[
-        Note, ...]:
+def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: Array, amplitude: Array) -> tuple[Note, ...]:
     """Compare loops with what is stated of them; `load` and `amplitude` of the excitation are (K,), N, or nan.
 
     Raises
@@ -58,15 +60,15 @@ def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: np.nda
         mean = loops.mean(force)
         ratio = float(np.nanmax(0.5 * np.ptp(mean, axis=1) / load)) if np.isfinite(load).any() else 0.0
         if ratio > LARGEST_FRICTION:
-            raise UnreliableRecordingError(f"{path}: {block}.{force}: its amplitude is {ratio:.3g} times the normal load; "
-                                           "check its unit and column, and normal_load")
+            raise UnreliableRecordingError(f"{path}: {block}.{force}: its amplitude is {ratio:.3g} times the normal "
+                                           "load; check its unit and column, and normal_load")
     notes += _against(path, block, loops, "excitation", amplitude, "excitation_amplitude", amplitude_of=True)
     notes += _against(path, block, loops, "normal_force", load, "normal_load", amplitude_of=False)
     return notes
 
 
-def _against(path: Path, block: str, loops: LoopSet, name: str, stated: np.ndarray, key: str, amplitude_of: bool) -> tuple[
-        Note, ...]:
+def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, key: str,
+             amplitude_of: bool) -> tuple[Note, ...]:
     if name not in loops.channels or not np.isfinite(stated).any():
         return ()
     mean = loops.mean(name)
@@ -75,13 +77,14 @@ def _against(path: Path, block: str, loops: LoopSet, name: str, stated: np.ndarr
         ratio = found / stated
     k = int(np.nanargmax(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9)))))
     worst = max(abs(ratio[k]), 1.0 / max(abs(ratio[k]), 1e-9))
-    words = f"{format_quantity(float(found[k]), 'N', 4)} was measured where {key} says {format_quantity(float(stated[k]), 'N', 4)}"
+    measured, said = (format_quantity(float(values[k]), "N", 4) for values in (found, stated))
+    words = f"{measured} was measured where {key} says {said}"
     if worst > STATED or ratio[k] < 0.0:
         raise UnreliableRecordingError(f"{path}: {block}.{name}: {words}; correct the one that is wrong")
     return (Note(block, words, name),) if worst > NOTED else ()
 
 
-def check_file(path: Path, file: RecordingFile, cycles: np.ndarray) -> None:
+def check_file(path: Path, file: RecordingFile, cycles: NDArray[np.int64]) -> None:
     """Compare the cycle counts of the loops with the length of the test.
 
     Raises

@@ -1,9 +1,10 @@
 """What is read off recorded loops, with its uncertainty and where that comes from.
 
 Three sources, each one standard deviation, added in squares: the noise of the samples (the loop is read again and
-again with new noise of the size that its own samples show), the scatter between repeats where it is larger, and the
-calibration of the channels, whose gain enters each reading by a known power. A stiffness is judged by its
-inverse, which noise leaves nearly normal; where that is not clearly above zero, only a lower bound is given.
+again with new noise of the size that its own samples show), the scatter between repeats where it is larger (of a
+long record: between neighbouring cycles of one amplitude), and the calibration of the channels, whose gain enters
+each reading by a known power. A stiffness is judged by its inverse, which noise leaves nearly normal; where that is
+not clearly above zero, only a lower bound is given.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 
 DRAWS = 150
 MOST_DRAWN = 12  # cycle counts that are read with new noise; the others take the nearest one's share
+SAME_REACH = 0.02  # change of the peak-to-peak displacement between cycles that count as repeats
 CLEAR = 3.0  # standard deviations that a compliance must be above zero
 SHOWN = 0.5  # of the draws in which a reading must be there
 SEED = 20210
@@ -84,7 +86,8 @@ class RecordedReadings:
     peak_to_peak: Estimate = quantity("m")
 
 
-def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: float = 0.0) -> RecordedReadings:
+def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: float = 0.0,
+                        consecutive: bool = False) -> RecordedReadings:
     """Read the loops at each cycle count, as the mean of their repeats.
 
     Parameters
@@ -95,6 +98,8 @@ def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: floa
         In N, nan where it is not known; a recorded normal force goes before it.
     normal_load_sd : float
         Its relative standard deviation.
+    consecutive : bool
+        The loops are cycles of one record: neighbours of the same amplitude tell how far repeats scatter.
 
     Raises
     ------
@@ -108,7 +113,7 @@ def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: floa
     seen = [_read(loops, int(k), loops.mean("displacement")[k], loops.mean(loops.force_name)[k], load[k]) for k in kept]
     values = {name: _column(seen, name) for name in POWERS}
     noise = _noise(loops, kept, load, values)
-    scatter = _scatter(loops, kept, load, values)
+    scatter = _scatter_of_neighbours(loops.cycles[kept], values) if consecutive else _scatter(loops, kept, load, values)
     gains = np.array([loops.calibration_sd.get("displacement", 0.0), loops.calibration_sd.get(loops.force_name, 0.0),
                       normal_load_sd])
     estimates = {
@@ -185,9 +190,22 @@ def _scatter(loops: LoopSet, kept: NDArray[np.int64], load: Array, values: dict[
         for name in POWERS:
             column = _column(each, name)
             if np.all(np.isfinite(column)) and values[name][place] != 0.0:
-                shares[name].append(float(np.sum((column / values[name][place] - column.mean() / values[name][place]) ** 2)))
+                shares[name].append(float(np.sum((column - column.mean()) ** 2)) / values[name][place] ** 2)
                 freedom[name] += len(column) - 1
-    return {name: np.abs(values[name]) * np.sqrt(sum(shares[name]) / max(freedom[name], 1) / repeats) for name in POWERS}
+    return {name: np.abs(values[name]) * np.sqrt(sum(shares[name]) / max(freedom[name], 1) / repeats)
+            for name in POWERS}
+
+
+def _scatter_of_neighbours(cycles: NDArray[np.int64], values: dict[str, Array]) -> dict[str, Array]:
+    """Return the standard deviation of each reading by its differences between neighbouring cycles of one amplitude."""
+    reach = values["peak_to_peak"]
+    alike = np.flatnonzero((np.diff(cycles) == 1) & (np.abs(np.diff(reach)) < SAME_REACH * reach[:-1]))
+    found = {}
+    for name, column in values.items():
+        change = 2.0 * (column[alike + 1] - column[alike]) / np.abs(column[alike + 1] + column[alike])
+        change = change[np.isfinite(change)]
+        found[name] = np.abs(column) * float(np.sqrt(np.mean(change**2) / 2.0) if change.size else 0.0)
+    return found
 
 
 def _stiffness(compliance: Estimate) -> tuple[Estimate, Array]:

@@ -103,10 +103,9 @@ def read_recording(path: Path) -> Recording:
     if file.sweep is not None:
         sweep, found = _sweep(read_columns("sweep", file.sweep, folder), file)
         notes += found
-    tables = {}
-    for name in ("frf", "wear_depth"):
+    tables: dict[str, Points | None] = {"frf": None, "wear_depth": None}
+    for name in tables:
         block: Block | None = getattr(file, name)
-        tables[name] = None
         if block is not None:
             tables[name], found = _points(read_columns(name, block, folder))
             notes += found

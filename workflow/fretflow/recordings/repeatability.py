@@ -93,4 +93,4 @@ def _about_neighbours(mean: Array, repeats: NDArray[np.int64], repeat_variance: 
     away = loops[2:-2] - (4.0 * loops[1:-3] + 4.0 * loops[3:-1] - loops[:-4] - loops[4:]) / 6.0
     # The median of squared normal deviates is 0.455 of their variance.
     variance = np.median(away**2, axis=0) / 0.455 / (35.0 / 18.0)
-    return np.sqrt(np.maximum(variance - repeat_variance / repeats[known].mean(), 0.0))
+    return np.asarray(np.sqrt(np.maximum(variance - repeat_variance / repeats[known].mean(), 0.0)))

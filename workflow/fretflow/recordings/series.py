@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,8 @@ def _time(columns: Columns) -> tuple[Array | None, NDArray[np.int64], tuple[Note
     if time is None:
         return None, rows, ()
     known = np.isfinite(time)
-    notes = () if known.all() else (Note(columns.block, "have no time and are left out", "time", row_ranges(rows[~known])),)
+    without = row_ranges(rows[~known])
+    notes = (Note(columns.block, "have no time and are left out", "time", without),) if without else ()
     rows, time = rows[known], time[known]
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size or len(time) < SHORTEST:
@@ -82,7 +84,7 @@ def _filled(block: str, name: str, values: Array, there: NDArray[np.bool_], rows
     beyond = known[np.minimum(after, len(known) - 1)]
     long = (beyond - before > BRIDGED + 1) | (beyond < missing) | (before > missing)
     far[missing[long]] = True
-    notes = ()
+    notes: tuple[Note, ...] = ()
     if not long.all():
         notes += (Note(block, "no number there; filled by interpolation", name, row_ranges(rows[missing[~long]])),)
     if long.any():
@@ -98,7 +100,7 @@ def _gaps(block: str, time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.
     gaps = np.flatnonzero(steps > (1.0 + 5.0 * UNEVEN) * step)
     long = gaps[steps[gaps] > (BRIDGED + 1.5) * step]
     far[long], far[long + 1] = True, True
-    notes = ()
+    notes: tuple[Note, ...] = ()
     if gaps.size:
         notes += (Note(block, f"follow gaps in time, the longest {steps.max():.4g} s; cycles with more than {BRIDGED} "
                        "samples missing are left out", "time", row_ranges(rows[gaps + 1])),)
@@ -124,14 +126,14 @@ def loops_of_series(series: Series, block: str = "series") -> tuple[LoopSet, tup
                                        "one passage of its middle to the next")
     spans = np.diff(cuts)
     whole = np.array([bool(series.usable[int(a):int(np.ceil(b)) + 1].all()) and b - a >= SHORTEST
-                      for a, b in zip(cuts[:-1], cuts[1:], strict=True)])
+                      for a, b in pairwise(cuts)])
     samples = max(SHORTEST, int(np.median(spans)))
     channels = {name: _sampled(values, cuts, samples) for name, values in series.channels.items()}
     reach = np.ptp(channels["displacement"], axis=1)
     kept = whole & (reach > SMALLEST_CYCLE * reach[whole].max(initial=0.0))
     if not kept.any():
         raise UnreliableRecordingError(f"{block}: no cycle has {SHORTEST} samples without long holes; record more")
-    notes = _cycle_notes(block, cuts, kept, reach)
+    notes = _cycle_notes(block, cuts, kept, reach, series.rows)
     interval = series.sampling_interval
     frequency = 1.0 / (spans[kept] * interval) if interval else np.full(int(kept.sum()), np.nan)
     loops = LoopSet(
@@ -164,12 +166,16 @@ def _sampled(values: Array, cuts: Array, samples: int) -> Array:
     return np.interp(at, np.arange(len(values) + 1), np.append(values, values[0]))
 
 
-def _cycle_notes(block: str, cuts: Array, kept: NDArray[np.bool_], reach: Array) -> tuple[Note, ...]:
-    notes = [Note(block, "each cycle is a loop without repeats: uncertainties rest on the noise within it")]
-    ends = np.array([[int(a) + 1, int(b)] for a, b in zip(cuts[:-1], cuts[1:], strict=True)])
-    outside = tuple((a, b) for a, b in zip(ends[~kept, 0].tolist(), ends[~kept, 1].tolist(), strict=True))
+def _cycle_notes(block: str, cuts: Array, kept: NDArray[np.bool_], reach: Array, rows: int) -> tuple[Note, ...]:
+    notes = [Note(block, "cycles have no repeats: uncertainties rest on the noise within each, and on neighbours of "
+                  "the same amplitude where there are any")]
+    outside = tuple((a, b) for a, b in ((1, int(cuts[0])), (int(cuts[-1]) + 1, rows)) if b > a)
     if outside:
-        notes.append(Note(block, "cycles left out: too small, too short or with holes", "", outside))
+        notes.append(Note(block, "belong to no whole cycle and are not read", "", outside))
+    ends = np.array([[int(a) + 1, int(b)] for a, b in pairwise(cuts)])
+    refused = tuple((a, b) for a, b in ends[~kept].tolist())
+    if refused:
+        notes.append(Note(block, "cycles left out: too small, too short or with holes", "", refused))
     change = np.abs(np.diff(reach)) / np.maximum(reach[1:], reach[:-1])
     moving = kept & (np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) > STEADY)
     if moving.any():

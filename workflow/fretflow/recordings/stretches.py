@@ -23,7 +23,7 @@ OTHER_FREQUENCY = 0.02  # relative: beyond, the one that is given is wrong
 WHOLE = 0.02  # of a period that may be lacking at the end
 
 
-class Unusable(Exception):  # noqa: N818 - it becomes a note, unless nothing else is left
+class Unusable(Exception):
     """A stretch cannot be used; the message says why."""
 
     def __init__(self, reason: str, channel: str = "") -> None:
@@ -155,8 +155,8 @@ def _turns(rows: NDArray[np.int64], time: Array | None, values: Array, reference
 def _must_grow(rows: NDArray[np.int64], time: Array) -> None:
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
-        raise Unusable(f"time does not grow at row {rows[back[0] + 1] + 1}; sort the rows, and check that each loop has "
-                       "its own cycle and repeat", "time")
+        raise Unusable(f"time does not grow at row {rows[back[0] + 1] + 1}; sort the rows, and check that each loop "
+                       "has its own cycle and repeat", "time")
 
 
 def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: float, notes: Notebook) -> float:
@@ -176,7 +176,8 @@ def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: 
                        "or the unit of time", "time")
     if abs(found / given - 1.0) * (time[-1] - time[0]) * given < WHOLE:
         return given
-    notes.add(f"cut into periods at the {found:.6g} Hz by which the signal comes back, not at {given:.6g} Hz", "time", rows)
+    notes.add(f"cut into periods at the {found:.6g} Hz by which the signal comes back, not at {given:.6g} Hz", "time",
+              rows)
     return found
 
 
@@ -188,8 +189,8 @@ def _filled(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequenc
     for name, channel in zip(names, whole, strict=True):
         missing = ~np.isfinite(channel)
         if missing.mean() > MOST_MISSING:
-            raise Unusable(f"{missing.mean():.0%} of the samples are missing; at most {MOST_MISSING:.0%} can be bridged",
-                           name)
+            raise Unusable(f"{missing.mean():.0%} of the samples are missing; at most {MOST_MISSING:.0%} can be "
+                           "bridged", name)
         if missing.any():
             notes.add("no number there; filled by interpolation", name, rows[missing])
             channel[missing] = np.interp(turns[missing], turns[~missing], channel[~missing], period=float(
@@ -244,7 +245,7 @@ def _drift(turns: Array, values: Array, periods: int, interval: float) -> Array 
         jump, sd = p.closure_jump(turns, values, interval)
         if abs(jump) <= max(DRIFT_SIGNIFICANCE * sd, least):
             return None
-        return jump * (turns - turns.mean())
+        return np.asarray(jump * (turns - turns.mean()))
     period = np.minimum(turns.astype(int), periods - 1)
     counts = np.bincount(period, minlength=periods)
     means = np.bincount(period, values, periods) / np.maximum(counts, 1)
