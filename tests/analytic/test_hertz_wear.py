@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from fretflow.contact.coulomb import CoulombLaw
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver, WearScheme
 from fretflow.core.records import quantity, record
@@ -28,7 +29,7 @@ from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
 from fretflow.stages.cycle import PeriodicCycle
 from fretflow.wear.asymptotic import find_asymptotic_shape
-from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
 
@@ -89,9 +90,9 @@ def worn(scheme):
     model = PeriodicCycle(QuasiStaticSolver(Solver(harmonics=7, samples=64, estimate_error=False)), problem)
     seen, cycle = {}, model.cycle
 
-    def watched(depth, start):
-        response, state = cycle(depth, start)
-        seen[depth.tobytes()] = (AREAS @ (response.contact_share > 0.5), AREAS * response.mean_pressure,
+    def watched(slow, start):
+        response, state = cycle(slow, start)
+        seen[slow.depth.tobytes()] = (AREAS @ (response.contact_share > 0.5), AREAS * response.mean_pressure,
                                  0.5 * np.ptp(state.rig_displacement[:, 1]))
         return response, state
 
@@ -172,7 +173,7 @@ class Nothing:
     flag: float = quantity("1")
 
 
-class Dragged:
+class Dragged(WearAlone):
     """The sphere dragged along a path, m per cycle, that is the same all over the contact."""
 
     state_type = Nothing
@@ -181,15 +182,19 @@ class Dragged:
     def __init__(self, count, side):
         self.place, self.areas = grid(count, side), np.full((2 * count + 1)**2, side**2)
         self.crown = np.sum(self.place**2, axis=1) / (2 * RADIUS)
-        self.normal_flexibility = love(self.place, side)
-        self.system = ContactSystem(stiffness=np.zeros((0, 0)), gap=self.crown, friction=np.zeros(0), load=LOAD,
-                                    penalty=1.0)
+        self.flexibility = love(self.place, side)
+        self.system = ContactSystem(stiffness=np.zeros((0, 0)), gap=self.crown, load=LOAD, penalty=1.0,
+                                    law=CoulombLaw(friction_coefficient=np.zeros(0)))
 
-    def cycle(self, depth, start):
+    def normal_flexibility(self, slow):
+        return self.flexibility
+
+    def cycle(self, slow, start):
+        depth = slow.depth
         force, approach, closed = frictionless_preload(replace(self.system, gap=self.crown + depth),
-                                                       self.normal_flexibility)
+                                                       self.flexibility)
         pressure = force / self.areas
-        opening = np.maximum(self.crown + depth + approach + self.normal_flexibility @ force, 0.0)
+        opening = np.maximum(self.crown + depth + approach + self.flexibility @ force, 0.0)
         return CycleResponse(
             pressure_sliding=pressure * self.path, mean_pressure=pressure, slip_path=self.path * closed,
             mean_opening=opening, contact_share=1.0 * closed, dissipated_energy=MU * LOAD * self.path,

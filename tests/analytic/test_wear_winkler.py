@@ -13,12 +13,13 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.wear.archard import split_between_faces, wear_rate
 from fretflow.wear.asymptotic import find_asymptotic_shape
-from fretflow.wear.cycle import CycleResponse, summarise_cycle
+from fretflow.wear.cycle import CycleResponse, WearAlone, summarise_cycle
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.march import run_history
 from fretflow.wear.scheme import WearingJoint
+from fretflow.wear.slow import SlowState
 
 K_W, LOAD, PATH, FOUNDATION, MU = 2e-14, 60.0, 20e-6, 4e14, 0.7
 DECAY = K_W * PATH * FOUNDATION
@@ -35,19 +36,21 @@ class Nothing:
     flag: float = quantity("1")
 
 
-class Winkler:
+class Winkler(WearAlone):
     """Independent springs under one rigid plate that moves freely in z, with separation."""
 
     state_type = Nothing
 
     def __init__(self, gap=WAVE, path=PATH):
         self.areas, self.gap, self.calls = AREAS, gap, 0
-        self.normal_flexibility = np.diag(1.0 / (FOUNDATION * AREAS))
         self.path = np.broadcast_to(path, AREAS.shape)
 
-    def cycle(self, depth, start):
+    def normal_flexibility(self, slow):
+        return np.diag(1.0 / (FOUNDATION * AREAS))
+
+    def cycle(self, slow, start):
         self.calls += 1
-        height = self.gap + depth
+        height = self.gap + slow.depth
         order = np.argsort(height)
         for count in range(len(order), 0, -1):
             closed = order[:count]
@@ -59,8 +62,16 @@ class Winkler:
         return CycleResponse(
             pressure_sliding=pressure * path, mean_pressure=pressure, slip_path=path,
             mean_opening=np.maximum(height - approach, 0.0), contact_share=(pressure > 0.0) * 1.0,
-            dissipated_energy=float(MU * AREAS @ (pressure * path)),
+            dissipated_energy=float(MU * AREAS @ (pressure * path)), approach=approach,
             sliding_distance=float(WEIGHTS @ path / 2)), Nothing(flag=0.0)
+
+
+def unworn(model):
+    return model.cycle(model.initial(), None)[0]
+
+
+def feedback():
+    return Feedback(Winkler().normal_flexibility(SlowState.unworn(7)), AREAS)
 
 
 def exact_depth(cycles):
@@ -98,12 +109,11 @@ def test_implicit_scheme_is_of_second_order():
     errors = []
     for parts in (4, 8, 16, 32):
         model = Winkler()
-        joint = WearingJoint(model, WearSettings(coefficient=K_W, cycles=16_000),
-                             Feedback(model.normal_flexibility, AREAS))
+        joint = WearingJoint(model, WearSettings(coefficient=K_W, cycles=16_000))
         now, state = joint.unworn()
         for _ in range(parts):
-            depth, _, state = Implicit(joint).attempt(now, 16_000 // parts, state)
-            now, state = joint.settled(now.cycles + 16_000 // parts, depth, state, 1)
+            end, _, state = Implicit(joint).attempt(now, 16_000 // parts, state)
+            now, state = joint.settled(end, state, 1)
         errors.append(np.abs(now.depth - exact_depth(16_000)).max())
     assert order_of(errors) == pytest.approx(2.0, abs=0.15)
 
@@ -111,7 +121,7 @@ def test_implicit_scheme_is_of_second_order():
 def test_implicit_jumps_outlast_the_stability_bound_and_keep_the_tolerance():
     model = Winkler()
     history = run_history(model, WearSettings(coefficient=K_W, cycles=10_000_000, scheme=WearScheme.IMPLICIT))
-    bound = Feedback(model.normal_flexibility, AREAS).stability_bound(K_W, model.cycle(0.0 * AREAS, None)[0])
+    bound = feedback().stability_bound(K_W, unworn(model))
     assert np.diff(history.cycles).max() > 50 * bound
     error = max(np.abs(d - exact_depth(n)).max() for n, d in zip(history.cycles, history.depth, strict=True))
     assert error < 1e-2 * np.ptp(WAVE)
@@ -123,8 +133,8 @@ def test_implicit_jumps_outlast_the_stability_bound_and_keep_the_tolerance():
 @pytest.mark.parametrize(("share", "growth"), [(0.5, 0.0), (0.9, 0.8), (1.0, 1.0), (1.1, 1.2)])
 def test_stability_bound_is_where_a_pattern_neither_grows_nor_decays(share, growth):
     model = Winkler()
-    response, _ = model.cycle(np.zeros_like(AREAS), None)
-    bound = Feedback(model.normal_flexibility, AREAS).stability_bound(K_W, response)
+    response = unworn(model)
+    bound = feedback().stability_bound(K_W, response)
     assert bound == pytest.approx(2.0 / DECAY, rel=1e-12, abs=0.0)
     after = WAVE + share * bound * wear_rate(K_W, response)
     ratio = np.linalg.norm(after - WEIGHTS @ after) / np.linalg.norm(WAVE - WEIGHTS @ WAVE)
@@ -145,9 +155,7 @@ def test_a_jump_above_the_bound_is_split_and_one_below_is_not():
 
 
 def test_depth_scale_is_the_foundation_s_own_compression():
-    model = Winkler()
-    response, _ = model.cycle(np.zeros_like(AREAS), None)
-    scale = Feedback(model.normal_flexibility, AREAS).depth_scale(response)
+    scale = feedback().depth_scale(unworn(Winkler()))
     assert scale == pytest.approx(MEAN_PRESSURE / FOUNDATION, rel=1e-12, abs=0.0)
 
 
@@ -158,8 +166,7 @@ def test_a_coefficient_in_the_wrong_unit_is_refused():
 
 def test_closed_nodes_alone_feed_back():
     gap = np.where(np.arange(7) == 3, 1e-5, 0.0)
-    response, _ = Winkler(gap=gap).cycle(np.zeros_like(AREAS), None)
-    jacobian = Feedback(Winkler().normal_flexibility, AREAS).rate_jacobian(K_W, response)
+    jacobian = feedback().rate_jacobian(K_W, unworn(Winkler(gap=gap)))
     closed = np.arange(7) != 3
     inside = DECAY * (np.outer(np.ones(6), AREAS[closed]) / AREAS[closed].sum() - np.eye(6))
     np.testing.assert_allclose(jacobian[np.ix_(closed, closed)], inside, atol=1e-12 * DECAY)

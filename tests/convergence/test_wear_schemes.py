@@ -13,12 +13,13 @@ import pytest
 from fretflow.core.config import WearScheme
 from fretflow.core.records import quantity, record
 from fretflow.wear.asymptotic import find_asymptotic_shape
-from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.march import run_history
 from fretflow.wear.scheme import WearingJoint
+from fretflow.wear.slow import SlowState
 
 DATA = Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz"
 K_W, LOAD, MU, CYCLES = 1.1e-14, 60.0, 0.88, 1_900_000
@@ -33,7 +34,7 @@ class Nothing:
     flag: float = quantity("1")
 
 
-class Ridges:
+class Ridges(WearAlone):
     """Crossed ridges sliding by a stroke (m, one way) of their back faces."""
 
     state_type = Nothing
@@ -44,7 +45,7 @@ class Ridges:
         place = data["x"][:, :2] * 1e-3
         inside = np.isclose(np.abs(place - place.mean(axis=0)), 0.5e-3, atol=1e-9)
         self.areas = PITCH**2 * np.prod(np.where(inside, 0.5, 1.0), axis=1)
-        self.normal_flexibility, self.shear_flexibility = flexibility[2::3, 2::3], flexibility[0::3, 0::3]
+        self.flexibility, self.shear_flexibility = flexibility[2::3, 2::3], flexibility[0::3, 0::3]
         self.gap = np.zeros(49)
         if radius is not None:
             self.gap = np.sum((place - place.mean(axis=0)) ** 2, axis=1) / (2.0 * radius)
@@ -56,19 +57,25 @@ class Ridges:
         while True:
             index = np.flatnonzero(closed)
             matrix = np.ones((index.size + 1, index.size + 1))
-            matrix[:-1, :-1], matrix[-1, -1] = self.normal_flexibility[np.ix_(index, index)], 0.0
+            matrix[:-1, :-1], matrix[-1, -1] = self.flexibility[np.ix_(index, index)], 0.0
             *found, approach = np.linalg.solve(matrix, np.r_[-gap[index], LOAD])
             force = np.zeros(49)
             force[index] = found
-            opening = gap + approach + self.normal_flexibility @ force
+            opening = gap + approach + self.flexibility @ force
             new = (closed & (force > 0.0)) | (~closed & (opening < 0.0))
             if np.array_equal(new, closed):
                 return force, opening
             closed = new
 
-    def cycle(self, depth, start):
+    def normal_flexibility(self, slow):
+        return self.flexibility
+
+    def at(self, depth):
+        return self.cycle(SlowState.worn_by(depth), None)[0]
+
+    def cycle(self, slow, start):
         self.calls += 1
-        force, opening = self.press(self.gap + depth)
+        force, opening = self.press(self.gap + slow.depth)
         path = 4.0 * (self.stroke - self.shear_flexibility @ (MU * force))
         path = np.where(force > 0.0, path, 0.0)
         pressure = force / self.areas
@@ -94,7 +101,7 @@ def implicit():
 
 
 def test_setting_is_that_of_the_rig():
-    response, _ = Ridges().cycle(np.zeros(49), None)
+    response = Ridges().at(np.zeros(49))
     assert 10e-6 < response.sliding_distance < 14e-6
     assert response.contact_share.min() == 1.0
 
@@ -108,11 +115,11 @@ def test_explicit_order():
 
 
 def implicit_depth(parts, cycles):
-    joint = WearingJoint(Ridges(), settings(), Feedback(Ridges().normal_flexibility, Ridges().areas))
+    joint = WearingJoint(Ridges(), settings())
     now, state = joint.unworn()
     for _ in range(parts):
-        depth, _, state = Implicit(joint).attempt(now, cycles // parts, state)
-        now, state = joint.settled(now.cycles + cycles // parts, depth, state, 1)
+        end, _, state = Implicit(joint).attempt(now, cycles // parts, state)
+        now, state = joint.settled(end, state, 1)
     return now.depth
 
 
@@ -143,21 +150,21 @@ def test_implicit_meets_explicit_at_a_fifth_of_the_solutions(explicit, implicit)
 
 def test_stability_bound_agrees_with_the_estimate_and_with_what_happens():
     model = Ridges()
-    response, _ = model.cycle(np.zeros(49), None)
-    feedback = Feedback(model.normal_flexibility, model.areas)
+    response = model.at(np.zeros(49))
+    feedback = Feedback(model.flexibility, model.areas)
     mean_pressure = LOAD / model.areas.sum()
     estimate = mean_pressure * PITCH / EQUIVALENT_MODULUS
     assert feedback.depth_scale(response) == pytest.approx(estimate, rel=0.2, abs=0.0)
     flat = find_asymptotic_shape(model, K_W, 1e-12)
-    worn, _ = model.cycle(flat.depth, None)
+    worn = model.at(flat.depth)
     bound = feedback.stability_bound(K_W, worn)
     wave = 1e-11 * np.random.default_rng(1).standard_normal(49)
     sizes = []
     for share in (0.9, 1.1):
         depth, base = flat.depth + wave, flat.depth
         for _ in range(60):
-            depth = depth + share * bound * K_W * model.cycle(depth, None)[0].pressure_sliding
-            base = base + share * bound * K_W * model.cycle(base, None)[0].pressure_sliding
+            depth = depth + share * bound * K_W * model.at(depth).pressure_sliding
+            base = base + share * bound * K_W * model.at(base).pressure_sliding
         sizes.append(np.linalg.norm(depth - base) / np.linalg.norm(wave))
     assert sizes[0] < 0.1
     assert sizes[1] > 10.0
@@ -171,7 +178,7 @@ def test_marching_tends_to_the_asymptotic_face(implicit):
     assert distance[0] > 0.5
     assert face.distance(implicit.depth[-1]) < 1e-5
     assert face.solves <= 10
-    assert np.ptp(Ridges().cycle(face.depth, None)[0].pressure_sliding) * K_W < 2e-6 * face.rate
+    assert np.ptp(Ridges().at(face.depth).pressure_sliding) * K_W < 2e-6 * face.rate
 
 
 def test_a_crowned_face_grows_into_contact_alike_by_every_way():
@@ -194,6 +201,6 @@ def test_asymptotic_face_of_a_crowned_face_leaves_its_corners_unworn():
     assert face.solves <= 10
     worn = face.depth > 0.0
     assert np.flatnonzero(~worn).tolist() == [0, 6, 42, 48]
-    rate = K_W * model.cycle(face.depth, None)[0].pressure_sliding
+    rate = K_W * model.at(face.depth).pressure_sliding
     np.testing.assert_allclose(rate[worn], face.rate, rtol=1e-5)
     assert np.all(rate[~worn] <= face.rate)

@@ -45,7 +45,7 @@ def closed_form_history(coefficient, cycles, jumps=40):
     depth = DEEP * np.log1p(FIRST * coefficient * n / DEEP)
     return WearHistory(cycles=n, depth=depth[:, None], rate=coefficient * FIRST * np.exp(-depth / DEEP)[:, None],
                        volume=depth * AREA, dissipated_energy=np.ones(len(n)), sliding_distance=np.ones(len(n)),
-                       upper_share=0.5, solves=1, stopped_by="cycles")
+                       energy=1.0 * n, approach=depth, upper_share=0.5, solves=1, stopped_by="cycles")
 
 
 def test_the_coefficient_and_its_deviation_are_those_of_the_closed_form():

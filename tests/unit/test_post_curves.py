@@ -105,7 +105,7 @@ def test_wear_volume_csv(tmp_path, end):
     history = WearHistory(
         cycles=cycles, depth=depth, rate=np.zeros((3, 2)), volume=np.array([0.0, 1.1e-13, 2.3e-13]),
         dissipated_energy=np.array([1e-3, 2e-3, 3e-3]), sliding_distance=np.array([1e-5, 1.1e-5, 1.3e-5]),
-        upper_share=0.5, solves=3, stopped_by="cycles")
+        energy=1.5e-3 * cycles, approach=depth.max(axis=1), upper_share=0.5, solves=3, stopped_by="cycles")
     png, table = curves.plot_wear_volume(tmp_path / "volume.png", history)
     assert_drawn(png)
     back = read(table)

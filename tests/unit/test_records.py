@@ -4,6 +4,7 @@ What carries the weight: neither the record nor whoever made its arrays can alte
 """
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -20,6 +21,11 @@ class Pair:
     def check(self):
         if self.count < 0:
             raise InputError("count: must not be negative")
+
+
+@record
+class Remembering:
+    memory: Mapping[str, NDArray[np.float64]]
 
 
 def test_fields_and_arrays_are_read_only():
@@ -45,6 +51,15 @@ def test_a_read_only_view_is_copied_too():
     pair = Pair(force=window)
     base[0] = 5.0
     assert pair.force[0] == 1.0
+
+
+def test_arrays_of_a_mapping_are_read_only_and_its_maker_cannot_change_them():
+    made = {"layer_m": np.ones(3)}
+    state = Remembering(memory=made)
+    made["layer_m"] = np.zeros(3)
+    assert state.memory["layer_m"].tolist() == [1.0, 1.0, 1.0]
+    with pytest.raises(ValueError, match="read-only"):
+        state.memory["layer_m"][0] = 2.0
 
 
 def test_check_runs_also_on_a_changed_copy():

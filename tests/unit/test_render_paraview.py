@@ -44,7 +44,8 @@ def test_wear_series_reads_back_at_each_cycle_count(tmp_path):
     history = WearHistory(
         cycles=np.array([0, 190_000, 1_900_000]), depth=1e-6 * RANDOM.random((3, 6)),
         rate=1e-12 * RANDOM.random((3, 6)), volume=np.zeros(3), dissipated_energy=np.zeros(3),
-        sliding_distance=np.zeros(3), upper_share=0.25, solves=3, stopped_by="cycles")
+        sliding_distance=np.zeros(3), energy=np.zeros(3), approach=np.zeros(3), upper_share=0.25, solves=3,
+        stopped_by="cycles")
     reader = pv.get_reader(write_wear_series(tmp_path / "wear.pvd", nodes, history))
     assert reader.time_values == [0.0, 190_000.0, 1_900_000.0]
     for row, time in enumerate(reader.time_values):

@@ -65,7 +65,7 @@ def worn_history(nodes, areas, upper_share=0.3, deepest=4e-6):
     return WearHistory(
         cycles=CYCLES, depth=depth, rate=np.tile(depth[-1] / CYCLES[-1], (5, 1)), volume=depth @ areas,
         dissipated_energy=np.full(5, 2e-3), sliding_distance=np.full(5, 1.1e-5), upper_share=upper_share,
-        solves=5, stopped_by="cycles")
+        energy=2e-3 * CYCLES, approach=depth @ areas / areas.sum(), solves=5, stopped_by="cycles")
 
 
 def steady_period(nodes, areas, swing=6e-6):
@@ -142,7 +142,7 @@ def folders(tmp_path_factory):
     response = CycleResponse(**{f.name: areas if f.metadata["shape"] else 1.0 for f in fields(CycleResponse)})
     for row in (0, 2, 4):
         period = steady_period(nodes, areas, swing=6e-6 + row * 1e-6)
-        step = WearStep(cycles=int(CYCLES[row]), depth=history.depth[row], rate=history.rate[row],
+        step = WearStep(slow=history.slow(row), rate=history.rate[row],
                         response=response, proposed_jump=float("nan"), shortened=False, solves=row)
         write_record(places["wear"] / "checkpoints" / f"jump-{row:05d}.h5", step)
         write_record(places["wear"] / "checkpoints" / f"state-{row:05d}.h5", period)

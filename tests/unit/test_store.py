@@ -7,6 +7,7 @@ and every kind of damage is refused by the file's name.
 import os
 import resource
 import signal
+from collections.abc import Mapping
 from enum import Enum, IntEnum
 
 import h5py
@@ -33,6 +34,7 @@ class Inner:
 
 @record
 class Sample:
+    memory: Mapping[str, NDArray[np.float64]]
     field: NDArray[np.float64] = quantity("m", "(nodes, 3)")
     spectrum: NDArray[np.complex128] = quantity("N", "(harmonics,)")
     state: NDArray[np.int8] = quantity("1", "(nodes,)")
@@ -52,6 +54,7 @@ class Sample:
 def a_sample(nodes=400):
     rng = np.random.default_rng(3)
     return Sample(
+        memory={"layer_m": rng.normal(size=nodes), "made_m3": np.asarray(2e-12)},
         field=rng.normal(size=(nodes, 3)),
         spectrum=rng.normal(size=4) * (1 + 2j),
         state=np.arange(nodes, dtype=np.int8),
@@ -76,6 +79,11 @@ def test_a_record_reads_back_equal(tmp_path):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
         assert getattr(after, name).dtype == getattr(before, name).dtype
         assert not getattr(after, name).flags.writeable
+    assert list(after.memory) == list(before.memory)
+    for name, values in before.memory.items():
+        np.testing.assert_array_equal(after.memory[name], values)
+        assert after.memory[name].shape == values.shape
+        assert not after.memory[name].flags.writeable
     for name in (
         "inner",
         "kind",

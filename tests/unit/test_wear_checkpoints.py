@@ -14,7 +14,7 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import write_record
 from fretflow.wear import checkpoint
 from fretflow.wear.checkpoint import kept_states
-from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
 
@@ -30,16 +30,19 @@ class Memory:
     trace: np.ndarray = quantity("1", "(nodes,)")
 
 
-class Joint:
+class Joint(WearAlone):
     """Springs that slide, with a rate that remembers the state it was started from."""
 
     state_type = Memory
 
     def __init__(self, fail_beyond=np.inf, fail_warm=False):
-        self.areas, self.normal_flexibility = AREAS, np.diag(1.0 / (3e14 * AREAS))
-        self.fail_beyond, self.fail_warm = fail_beyond, fail_warm
+        self.areas, self.fail_beyond, self.fail_warm = AREAS, fail_beyond, fail_warm
 
-    def cycle(self, depth, start):
+    def normal_flexibility(self, slow):
+        return np.diag(1.0 / (3e14 * AREAS))
+
+    def cycle(self, slow, start):
+        depth = slow.depth
         if depth.max() > self.fail_beyond or (self.fail_warm and start is not None):
             raise NonConvergenceError("no period", history=(1.0, 0.5))
         start = start or Memory(count=0, trace=np.zeros(3))

@@ -1,11 +1,12 @@
 """Frozen records: results that cannot change after they were made.
 
-A record is a frozen dataclass whose arrays are read-only. Each field that is a physical
+A record is a frozen dataclass whose arrays, also those in mappings, are read-only. Each field that is a physical
 quantity carries its unit, and `core.store` writes any record to HDF5 with those units.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
 
@@ -22,11 +23,18 @@ def quantity(unit: str, shape: str = "", **kwargs: Any) -> Any:
 def _freeze_arrays(self: Any) -> None:
     for f in fields(self):
         value = getattr(self, f.name)
-        if isinstance(value, np.ndarray) and (value.flags.writeable or value.base is not None):
-            # A view is copied: whoever holds its base could change it.
-            value = value.copy() if value.base is not None else value
-            value.setflags(write=False)
-            object.__setattr__(self, f.name, value)
+        if isinstance(value, np.ndarray):
+            object.__setattr__(self, f.name, _frozen(value))
+        elif isinstance(value, Mapping):
+            held = {name: _frozen(item) if isinstance(item, np.ndarray) else item for name, item in value.items()}
+            object.__setattr__(self, f.name, held)
+
+
+def _frozen(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    if value.base is not None:
+        value = value.copy()  # whoever holds the base of a view could change it
+    value.setflags(write=False)
+    return value
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(quantity, field))

@@ -25,6 +25,8 @@ FORMAT = "fretflow-record/1"
 def write_record(path: Path, record: Any) -> Path:
     """Write `record` to the HDF5 file `path` through a temporary file and a rename.
 
+    A mapping of arrays becomes a group; its arrays carry their units in their names, as the columns of CSV files do.
+
     Raises
     ------
     StoreError
@@ -108,18 +110,31 @@ def _write_group(group: h5py.Group, record: Any) -> None:
         if is_dataclass(value):
             _write_group(group.create_group(f.name), value)
             continue
-        if isinstance(value, Enum):
-            value = value.value
-        if isinstance(value, tuple):
-            value = np.asarray(value)
-            if value.dtype.kind == "U":
-                value = value.astype(h5py.string_dtype())
-        compress = isinstance(value, np.ndarray) and value.nbytes > 4096
-        dataset = group.create_dataset(f.name, data=value, compression="gzip" if compress else None,
-                                       compression_opts=1 if compress else None, shuffle=compress)
+        if isinstance(value, Mapping):
+            place = group.create_group(f.name)
+            for name, item in value.items():
+                _write_dataset(place, name, np.asarray(item))
+            continue
+        dataset = _write_dataset(group, f.name, _plain_value(value))
         for key in ("unit", "shape"):
             if f.metadata.get(key):
                 dataset.attrs[key] = f.metadata[key]
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, Enum):
+        value = value.value
+    if isinstance(value, tuple):
+        value = np.asarray(value)
+        if value.dtype.kind == "U":
+            value = value.astype(h5py.string_dtype())
+    return value
+
+
+def _write_dataset(group: h5py.Group, name: str, value: Any) -> h5py.Dataset:
+    compress = isinstance(value, np.ndarray) and value.nbytes > 4096
+    return group.create_dataset(name, data=value, compression="gzip" if compress else None,
+                                compression_opts=1 if compress else None, shuffle=compress)
 
 
 def _read_group(group: h5py.Group, cls: type[T]) -> T:
@@ -148,10 +163,12 @@ def _plain(kind: Any) -> Any:
 
 
 def _read_value(item: h5py.Group | h5py.Dataset, kind: Any) -> Any:
+    origin = getattr(kind, "__origin__", kind)
+    if origin is Mapping:
+        return {name: np.asarray(item[name][()]) for name in item}
     if isinstance(item, h5py.Group):
         return _read_group(item, kind)
     value = item[()]
-    origin = getattr(kind, "__origin__", kind)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind(value.decode() if isinstance(value, bytes) else value)
     if origin is tuple:

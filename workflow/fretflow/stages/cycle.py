@@ -1,38 +1,74 @@
-"""The periodic solution as wear sees it."""
+"""The periodic solution and the effects as wear sees them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
+from fretflow.effects.effect import Effect
+from fretflow.effects.model import EffectModel
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
+from fretflow.wear.slow import SlowState
 
 
 class PeriodicCycle:
-    """A `wear.CycleModel` made of a periodic solver and the unworn problem; wear depth opens the gap."""
+    """A `wear.CycleModel` made of a periodic solver, the unworn problem and effects, in any order.
+
+    Raises
+    ------
+    ConfigError
+        If two effects do not work together.
+    """
 
     state_type = PeriodicSolution
 
-    def __init__(self, solver: PeriodicSolver, problem: PeriodicProblem) -> None:
+    def __init__(self, solver: PeriodicSolver, problem: PeriodicProblem, effects: Iterable[Effect] = ()) -> None:
         self.solver = solver
-        self.problem = problem
+        self.model = EffectModel.build(problem, effects)
         self.areas: NDArray[np.float64] = problem.interface.areas
-        self.normal_flexibility: NDArray[np.float64] = problem.joint.quasi_static().flexibility[2::3, 2::3]
+        self.has_laws = any(_acts_on_period_or_wear(effect) for effect in self.model.effects)
 
-    def cycle(self, depth: NDArray[np.float64],
-              start: PeriodicSolution | None) -> tuple[CycleResponse, PeriodicSolution]:
-        """Return the steady period of the contact worn by `depth` (nodes,), m."""
-        interface = self.problem.interface
-        worn = replace(self.problem, interface=replace(interface, gap=interface.gap + depth))
-        solution = self.solver.solve(worn, start)
-        return respond(solution, worn.interface), solution
+    def initial(self) -> SlowState:
+        """Return the start of the test."""
+        return self.model.initial()
+
+    def normal_flexibility(self, slow: SlowState) -> NDArray[np.float64]:
+        """Return the static normal flexibility of the faces, back faces held, (nodes, nodes), m/N."""
+        return self.model.problem(slow).joint.quasi_static().flexibility[2::3, 2::3]
+
+    def cycle(self, slow: SlowState, start: PeriodicSolution | None) -> tuple[CycleResponse, PeriodicSolution]:
+        """Return the steady period of the joint in the state `slow`."""
+        problem = self.model.problem(slow)
+        solution = self.solver.solve(problem, start)
+        return respond(solution, problem.interface), solution
+
+    def evolve(self, before: SlowState, cycles: float, worn: NDArray[np.float64], energy: float,
+               response: CycleResponse) -> SlowState:
+        """Return the slow state after a jump."""
+        return self.model.evolve(before, cycles, worn, energy, response)
+
+    def wear_factor(self, response: CycleResponse, slow: SlowState) -> NDArray[np.float64]:
+        """Return the factor of the effects on Archard's wear rate, (nodes,)."""
+        return self.model.wear_factor(response, slow)
+
+    def opening_share(self, slow: SlowState, cycles: float) -> NDArray[np.float64]:
+        """Return the share of the wear of a jump of `cycles` that opens the gap, (nodes,)."""
+        return self.model.opening_share(slow, cycles)
 
 
 def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
     """Return what `solution` does to the contact `interface`, whose gap includes the wear."""
-    return summarise_cycle(solution.displacement, solution.force, solution.slip_increments,
-                           solution.state != ContactState.OPEN, interface.gap, interface.areas)
+    response = summarise_cycle(solution.displacement, solution.force, solution.slip_increments,
+                               solution.state != ContactState.OPEN, interface.gap, interface.areas)
+    apart = solution.upper_observation[:, 2] - solution.lower_observation[:, 2]
+    return replace(response, arm_range=float(np.ptp(solution.rig_displacement[:, 1])), approach=-float(apart.mean()))
+
+
+def _acts_on_period_or_wear(effect: Effect) -> bool:
+    """Return whether `effect` may change over cycles; what only the sensors show does not."""
+    return any(getattr(type(effect), name) is not getattr(Effect, name) for name in ("period", "evolve", "wear_factor"))

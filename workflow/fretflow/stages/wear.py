@@ -16,11 +16,12 @@ def stops(case: Case) -> tuple[int, ...]:
 
 
 def _slice(case: Case) -> list[object]:
-    return [case.wear, case.test.total_cycles, list(stops(case))]
+    return [case.wear, case.test.total_cycles, list(stops(case)), case.effects]
 
 
 def _run(context: StageContext) -> Figures:
     """Write ``history.h5`` (WearHistory) and, in ``checkpoints``, the period at each asked cycle count."""
+    from fretflow.effects.catalogue import parse_effects
     from fretflow.stages.cycle import PeriodicCycle
     from fretflow.stages.problem import make_problem, make_solver
     from fretflow.wear.history import WearSettings
@@ -38,7 +39,7 @@ def _run(context: StageContext) -> Figures:
         upper_share=case.wear.upper_share,
     )
     problem = make_problem(case, context.inputs["reduce"])
-    model = PeriodicCycle(make_solver(case.solver), problem)
+    model = PeriodicCycle(make_solver(case.solver), problem, parse_effects(case.effects))
     history = run_history(
         model, settings, context.folder / CHECKPOINTS,
         lambda done, asked: context.progress(done / max(asked, 1), f"{done:_} of {asked:_} cycles"))
@@ -48,4 +49,4 @@ def _run(context: StageContext) -> Figures:
             "largest_depth_m": float(history.depth[-1].max())}
 
 
-STAGE = Stage("wear", 1, _slice, ("reduce", "solve"), _run)
+STAGE = Stage("wear", 2, _slice, ("reduce", "solve"), _run)

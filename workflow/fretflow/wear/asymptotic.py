@@ -10,6 +10,7 @@ way there, which this does not follow: the distance to a marched solution says s
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -60,15 +61,18 @@ def find_asymptotic_shape(model: CycleModel[S], coefficient: float, volume: floa
     Raises
     ------
     InputError
-        If the volume is not positive, or nothing slides.
+        If the volume is not positive, nothing slides, or laws over cycles act.
     NonConvergenceError
         With the deviations of all rounds.
     """
     if not volume > 0.0:
         raise InputError(f"asymptotic shape: the worn volume must be positive, got {volume}")
-    flexibility = Feedback(model.normal_flexibility, model.areas).flexibility
+    if model.has_laws:
+        raise InputError("asymptotic shape: laws over cycles change the joint as it wears; march the wear instead")
+    start = model.initial()
+    flexibility = Feedback(model.normal_flexibility(start), model.areas).flexibility
     depth = np.zeros_like(model.areas)
-    response, state = model.cycle(depth, None)
+    response, state = model.cycle(start, None)
     first_rate = coefficient * float(response.pressure_sliding.max())
     if not first_rate > 0.0:
         raise InputError("asymptotic shape: nothing slides, so that nothing wears; raise the excitation")
@@ -80,7 +84,7 @@ def find_asymptotic_shape(model: CycleModel[S], coefficient: float, volume: floa
         worn = depth > 0.0 if residuals else np.isfinite(contact.cap)
         solution = solve_capped_contact(contact, volume, worn, ~worn & (response.contact_share > 0.0))
         depth = solution.depth
-        response, state = settle(model, depth, state)
+        response, state = settle(model, replace(start, depth=depth), state)
         rate = coefficient * response.pressure_sliding
         residuals.append(_deviation(rate, solution, model.areas, first_rate))
         if residuals[-1] <= tolerance:

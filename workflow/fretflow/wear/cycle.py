@@ -1,10 +1,11 @@
-"""What wear needs to know of one vibration period, and the protocol that provides it.
+"""What wear needs to know of one vibration period and of the laws over cycles, and the protocol that provides it.
 
-Wear and the periodic solution are siblings: wear sees the period only through `CycleModel`.
+Wear, the periodic solution and the laws over cycles are apart: wear sees the others only through `CycleModel`.
 """
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -12,13 +13,14 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
+from fretflow.wear.slow import SlowState
 
 S = TypeVar("S")
 
 
 @record
 class CycleResponse:
-    """What one period does to the contact at a given wear depth.
+    """What one period does to the contact in a given slow state.
 
     Sums run over the increments of the period; pressure and force are those at the end of each increment,
     in wear and in energy alike, so that both share one quadrature.
@@ -31,10 +33,15 @@ class CycleResponse:
     contact_share: NDArray[np.float64] = quantity("1", "(nodes,), share of the period in contact")
     dissipated_energy: float = quantity("J")
     sliding_distance: float = quantity("m")  # area mean of the relative x displacement, peak to peak
+    arm_range: float = quantity("m", default=0.0)  # of the moving specimen's holder along x, peak to peak
+    approach: float = quantity("m", default=0.0)  # mean over the period of the specimens at their observed points
 
 
 class CycleModel(Protocol[S]):
-    """The vibrating joint as wear sees it: a wear depth in, one steady period out."""
+    """The vibrating joint as wear sees it: a slow state in, one steady period out, and the laws over cycles.
+
+    A joint without such laws takes theirs from `WearAlone`.
+    """
 
     @property
     def state_type(self) -> type[S]:
@@ -47,12 +54,20 @@ class CycleModel(Protocol[S]):
         ...
 
     @property
-    def normal_flexibility(self) -> NDArray[np.float64]:
+    def has_laws(self) -> bool:
+        """Return whether anything but the depth changes the period or the wear rate over cycles."""
+        ...
+
+    def initial(self) -> SlowState:
+        """Return the start of the test."""
+        ...
+
+    def normal_flexibility(self, slow: SlowState) -> NDArray[np.float64]:
         """Return the static normal flexibility of the faces, back faces held, (nodes, nodes), m/N."""
         ...
 
-    def cycle(self, depth: NDArray[np.float64], start: S | None) -> tuple[CycleResponse, S]:
-        """Return the steady period with `depth` (nodes,), m, added to the gap, and a state to start from.
+    def cycle(self, slow: SlowState, start: S | None) -> tuple[CycleResponse, S]:
+        """Return the steady period of the joint in the state `slow`, and a state to start from.
 
         The result depends on the arguments alone, so that a resumed run repeats the same numbers.
 
@@ -63,9 +78,56 @@ class CycleModel(Protocol[S]):
         """
         ...
 
+    def evolve(self, before: SlowState, cycles: float, worn: NDArray[np.float64], energy: float,
+               response: CycleResponse) -> SlowState:
+        """Return the slow state after a jump.
 
-def settle(model: CycleModel[S], depth: NDArray[np.float64], start: S | None) -> tuple[CycleResponse, S]:
-    """Return the period at `depth`, found from `start` or, should that fail, from nothing.
+        Parameters
+        ----------
+        before
+            The joint before the jump.
+        cycles, worn, energy
+            What the jump adds: cycles, depth (nodes,) in m of both faces, dissipated energy in J.
+        response
+            The period that stands for the jump.
+        """
+        ...
+
+    def wear_factor(self, response: CycleResponse, slow: SlowState) -> NDArray[np.float64] | float:
+        """Return the factor of the laws on Archard's wear rate, () or (nodes,)."""
+        ...
+
+    def opening_share(self, slow: SlowState, cycles: float) -> NDArray[np.float64] | float:
+        """Return the share of the wear of a jump of `cycles` that opens the gap, () or (nodes,)."""
+        ...
+
+
+class WearAlone:
+    """The laws over cycles of a joint that has none: a base for cycle models in which wear alone changes."""
+
+    areas: NDArray[np.float64]
+    has_laws = False
+
+    def initial(self) -> SlowState:
+        """Return the unworn joint."""
+        return SlowState.unworn(len(self.areas))
+
+    def evolve(self, before: SlowState, cycles: float, worn: NDArray[np.float64], energy: float,
+               response: CycleResponse) -> SlowState:
+        """Return the slow state after a jump: it adds up."""
+        return before.after(cycles, worn, energy)
+
+    def wear_factor(self, response: CycleResponse, slow: SlowState) -> float:
+        """Return 1: Archard's law as it is."""
+        return 1.0
+
+    def opening_share(self, slow: SlowState, cycles: float) -> float:
+        """Return 1: all wear opens the gap."""
+        return 1.0
+
+
+def settle(model: CycleModel[S], slow: SlowState, start: S | None) -> tuple[CycleResponse, S]:
+    """Return the period of `model` in the state `slow`, found from `start` or, should that fail, from nothing.
 
     Raises
     ------
@@ -73,11 +135,17 @@ def settle(model: CycleModel[S], depth: NDArray[np.float64], start: S | None) ->
         If the period is not found from nothing either.
     """
     try:
-        return model.cycle(depth, start)
+        return model.cycle(slow, start)
     except NonConvergenceError:
         if start is None:
             raise
-        return model.cycle(depth, None)
+        return model.cycle(slow, None)
+
+
+def mean_response(one: CycleResponse, other: CycleResponse) -> CycleResponse:
+    """Return the mean of two responses, field by field: the period that stands for a jump between them."""
+    return CycleResponse(**{f.name: 0.5 * (getattr(one, f.name) + getattr(other, f.name))
+                            for f in fields(CycleResponse)})
 
 
 def summarise_cycle(displacement: NDArray[np.float64], force: NDArray[np.float64], slip: NDArray[np.float64],

@@ -2,18 +2,23 @@
 
 The rate at the start of a jump holds for all its cycles, and the jump wears no node by more than
 `max_depth_per_jump`. A jump beyond half the stability bound (see `feedback`), where the stiffest wear pattern
-would overshoot, is split there. Without a `max_depth_per_jump` it is `Feedback.depth_scale`.
+would overshoot, is split there. Without a `max_depth_per_jump` it is `Feedback.depth_scale`. Where there are
+laws over cycles, a jump must also keep the error of the energy and of the volume within the tolerance.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Generic, TypeVar
 
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.wear.history import WearStep
-from fretflow.wear.scheme import WearingJoint, even_share
+from fretflow.wear.scheme import WearingJoint, even_share, relative, resized
+from fretflow.wear.slow import SlowState
 
 S = TypeVar("S")
+MAX_ATTEMPTS = 20
 
 
 class Explicit(Generic[S]):
@@ -23,10 +28,39 @@ class Explicit(Generic[S]):
         self.joint = joint
 
     def advance(self, now: WearStep, state: S) -> tuple[WearStep, S]:
-        """Jump at the present rate, then find the period of the worn contact."""
+        """Jump at the present rate, then find the period of the worn contact.
+
+        Raises
+        ------
+        NonConvergenceError
+            If the laws over cycles let no jump meet the tolerance; its history is that of the errors over it.
+        """
         jump, shortened = self.jump(now)
-        depth = now.depth + jump * now.rate
-        return self.joint.settled(now.cycles + jump, depth, state, now.solves + 1, shortened=shortened)
+        if not self.joint.model.has_laws:
+            return self.joint.settled(self.end(now, jump), state, now.solves + 1, shortened=shortened)
+        errors: list[float] = []
+        while len(errors) < MAX_ATTEMPTS:
+            following, settled = self.joint.settled(self.end(now, jump), state, now.solves + len(errors) + 1,
+                                                    shortened=shortened)
+            errors.append(self.error(now, following, jump))
+            factor = resized(errors[-1])
+            if errors[-1] <= 1.0 or jump == 1:
+                return replace(following, proposed_jump=factor * jump), settled
+            jump = max(1, math.floor(factor * jump))
+        raise NonConvergenceError(f"no explicit jump meets the tolerance in {MAX_ATTEMPTS} attempts; "
+                                  "raise wear.tolerance", history=errors)
+
+    def end(self, now: WearStep, jump: int) -> SlowState:
+        """Return the slow state after `jump` cycles at the rate of `now`."""
+        return self.joint.model.evolve(now.slow, jump, jump * now.rate, jump * now.response.dissipated_energy,
+                                       now.response)
+
+    def error(self, now: WearStep, end: WearStep, jump: int) -> float:
+        """Return the error of energy and worn volume over the tolerance."""
+        areas, settings = self.joint.model.areas, self.joint.settings
+        volume = relative(0.5 * jump * abs(float(areas @ (end.rate - now.rate))),
+                          settings.tolerance * float(areas @ end.depth))
+        return max(volume, self.joint.energy_error(end.slow, jump, now.response, end.response))
 
     def jump(self, now: WearStep) -> tuple[int, bool]:
         """Return the cycles of the next jump and whether the stability bound shortened it.
@@ -37,9 +71,14 @@ class Explicit(Generic[S]):
             If not even one cycle is stable.
         """
         stable, asked = self.joint.stable_jump(now), self.joint.asked_jump(now)
-        jump = min(stable, self.joint.shallow_jump(now) if asked is None else asked)
+        jump = min(stable, asked if math.isfinite(asked) else self.joint.shallow_jump(now))
         if jump < 1.0:
             most = float(now.rate.max())
             raise InputError(f"wear.coefficient: one cycle would wear {most:.3g} m, more than the "
                              f"{jump * most:.3g} m of a stable jump; check its unit and max_depth_per_jump")
-        return even_share(self.joint.remaining(now), jump), asked is not None and stable < asked
+        shortened = stable < asked < math.inf
+        return even_share(self.joint.remaining(now), max(1.0, _least(jump, now.proposed_jump))), shortened
+
+
+def _least(jump: float, proposed: float) -> float:
+    return jump if math.isnan(proposed) else min(jump, proposed)

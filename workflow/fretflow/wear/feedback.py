@@ -10,6 +10,8 @@ s_m f_m / a_m`` has the Jacobian ``J = -diag(K_w s / a) C`` with the bracket C, 
 that its eigenvalues are real and not positive. Explicit Euler is stable while ``dN |J|_max < 2``, and free
 of overshoot up to half of it. For a uniform sliding pressure p this is a depth of ``2 p / k_max``, k_max
 the largest stiffness per area: about ``2 p h / E*`` on a mesh of element side h.
+
+Where the wear rate follows another law than Archard's, its slope by the pressure takes the place of K_w, node by node.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from scipy.linalg import cho_factor, cho_solve, eigvalsh
 
 from fretflow.core.errors import InputError
 from fretflow.wear.cycle import CycleResponse
+
+Coefficient = float | NDArray[np.float64]  # K_w in m^2/N, () or (nodes,)
 
 
 class Feedback:
@@ -60,12 +64,12 @@ class Feedback:
         result[np.ix_(index, index)] = stiffness - np.outer(sums, sums) / sums.sum()
         return result
 
-    def rate_jacobian(self, coefficient: float, response: CycleResponse) -> NDArray[np.float64]:
+    def rate_jacobian(self, coefficient: Coefficient, response: CycleResponse) -> NDArray[np.float64]:
         """Return d(rate)/d(depth) (nodes, nodes), 1/cycle, with the slip path frozen."""
         factor = coefficient * response.slip_path / self.areas
         return -factor[:, None] * self.unloading(response.contact_share > 0.0)
 
-    def fastest_decay(self, coefficient: float, response: CycleResponse) -> float:
+    def fastest_decay(self, coefficient: Coefficient, response: CycleResponse) -> float:
         """Return the largest eigenvalue of minus `rate_jacobian`, 1/cycle; 0 when nothing wears."""
         root = np.sqrt(coefficient * response.slip_path / self.areas)
         matrix = root[:, None] * self.unloading(response.contact_share > 0.0) * root
@@ -79,7 +83,7 @@ class Feedback:
         mean = float(self.areas @ response.mean_pressure) / float(self.areas[closed].sum() or np.inf)
         return mean / stiffness if stiffness > 0.0 else np.inf
 
-    def stability_bound(self, coefficient: float, response: CycleResponse) -> float:
+    def stability_bound(self, coefficient: Coefficient, response: CycleResponse) -> float:
         """Return the number of cycles (inf if unbounded) beyond which an explicit jump amplifies errors."""
         decay = self.fastest_decay(coefficient, response)
         return 2.0 / decay if decay > 0.0 else np.inf

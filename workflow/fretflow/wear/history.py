@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from fretflow.core.config import WearScheme
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.slow import SlowState
 
 
 @record
@@ -54,20 +56,30 @@ class WearSettings:
 class WearStep:
     """The worn contact after a jump; step 0 is unworn."""
 
-    cycles: int = quantity("1")
-    depth: NDArray[np.float64] = quantity("m", "(nodes,)")
+    slow: SlowState
     rate: NDArray[np.float64] = quantity("m", "(nodes,), depth per cycle")
     response: CycleResponse
     proposed_jump: float = quantity("1")  # next jump by error control; nan without
     shortened: bool  # the jump to here was cut at the stability bound
     solves: int  # periodic solutions since the start
 
+    @property
+    def cycles(self) -> int:
+        """Return the cycles since the start."""
+        return round(self.slow.cycles)
+
+    @property
+    def depth(self) -> NDArray[np.float64]:
+        """Return the depth worn off both faces together, (nodes,), m."""
+        return self.slow.depth
+
 
 @record
 class WearHistory:
     """State at the start of the test and after each jump; K rows, row 0 is unworn.
 
-    Depth is that of both faces together; `upper_share` of it is taken from the upper face.
+    Depth is that of both faces together; `upper_share` of it is taken from the upper face. `memory` is what laws over
+    cycles remember at each row, see `SlowState`.
     """
 
     cycles: NDArray[np.int64] = quantity("1", "(K,)")
@@ -76,16 +88,25 @@ class WearHistory:
     volume: NDArray[np.float64] = quantity("m^3", "(K,)")
     dissipated_energy: NDArray[np.float64] = quantity("J", "(K,), per cycle")
     sliding_distance: NDArray[np.float64] = quantity("m", "(K,), area mean, peak to peak")
+    energy: NDArray[np.float64] = quantity("J", "(K,), dissipated since the start")
+    approach: NDArray[np.float64] = quantity("m", "(K,), of the specimens since the start, at their observed points")
+    memory: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     upper_share: float = quantity("1")
     solves: int  # periodic solutions that the history took
     shortened_jumps: int = 0  # jumps that were cut at the explicit scheme's stability bound
     stopped_by: str  # "cycles" or "vanishing rate"
+
+    def slow(self, row: int) -> SlowState:
+        """Return the slow state at `row`; -1 is the end."""
+        return SlowState(cycles=float(self.cycles[row]), depth=self.depth[row], energy=float(self.energy[row]),
+                         memory={name: np.asarray(values[row]) for name, values in self.memory.items()})
 
 
 def collect(steps: Sequence[WearStep], areas: NDArray[np.float64], upper_share: float,
             stopped_by: str) -> WearHistory:
     """Return the history of `steps`; `areas` (nodes,) in m^2."""
     depth = np.array([step.depth for step in steps])
+    approach = np.array([step.response.approach for step in steps])
     return WearHistory(
         cycles=np.array([step.cycles for step in steps], dtype=np.int64),
         depth=depth,
@@ -93,6 +114,9 @@ def collect(steps: Sequence[WearStep], areas: NDArray[np.float64], upper_share: 
         volume=depth @ areas,
         dissipated_energy=np.array([step.response.dissipated_energy for step in steps]),
         sliding_distance=np.array([step.response.sliding_distance for step in steps]),
+        energy=np.array([step.slow.energy for step in steps]),
+        approach=approach - approach[0],
+        memory={name: np.array([step.slow.memory[name] for step in steps]) for name in steps[0].slow.memory},
         upper_share=upper_share,
         solves=steps[-1].solves,
         shortened_jumps=sum(step.shortened for step in steps),

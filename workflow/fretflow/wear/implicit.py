@@ -12,6 +12,11 @@ L-stable when J is exact: wear patterns that have settled stay settled however l
 to the embedded first-order solution ``w0 + dn k1`` estimates that one's error and controls the jump; the
 error of w1 is far smaller. A jump takes two periodic solutions, and one more for each attempt that was too
 long. Depth never falls.
+
+The dissipated energy is a further component of w with J = 0: k1 and k1 + k2 are the energies of the first and
+the second period, so that E1 is their trapezoid. The laws over cycles remember by their own solution over the
+jump, and the second stage sees cycles, energy and memory at its end: the order holds for all of them together.
+Where there are such laws, the energy's error controls the jump as the depth's does.
 """
 
 from __future__ import annotations
@@ -20,19 +25,16 @@ import math
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
 from fretflow.core.errors import NonConvergenceError
-from fretflow.wear.archard import wear_rate
-from fretflow.wear.cycle import settle
+from fretflow.wear.cycle import mean_response, settle
 from fretflow.wear.history import WearStep
-from fretflow.wear.scheme import WearingJoint, even_share
+from fretflow.wear.scheme import SHRINK, WearingJoint, even_share, relative, resized
+from fretflow.wear.slow import SlowState
 
 S = TypeVar("S")
 GAMMA = 1.0 - math.sqrt(0.5)
-SAFETY = 0.9
-SHRINK, GROWTH = 0.2, 5.0
 MAX_ATTEMPTS = 20
 
 
@@ -53,37 +55,40 @@ class Implicit(Generic[S]):
         proposed = now.proposed_jump
         if math.isnan(proposed):
             proposed = min(self.joint.stable_jump(now), self.joint.shallow_jump(now))
-        asked = self.joint.asked_jump(now) or math.inf
+        asked = self.joint.asked_jump(now)
         solves, errors = now.solves, []
         for _ in range(MAX_ATTEMPTS):
             jump = even_share(self.joint.remaining(now), max(1.0, min(proposed, asked)))
             solves += 1
             try:
-                depth, error, middle = self.attempt(now, jump, state)
+                end, error, middle = self.attempt(now, jump, state)
             except NonConvergenceError:
                 if jump == 1:
                     raise
                 proposed = SHRINK * jump
                 continue
             errors.append(error)
-            factor = min(GROWTH, max(SHRINK, SAFETY / math.sqrt(error))) if error > 0.0 else GROWTH
+            factor = resized(error)
             if error <= 1.0 or jump == 1:
                 # A jump that was cut to land on an asked count says nothing against the length proposed.
                 following = max(factor * jump, proposed if jump < proposed else 0.0)
-                return self.joint.settled(now.cycles + jump, depth, middle, solves + 1, following)
+                return self.joint.settled(end, middle, solves + 1, following)
             proposed = factor * jump
         raise NonConvergenceError(f"no implicit jump meets the tolerance in {MAX_ATTEMPTS} attempts; "
                                   "use scheme = \"explicit\"", history=errors)
 
-    def attempt(self, now: WearStep, jump: int, state: S) -> tuple[NDArray[np.float64], float, S]:
-        """Return the depth (nodes,), m, after `jump` cycles, its error over the tolerance, and a state."""
-        settings = self.joint.settings
-        jacobian = self.joint.feedback.rate_jacobian(settings.coefficient, now.response)
-        factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * jacobian)
+    def attempt(self, now: WearStep, jump: int, state: S) -> tuple[SlowState, float, S]:
+        """Return the slow state after `jump` cycles, its error over the tolerance, and a state."""
+        joint, model, before = self.joint, self.joint.model, now.response
+        factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * joint.rate_jacobian(now, jump))
         first = lu_solve(factors, now.rate)
         # The stage may ask a node to rise: it keeps its depth, as worn metal does.
-        response, middle = settle(self.joint.model, now.depth + jump * np.maximum(first, 0.0), state)
-        second = lu_solve(factors, wear_rate(settings.coefficient, response) - 2.0 * first)
-        depth = now.depth + jump * np.maximum(1.5 * first + 0.5 * second, 0.0)
-        error = 0.5 * jump * float(np.abs(first + second).max())
-        return depth, error / (settings.tolerance * float(depth.max())), middle
+        stage = model.evolve(now.slow, jump, jump * np.maximum(first, 0.0), jump * before.dissipated_energy, before)
+        response, middle = settle(model, stage, state)
+        second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first)
+        worn = jump * np.maximum(1.5 * first + 0.5 * second, 0.0)
+        energy = 0.5 * jump * (before.dissipated_energy + response.dissipated_energy)
+        end = model.evolve(now.slow, jump, worn, energy, mean_response(before, response))
+        error = relative(0.5 * jump * float(np.abs(first + second).max()),
+                         joint.settings.tolerance * float(end.depth.max()))
+        return end, max(error, joint.energy_error(end, jump, before, response)), middle

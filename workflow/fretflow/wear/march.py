@@ -6,15 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fretflow.core.config import WearScheme
 from fretflow.core.errors import NonConvergenceError
 from fretflow.wear.checkpoint import Checkpoints
 from fretflow.wear.cycle import CycleModel
 from fretflow.wear.explicit import Explicit
-from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearHistory, WearSettings, WearStep, collect
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import Scheme, WearingJoint
@@ -25,7 +21,7 @@ Progress = Callable[[int, int], None]
 
 def run_history(model: CycleModel[S], settings: WearSettings, checkpoint_dir: Path | None = None,
                 progress: Progress | None = None) -> WearHistory:
-    """March the wear to the asked cycles or until it vanishes.
+    """March the wear to the asked cycles or, without laws over cycles that might revive it, until it vanishes.
 
     Jumps land exactly on `settings.stops` and on the end. With `checkpoint_dir` every jump is written
     before the next begins, and a run that finds jumps there goes on from the last one to the same numbers,
@@ -49,7 +45,7 @@ def run_history(model: CycleModel[S], settings: WearSettings, checkpoint_dir: Pa
     StoreError
         If a checkpoint cannot be written or read.
     """
-    joint = WearingJoint(model, settings, Feedback(model.normal_flexibility, model.areas))
+    joint = WearingJoint(model, settings)
     scheme: Scheme[S] = Explicit(joint) if settings.scheme is WearScheme.EXPLICIT else Implicit(joint)
     checkpoints = None if checkpoint_dir is None else Checkpoints(checkpoint_dir, model.state_type, settings)
     kept = {0, settings.cycles, *settings.stops}
@@ -62,7 +58,7 @@ def run_history(model: CycleModel[S], settings: WearSettings, checkpoint_dir: Pa
             steps = [first]
             if checkpoints:
                 checkpoints.save(0, first, state, keep_previous=True)
-        while (stopped_by := _finished(steps, settings, model.areas)) is None:
+        while (stopped_by := _finished(steps, settings, model)) is None:
             step, state = scheme.advance(steps[-1], state)
             if checkpoints:
                 checkpoints.save(len(steps), step, state, keep_previous=steps[-1].cycles in kept)
@@ -75,9 +71,11 @@ def run_history(model: CycleModel[S], settings: WearSettings, checkpoint_dir: Pa
     return collect(steps, model.areas, settings.upper_share, stopped_by)
 
 
-def _finished(steps: list[WearStep], settings: WearSettings, areas: NDArray[np.float64]) -> str | None:
+def _finished(steps: list[WearStep], settings: WearSettings, model: CycleModel[S]) -> str | None:
     if steps[-1].cycles >= settings.cycles:
         return "cycles"
-    if areas @ steps[-1].rate <= settings.vanishing_rate * (areas @ steps[0].rate):
+    if model.has_laws:
+        return None
+    if model.areas @ steps[-1].rate <= settings.vanishing_rate * (model.areas @ steps[0].rate):
         return "vanishing rate"
     return None

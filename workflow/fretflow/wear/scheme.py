@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.wear.archard import wear_rate
-from fretflow.wear.cycle import CycleModel, settle
-from fretflow.wear.feedback import Feedback
+from fretflow.wear.cycle import CycleModel, CycleResponse, settle
+from fretflow.wear.feedback import Coefficient, Feedback
 from fretflow.wear.history import WearSettings, WearStep
+from fretflow.wear.slow import SlowState
 
 S = TypeVar("S")
 OVERSHOOT_FREE = 0.5  # share of the stability bound
+DIFFERENCE = 2.0**-10  # relative, for the slopes of the laws over cycles
+SAFETY = 0.9
+SHRINK, GROWTH = 0.2, 5.0
 
 
 class Scheme(Protocol[S]):
@@ -32,19 +36,56 @@ class WearingJoint(Generic[S]):
 
     model: CycleModel[S]
     settings: WearSettings
-    feedback: Feedback
 
     def unworn(self) -> tuple[WearStep, S]:
         """Return step 0, the contact before any wear, and its state."""
-        return self.settled(0, np.zeros_like(self.model.areas), None, solves=1)
+        return self.settled(self.model.initial(), None, solves=1)
 
-    def settled(self, cycles: int, depth: NDArray[np.float64], state: S | None, solves: int,
-                proposed_jump: float = math.nan, shortened: bool = False) -> tuple[WearStep, S]:
-        """Return the step at `cycles` with its period found again at `depth` (nodes,), m, and its state."""
-        response, settled = settle(self.model, depth, state)
-        rate = wear_rate(self.settings.coefficient, response)
-        return WearStep(cycles=cycles, depth=depth, rate=rate, response=response, proposed_jump=proposed_jump,
+    def settled(self, slow: SlowState, state: S | None, solves: int, proposed_jump: float = math.nan,
+                shortened: bool = False) -> tuple[WearStep, S]:
+        """Return the step in the state `slow` with its period found again, and that period's state."""
+        response, settled = settle(self.model, slow, state)
+        return WearStep(slow=slow, rate=self.rate(response, slow), response=response, proposed_jump=proposed_jump,
                         shortened=shortened, solves=solves), settled
+
+    def rate(self, response: CycleResponse, slow: SlowState) -> NDArray[np.float64]:
+        """Return the depth per cycle (nodes,), m: Archard's, changed by the laws over cycles."""
+        return wear_rate(self.settings.coefficient, response) * self.model.wear_factor(response, slow)
+
+    def feedback(self, now: WearStep) -> Feedback:
+        """Return how the contact forces answer to wear."""
+        return Feedback(self.model.normal_flexibility(now.slow), self.model.areas)
+
+    def rate_slope(self, now: WearStep) -> Coefficient:
+        """Return the coefficient of Archard's law, () or (nodes,), m^2/N, whose rate changes with pressure as ours."""
+        coefficient = self.settings.coefficient
+        if not self.model.has_laws:
+            return coefficient
+        more, less = (self.rate(_pressed(now.response, 1.0 + change), now.slow)
+                      for change in (DIFFERENCE, -DIFFERENCE))
+        sliding = now.response.pressure_sliding
+        return np.divide(more - less, 2.0 * DIFFERENCE * sliding, out=np.zeros_like(sliding), where=sliding > 0.0)
+
+    def self_limiting(self, now: WearStep, jump: float) -> NDArray[np.float64]:
+        """Return how fast the wear of a jump lowers each node's rate through the laws alone, (nodes,), 1/cycle.
+
+        A debris layer does so, as it thickens; the pressure is that of `now`. Laws that raise the rate count as zero.
+        """
+        if not self.model.has_laws:
+            return np.zeros_like(now.rate)
+        worn, energy = jump * now.rate, jump * now.response.dissipated_energy
+        more, less = (self.rate(now.response, self.model.evolve(now.slow, jump, (1.0 + change) * worn, energy,
+                                                                now.response))
+                      for change in (DIFFERENCE, -DIFFERENCE))
+        slope = np.divide(less - more, 2.0 * DIFFERENCE * worn, out=np.zeros_like(worn), where=worn > 0.0)
+        return np.asarray(np.maximum(slope, 0.0))
+
+    def rate_jacobian(self, now: WearStep, jump: int) -> NDArray[np.float64]:
+        """Return d(rate)/d(depth) (nodes, nodes), 1/cycle, of a jump, with the slip path frozen."""
+        jacobian = self.feedback(now).rate_jacobian(self.rate_slope(now), now.response)
+        if not self.model.has_laws:
+            return jacobian
+        return np.asarray(jacobian * self.model.opening_share(now.slow, jump) - np.diag(self.self_limiting(now, jump)))
 
     def remaining(self, now: WearStep) -> int:
         """Return the cycles to the next asked count."""
@@ -52,19 +93,43 @@ class WearingJoint(Generic[S]):
 
     def stable_jump(self, now: WearStep) -> float:
         """Return the cycles of the longest explicit jump that does not overshoot; inf when nothing slides."""
-        return OVERSHOOT_FREE * self.feedback.stability_bound(self.settings.coefficient, now.response)
+        bound = self.feedback(now).stability_bound(self.rate_slope(now), now.response)
+        limiting = float(self.self_limiting(now, 1.0).max())
+        return OVERSHOOT_FREE * (bound if limiting == 0.0 else 1.0 / (1.0 / bound + 0.5 * limiting))
 
     def shallow_jump(self, now: WearStep) -> float:
-        """Return the cycles in which no node wears more than `Feedback.depth_scale`.
+        """Return the cycles in which no node wears more than `Feedback.depth_scale`; inf when nothing wears.
 
         Where little slides the stability bound allows much, yet such a jump would reshape the contact unseen.
         """
-        return self.feedback.depth_scale(now.response) / float(now.rate.max())
+        return _cycles_to(self.feedback(now).depth_scale(now.response), now)
 
-    def asked_jump(self, now: WearStep) -> float | None:
-        """Return the cycles in which the fastest node wears `max_depth_per_jump`, if that was given."""
+    def asked_jump(self, now: WearStep) -> float:
+        """Return the cycles in which the fastest node wears `max_depth_per_jump`; inf if that was not given."""
         most = self.settings.max_depth_per_jump
-        return None if most is None else most / float(now.rate.max())
+        return math.inf if most is None else _cycles_to(most, now)
+
+    def energy_error(self, end: SlowState, jump: int, first: CycleResponse, last: CycleResponse) -> float:
+        """Return the error of the energy at the `end` of a jump over the tolerance, as if it were of first order.
+
+        Without laws over cycles nothing depends on the energy, and it is not controlled.
+        """
+        if not self.model.has_laws:
+            return 0.0
+        error = 0.5 * jump * abs(last.dissipated_energy - first.dissipated_energy)
+        return relative(error, self.settings.tolerance * end.energy)
+
+
+def relative(error: float, allowed: float) -> float:
+    """Return `error` over what is `allowed`; no error is none of nothing."""
+    if error == 0.0:
+        return 0.0
+    return error / allowed if allowed > 0.0 else math.inf
+
+
+def resized(error: float) -> float:
+    """Return the factor on a jump whose `error`, over the tolerance, is of second order in the jump."""
+    return min(GROWTH, max(SHRINK, SAFETY / math.sqrt(error))) if error > 0.0 else GROWTH
 
 
 def even_share(remaining: int, jump: float) -> int:
@@ -72,3 +137,15 @@ def even_share(remaining: int, jump: float) -> int:
     if jump >= remaining:
         return remaining
     return math.ceil(remaining / math.ceil(remaining / math.floor(jump)))
+
+
+def _cycles_to(depth: float, now: WearStep) -> float:
+    fastest = float(now.rate.max())
+    return depth / fastest if fastest > 0.0 else math.inf
+
+
+def _pressed(response: CycleResponse, factor: float) -> CycleResponse:
+    """Return `response` under `factor` times the pressure."""
+    return replace(response, pressure_sliding=factor * response.pressure_sliding,
+                   mean_pressure=factor * response.mean_pressure,
+                   dissipated_energy=factor * response.dissipated_energy)

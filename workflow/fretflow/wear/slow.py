@@ -16,7 +16,7 @@ class SlowState:
     """The joint after `cycles` cycles.
 
     `memory` holds what laws over cycles remember besides wear and energy (a debris layer, for example), each array
-    under a name that begins with the law's id.
+    under a name that begins with the law's id and ends in its unit: ``third-body.layer_m``.
     """
 
     cycles: float = quantity("1")
@@ -27,4 +27,15 @@ class SlowState:
     @classmethod
     def unworn(cls, nodes: int) -> SlowState:
         """Return the start of a test with `nodes` nodes and nothing remembered."""
-        return cls(cycles=0.0, depth=np.zeros(nodes), energy=0.0)
+        return cls.worn_by(np.zeros(nodes))
+
+    @classmethod
+    def worn_by(cls, depth: NDArray[np.float64]) -> SlowState:
+        """Return a joint of which `depth` (nodes,), m, is all that has changed."""
+        return cls(cycles=0.0, depth=depth, energy=0.0)
+
+    def after(self, cycles: float, worn: NDArray[np.float64], energy: float,
+              memory: Mapping[str, NDArray[np.float64]] | None = None) -> SlowState:
+        """Return the state after `cycles` more, which wear `worn` (nodes,), m, and dissipate `energy`, J."""
+        return SlowState(cycles=self.cycles + cycles, depth=self.depth + worn, energy=self.energy + energy,
+                         memory=self.memory if memory is None else memory)
