@@ -14,7 +14,7 @@ from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.rig.driven import Sliders
 from fretflow.wear.slow import SlowState
 
-ELEMENTS = 32
+ELEMENTS = 16
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -23,7 +23,7 @@ class DistributedMicroSlip(Effect):
 
     The limit at the quantile q, from 0 to 1, is ``1 - w + w (1 + b) q^b`` of the mean. With b = 1 the limits are
     uniform in ``1 - w ... 1 + w``; with w = 1 their density falls as the power ``1 / b - 1``. A driven joint becomes
-    32 sliders side by side. In the fretting rig the nodes differ in their friction coefficient, spread over the face
+    16 sliders side by side. In the fretting rig the nodes differ in their friction coefficient, spread over the face
     by the golden ratio's sequence so that neighbours differ, and the area mean of the factors is 1.
     """
 
@@ -39,7 +39,7 @@ class DistributedMicroSlip(Effect):
 
     spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)
     power: float = parameter(1.0, "b: 1 for a uniform distribution, more for many small limits", 0.5, 4.0,
-                             gt=0.0, logarithmic=True)
+                             ge=0.25, le=20.0, logarithmic=True)
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:

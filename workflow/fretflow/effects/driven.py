@@ -188,9 +188,10 @@ class DrivenJoint:
 
 def _bounds(section: type[Section], field: str) -> tuple[float, float]:
     """Return the limits of a field; an excluded end is kept clear of by a billionth of its range."""
-    low, high, prior = -np.inf, np.inf, declared_priors(section)[field]
+    prior, marks = declared_priors(section)[field], section.model_fields[field].metadata
     clear = 1e-9 * (prior.high - prior.low)
-    for limit in section.model_fields[field].metadata:
+    low, high = -np.inf if u.smallest(marks) is None else clear, np.inf
+    for limit in marks:
         if isinstance(limit, Ge | Gt):
             low = float(limit.ge) if isinstance(limit, Ge) else float(limit.gt) + clear  # type: ignore[arg-type]
         elif isinstance(limit, Le | Lt):

@@ -1,15 +1,15 @@
 """A measured motion and its rates, by local polynomials.
 
-A cubic is fitted to the samples within T to either side (Savitzky and Golay, Anal. Chem. 36, 1964), which gives
-displacement, velocity and acceleration at once, without phase. At angular frequency w they come out as::
+A polynomial of degree 5 is fitted to the samples within T to either side (Savitzky and Golay, Anal. Chem. 36, 1964),
+which gives displacement, velocity and acceleration at once, without phase. At angular frequency w they come out as::
 
-    1 - (w T)^4 / 280,    1 - (w T)^4 / 504,    1 - (w T)^2 / 14      of their size
+    1 - (w T)^6 / 33264,    1 - (w T)^6 / 61776,    1 - (w T)^4 / 792      of their size
 
 to leading order, and white noise of standard deviation s in n = 2 T / h + 1 samples at the steps h gives::
 
-    9/4 s^2 / n,    75/4 s^2 / (n T^2),    45 s^2 / (n T^4)           as variances
+    225/64 s^2 / n,    3675/64 s^2 / (n T^2),    2205/4 s^2 / (n T^4)      as variances
 
-T is chosen where bias and noise of the acceleration together are least.
+T is the largest at which what is smoothed away is no more than the noise.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
 
-CUBIC = 3
+DEGREE = 5
 ORDER = 6  # of the differences that leave noise alone
 MEDIAN_OF_NORMAL = 0.6744897502  # of its absolute value, in standard deviations
-WIDTHS = tuple(dict.fromkeys(round(2.0**(0.5 * k)) for k in range(2, 19)))  # samples to either side
+CENTRE = 225.0 / 64.0
+EXCESS = 1.1  # of the noise, beyond which what is smoothed away is motion too
+WIDTHS = tuple(dict.fromkeys(round(2.0**(0.5 * k)) for k in range(4, 19)))  # samples to either side
 FEWEST = 16
 
 
@@ -91,17 +93,18 @@ class MeasuredMotion:
     def velocity_sd(self) -> float:
         """Return the standard deviation of the velocity that comes from noise, m/s."""
         span, n = self._span
-        return self.noise * sqrt(18.75 / n) / span
+        return self.noise * sqrt(3675.0 / 64.0 / n) / span
 
     @property
     def acceleration_sd(self) -> float:
         """Return the standard deviation of the acceleration that comes from noise, m/s^2."""
-        return _acceleration_sd(self.noise, self.half_width, self.motion.step)
+        span, n = self._span
+        return self.noise * sqrt(551.25 / n) / span**2
 
     def bias(self, frequency: float) -> tuple[float, float, float]:
         """Return the relative errors of displacement, velocity and acceleration at `frequency` (Hz)."""
         phase = 2.0 * np.pi * frequency * self._span[0]
-        return -phase**4 / 280.0, -phase**4 / 504.0, -phase**2 / 14.0
+        return -phase**6 / 33264.0, -phase**6 / 61776.0, -phase**4 / 792.0
 
 
 def measure(displacement: Array, step: float, half_width: int | None = None) -> MeasuredMotion:
@@ -113,7 +116,7 @@ def measure(displacement: Array, step: float, half_width: int | None = None) -> 
         Equidistant samples without gaps.
     step : float, s
     half_width : int, optional
-        Samples to either side of each that its cubic is fitted to.
+        Samples to either side of each that its polynomial is fitted to.
 
     Raises
     ------
@@ -124,9 +127,9 @@ def measure(displacement: Array, step: float, half_width: int | None = None) -> 
     if x.ndim != 1 or len(x) < FEWEST or not np.all(np.isfinite(x)):
         raise InputError(f"displacement: {x.shape} must be {FEWEST} or more finite samples in a row; close gaps first")
     noise = noise_floor(x)
-    width = best_width(x, step, noise) if half_width is None else half_width
-    if not 2 <= width <= (len(x) - 1) // 2:
-        raise InputError(f"displacement: half_width {width} must lie between 2 and {(len(x) - 1) // 2} samples")
+    width = best_width(x, noise) if half_width is None else half_width
+    if not 3 <= width <= (len(x) - 1) // 2:
+        raise InputError(f"displacement: half_width {width} must lie between 3 and {(len(x) - 1) // 2} samples")
     x, v, a = (_smoothed(x, step, width, order) for order in (0, 1, 2))
     return MeasuredMotion(motion=Motion(step=step, displacement=x, velocity=v, acceleration=a), half_width=width,
                           noise=noise)
@@ -143,29 +146,23 @@ def noise_floor(values: Array) -> float:
     return (median if median > 0.0 else float(np.sqrt(np.mean(differences**2)))) / scale
 
 
-def best_width(displacement: Array, step: float, noise: float) -> int:
-    """Return the half width at which the bias and noise of the acceleration are least together.
+def best_width(displacement: Array, noise: float) -> int:
+    """Return the largest half width at which displacements (N,) differ from the smoothed ones by the `noise` (m) alone.
 
-    The bias grows with the square of the width, so that a width and the next tell it: their difference is the bias
-    times ``ratio^2 - 1``, and noise. The next width's noise is part of the first's, which leaves the difference of
-    both variances.
+    Of the noise a polynomial over n samples follows the share ``225/64 / n``.
     """
-    widths: list[int] = [w for w in WIDTHS if 2 * w + 1 <= len(displacement)]
-    estimates = [_smoothed(displacement, step, w, 2) for w in widths]
-    variances = [_acceleration_sd(noise, w, step)**2 for w in widths]
-    errors = []
-    for k in range(len(widths) - 1):
-        apart = float(np.mean((estimates[k + 1] - estimates[k])**2)) - abs(variances[k] - variances[k + 1])
-        bias = max(apart, 0.0) / ((widths[k + 1] / widths[k])**2 - 1.0)**2
-        errors.append(bias + variances[k])
-    return widths[int(np.argmin(errors))] if errors else widths[0]
-
-
-def _acceleration_sd(noise: float, width: int, step: float) -> float:
-    return noise * sqrt(45.0 / (2 * width + 1)) / (width * step)**2
+    found: int = WIDTHS[0]
+    for width in WIDTHS:
+        if 2 * width + 1 > len(displacement):
+            break
+        left = noise * sqrt(1.0 - CENTRE / (2 * width + 1))
+        if float(np.std(displacement - _smoothed(displacement, 1.0, width, 0))) > EXCESS * left:
+            break
+        found = width
+    return found
 
 
 def _smoothed(values: Array, step: float, width: int, derivative: int) -> Array:
     from scipy.signal import savgol_filter  # takes as long to import as all the rest
 
-    return np.asarray(savgol_filter(values, 2 * width + 1, CUBIC, derivative, step))
+    return np.asarray(savgol_filter(values, 2 * width + 1, DEGREE, derivative, step))
