@@ -1,0 +1,210 @@
+"""What a diagnosis says: its records and the JSON that other programs read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.records import quantity, record
+from fretflow.core.store import write_whole
+
+Array = NDArray[np.float64]
+
+
+class Verdict(StrEnum):
+    """What is said of the physics that the model leaves out."""
+
+    NONE = "none"  # nothing that the recording shows
+    NAMED = "named"
+    AMBIGUOUS = "ambiguous"  # one of a set that the recording cannot tell apart
+    UNKNOWN = "unknown"  # something that is not in the catalogue
+
+
+@record
+class Detection:
+    """Whether anything is left when the baseline's own parameters are refitted."""
+
+    p_value: float
+    statistic: str  # name of the test that gave it
+    tests: Mapping[str, float]  # name of each test: its p-value, not corrected
+    false_alarm_rate: float  # that the threshold keeps, over all tests together
+
+
+@record
+class Candidate:
+    """A set of effects as an explanation."""
+
+    effects: tuple[str, ...]  # none: the baseline
+    probability: float
+    explained: float  # share of the excess chi-squared
+    chi_squared: float
+    degrees_of_freedom: int
+    log_evidence: float
+    confirmed: bool = False  # refitted on the model itself, not only on its linearisation
+
+
+@record
+class Place:
+    """One way to cut where measured and predicted part, and how sure it is."""
+
+    cut: str  # "block", "channel", "phase", "parity", "cycles", "harmonic", "condition", "zone"
+    where: str
+    share: float  # of the excess that lies there
+    p_value: float  # corrected for the search
+
+
+@record
+class Location:
+    """Where they part, in words, and all places that were looked at."""
+
+    block: str
+    channel: str
+    phase: str
+    cycles: tuple[int, int]
+    zone: str
+    parity: str = ""
+    harmonic: str = ""
+    condition: str = ""
+    places: tuple[Place, ...] = ()
+    text: str = ""  # one or two sentences
+
+
+@record
+class Estimate:
+    """A parameter and its 90 % interval, in SI."""
+
+    name: str  # "friction-run-in.initial_friction", "contact.friction_coefficient"
+    value: float
+    low: float
+    high: float
+    unit: str
+    meaning: str = ""
+
+
+@record
+class HeldOut:
+    """Errors on recordings that were not fitted, as rms over the repeatability sd."""
+
+    what: str
+    before: float
+    after: float
+    floor: float
+
+
+@record
+class Comparison:
+    """One loop, or stretch of a record, measured and predicted; all (N,) in SI."""
+
+    label: str
+    held_out: bool
+    displacement: Array = quantity("m", "(N,), measured")
+    force: Array = quantity("N", "(N,), measured")
+    before_displacement: Array = quantity("m", "(N,), baseline refitted")
+    before_force: Array = quantity("N", "(N,)")
+    after_displacement: Array = quantity("m", "(N,), with the named effects")
+    after_force: Array = quantity("N", "(N,)")
+    time: Array | None = quantity("s", "(N,)", default=None)
+
+
+@record
+class ResidualMap:
+    """Difference over its sd by loop (rows) and phase (columns), of one channel."""
+
+    channel: str
+    rows: tuple[str, ...]
+    phase: Array = quantity("1", "(P,), share of the period")
+    before: Array = quantity("1", "(rows, P)")
+    after: Array = quantity("1", "(rows, P)")
+
+
+@record
+class WearMap:
+    """Wear depth at P points, measured and predicted."""
+
+    x: Array = quantity("m", "(P,)")
+    y: Array = quantity("m", "(P,)")
+    measured: Array = quantity("m", "(P,)")
+    before: Array = quantity("m", "(P,)")
+    after: Array = quantity("m", "(P,)")
+
+
+@record
+class ResidualLaw:
+    """What an unlisted effect does, from the data: the residual of a channel against the state that explains it best."""
+
+    channel: str
+    state: str
+    state_unit: str
+    channel_unit: str
+    x: Array = quantity("SI", "(P,)")
+    y: Array = quantity("SI", "(P,)")
+    sd: Array = quantity("SI", "(P,)")
+    explained: float = quantity("1")
+
+
+@record
+class Diagnosis:
+    """All that a diagnosis found; what the report shows."""
+
+    title: str
+    recording: str
+    kind: str
+    verdict: Verdict
+    effects: tuple[str, ...]
+    probability: float
+    sentence: str
+    ranking: tuple[Candidate, ...]  # most probable first
+    detection: Detection
+    location: Location
+    parameters: tuple[Estimate, ...]
+    held_out: HeldOut | None
+    separating_measurement: str
+    smallest_visible: Mapping[str, float]  # effect: share of its plausible range that would have been seen
+    comparisons: tuple[Comparison, ...] = ()
+    residual_maps: tuple[ResidualMap, ...] = ()
+    wear_map: WearMap | None = None
+    residual_law: ResidualLaw | None = None
+    notes: tuple[str, ...] = ()  # warnings of the recording, limits of the diagnosis
+    case_file: str = ""
+    seconds: float = quantity("s", default=0.0)
+    fast: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the diagnosis in the exchange format."""
+        place, fit = self.location, self.held_out
+        return {
+            "verdict": self.verdict.value, "effects": list(self.effects), "probability": _plain(self.probability),
+            "ranking": [{"effects": list(one.effects), "probability": _plain(one.probability),
+                         "explained": _plain(one.explained)} for one in self.ranking],
+            "detection": {"p_value": _plain(self.detection.p_value), "statistic": self.detection.statistic},
+            "location": {"block": place.block, "channel": place.channel, "phase": place.phase,
+                         "cycles": list(place.cycles), "zone": place.zone},
+            "parameters": {one.name: {"value": _plain(one.value), "low": _plain(one.low), "high": _plain(one.high),
+                                      "unit": one.unit} for one in self.parameters},
+            "fit": {} if fit is None else {"held_out": fit.what, "before": _plain(fit.before),
+                                           "after": _plain(fit.after), "floor": _plain(fit.floor)},
+            "separating_measurement": self.separating_measurement}
+
+
+def write_json(path: Path, diagnosis: Diagnosis) -> Path:
+    """Write `diagnosis` in the exchange format.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written.
+    """
+    write_whole(path, (json.dumps(diagnosis.to_json(), indent=1) + "\n").encode())
+    return path
+
+
+def _plain(value: float) -> float | None:
+    """Return `value`, None where JSON has no number for it."""
+    return float(value) if math.isfinite(value) else None
