@@ -12,15 +12,19 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver
+from fretflow.effects.backlash import Backlash
 from fretflow.effects.contact_stiffness import Asperities, ContactStiffness
 from fretflow.effects.directional_friction import DirectionalFriction
 from fretflow.effects.excitation_distortion import ExcitationDistortion
+from fretflow.effects.force_offset import ForceOffset
 from fretflow.effects.initial_gap import InitialGap
 from fretflow.effects.load_dependent_friction import LoadDependentFriction
 from fretflow.effects.model import EffectModel
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
+from fretflow.effects.parallel_stiffness import ParallelStiffness
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
+from fretflow.effects.viscous import Viscous
 from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import QuasiStaticSolver, press
@@ -41,10 +45,12 @@ def one_node(nodes=1, areas=1e-6):
                            friction_coefficient=MU, frequency=100.0, excitation=F, normal_load=N)
 
 
-def integrate(found, friction=lambda x, v, way: 1.0, support=lambda x: 0.0, drive=lambda t: 0.0, spring=K):
+def integrate(found, friction=lambda x, v, way: 1.0, support=lambda x: 0.0, drive=lambda t: 0.0, spring=K,
+              play=0.0, beside=lambda x, v: 0.0):
     """Step both masses; return the arm's motion and the friction force at the samples of the last period.
 
-    `friction` gives the limit over mu N at the arm's position and speed for sliding to `way`.
+    `friction` gives the limit over mu N at the arm's position and speed for sliding to `way`; `beside` is a force on
+    the arm, `play` that of the hinge's spring from end to end.
     """
     step = 0.01 / (SAMPLES * STEPS)
     velocity = time_derivative(found.rig_displacement, OMEGA)[0]
@@ -53,11 +59,12 @@ def integrate(found, friction=lambda x, v, way: 1.0, support=lambda x: 0.0, driv
 
     def rate(t, y, held):
         xb, xa, vb, va = y
-        hinge = RIG.hinge_stiffness * (xa - xb) + RIG.hinge_damping * (va - vb)
+        crossed = xa - xb - math.copysign(min(abs(xa - xb), play / 2), xa - xb)
+        hinge = RIG.hinge_stiffness * crossed + RIG.hinge_damping * (va - vb)
         ground = RIG.ground_stiffness * xb + RIG.ground_damping * vb
         return np.array([vb, va,
                          (F * math.cos(OMEGA * t) + drive(t) + hinge - ground - support(xb)) / RIG.moving_mass,
-                         (-hinge + spring * (held - xa)) / RIG.arm_mass])
+                         (-hinge + spring * (held - xa) + beside(xa, va)) / RIG.arm_mass])
 
     arm, force = np.empty(SAMPLES), np.empty(SAMPLES)
     for n in range(SAMPLES * STEPS * PERIODS):
@@ -90,7 +97,11 @@ CASES = {
     "support": (SupportNonlinearity().changed(stiffness=1e15), {"support": lambda x: 1e15 * x**3}),
     "drive": (ExcitationDistortion(second=0.2, second_phase=1.0, third=0.1, third_phase=-0.5),
               {"drive": lambda t: F * (0.2 * math.cos(2 * OMEGA * t + 1.0) + 0.1 * math.cos(3 * OMEGA * t - 0.5))}),
-    "asperities": (ContactStiffness(exponent=0.5).changed(stiffness=30e6), {"spring": K * 30e6 / (K + 30e6)})}
+    "asperities": (ContactStiffness(exponent=0.5).changed(stiffness=30e6), {"spring": K * 30e6 / (K + 30e6)}),
+    "beside": (ParallelStiffness().changed(stiffness=1e6), {"beside": lambda x, v: -1e6 * x}),
+    "dashpot": (Viscous().changed(damping=1500.0), {"beside": lambda x, v: -1500.0 * v}),
+    "offset": (ForceOffset().changed(force_offset=5.0), {"drive": lambda t: 5.0}),
+    "play": (Backlash().changed(play=3e-6), {"play": 3e-6})}
 
 
 @pytest.mark.parametrize("name", CASES)
