@@ -149,6 +149,7 @@ SignedTime = Annotated[float, Unit("s"), _parser("s")]
 SignedDamping = Annotated[float, Unit("N*s/m"), _parser("N*s/m")]
 SignedCompliance = Annotated[float, Unit("m/N"), _parser("m/N")]
 CubicStiffness = Annotated[float, Unit("N/m^3"), _parser("N/m^3")]
+PowerDensity = Annotated[float, Unit("W/m^2"), _parser("W/m^2"), AfterValidator(_not_negative)]
 RayleighMass = Annotated[float, Unit("1/s"), _parser("1/s"), AfterValidator(_not_negative)]
 RayleighStiffness = Annotated[float, Unit("s"), _parser("s"), AfterValidator(_not_negative)]
 

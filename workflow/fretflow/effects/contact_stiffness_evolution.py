@@ -1,0 +1,50 @@
+"""Asperity springs that stiffen as the faces bed in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from fretflow.core import units as u
+from fretflow.effects.contact_stiffness import ContactStiffness, with_asperities
+from fretflow.effects.effect import Array, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+
+class ContactStiffnessEvolution(ContactStiffness):
+    """The asperity springs of ``contact-stiffness``, stiffer by a factor that grows with the dissipated energy E.
+
+    It holds those springs itself, so that its parameters are theirs and two more; with b = 0 it is that effect.
+    """
+
+    id: ClassVar[str] = "contact-stiffness-evolution"
+    title: ClassVar[str] = "asperity springs that stiffen with the dissipated energy"
+    equation: ClassVar[str] = "k_c (1 + b (1 - exp(-E / E_0))), k_c = k_t (p / p_0)^m per area, normal ratio k_t"
+    source: ClassVar[str] = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
+    observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop over cycles",
+                                              "first resonance over cycles")
+    excludes: ClassVar[Mapping[str, str]] = {
+        "contact-stiffness": "contact-stiffness-evolution holds the springs itself; give their parameters there"}
+
+    gain: float = parameter(1.5, "b: relative growth of the stiffness in the end", 0.5, 4.0, gt=-1.0)
+    energy: u.Energy = parameter(50.0, "E_0: energy over which it grows", 5.0, 150.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Put the springs at this energy in."""
+        asperities = self.asperities(problem)
+        return with_asperities(problem, replace(asperities, stiffness=asperities.stiffness * float(
+            self.growth(slow.energy))))
+
+    def growth(self, energy: Array | float) -> Array:
+        """Return the stiffness after `energy` in J over that at the start."""
+        return np.asarray(1.0 - self.gain * np.expm1(-np.asarray(energy) / self.energy))
+
+    def sketch(self) -> Sketch:
+        """Return the stiffness against energy."""
+        energy = np.linspace(0.0, 5.0 * self.energy, 200)
+        return Sketch("dissipated energy in J", "tangential stiffness at p_0 in N/um",
+                      {"": (energy, 1e-6 * self.stiffness * self.growth(energy))})

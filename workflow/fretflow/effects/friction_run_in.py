@@ -1,0 +1,57 @@
+"""Friction that settles as the faces are rubbed clean and rough."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core import units as u
+from fretflow.core.config import Case, Contact
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+TYPICAL = float(Contact().friction_coefficient)
+
+
+class FrictionRunIn(Effect):
+    """Friction coefficient that goes from mu_0 to mu_inf with the energy E dissipated since the start.
+
+    It takes the place of the case's coefficient, to which mu_inf is equal unless given.
+    """
+
+    id: ClassVar[str] = "friction-run-in"
+    title: ClassVar[str] = "friction that settles with the dissipated energy"
+    block: ClassVar[Block] = Block.CONTACT
+    equation: ClassVar[str] = "mu = mu_inf - (mu_inf - mu_0) exp(-E / E_0)"
+    source: ClassVar[str] = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
+                             "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
+    observables: ClassVar[tuple[str, ...]] = ("friction force on the plateau over cycles", "sliding over cycles",
+                                              "dissipated energy over cycles")
+
+    initial: float = parameter(0.35, "mu_0: coefficient of the new faces", 0.2, 0.5, gt=0.0, le=5.0)
+    final: float | None = parameter(None, "mu_inf: coefficient in the end; by default the case's", 0.6, 0.9,
+                                    gt=0.0, le=5.0)
+    energy: u.Energy = parameter(30.0, "E_0: energy over which it settles", 5.0, 150.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return the case's coefficient from the start."""
+        return cls(initial=TYPICAL if case is None else case.contact.friction_coefficient)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Put the coefficient at this energy in."""
+        final = problem.friction_coefficient if self.final is None else self.final
+        return replace(problem, friction_coefficient=self.coefficient(np.asarray(final), slow.energy))
+
+    def coefficient(self, final: Array, energy: Array | float) -> Array:
+        """Return mu after `energy` in J, between the initial and the `final` one."""
+        return np.asarray(final - (final - self.initial) * np.exp(-np.asarray(energy) / self.energy))
+
+    def sketch(self) -> Sketch:
+        """Return the coefficient against energy."""
+        energy = np.linspace(0.0, 5.0 * self.energy, 200)
+        final = np.asarray(TYPICAL if self.final is None else self.final)
+        return Sketch("dissipated energy in J", "friction coefficient", {"": (energy, self.coefficient(final, energy))})

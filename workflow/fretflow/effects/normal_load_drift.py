@@ -1,0 +1,47 @@
+"""A normal load that falls over the test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core.config import Case
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.slow import SlowState
+
+
+class NormalLoadDrift(Effect):
+    """Normal load that relaxes by a share of its value, as a clamped or bolted load does when its seats settle."""
+
+    id: ClassVar[str] = "normal-load-drift"
+    title: ClassVar[str] = "normal load that falls over cycles"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "N = N_0 (1 - a (1 - exp(-n / n_T)))"
+    source: ClassVar[str] = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
+                             "vibration; here of first order in the cycles")
+    observables: ClassVar[tuple[str, ...]] = ("normal force over cycles", "friction force over cycles",
+                                              "sliding over cycles")
+
+    loss: float = parameter(0.15, "a: share of the load that is lost in the end", 0.04, 0.3, lt=1.0)
+    settling: float = parameter(4e4, "n_T: cycles over which it is lost", 1e4, 1.5e5, gt=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a load that stays."""
+        return cls(loss=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Put the load at this cycle in."""
+        return replace(problem, normal_load=problem.normal_load * float(self.share(slow.cycles)))
+
+    def share(self, cycles: Array | float) -> Array:
+        """Return the load after `cycles` over that at the start."""
+        return np.asarray(1.0 + self.loss * np.expm1(-np.asarray(cycles) / self.settling))
+
+    def sketch(self) -> Sketch:
+        """Return the load against cycles."""
+        cycles = np.linspace(0.0, 5.0 * self.settling, 200)
+        return Sketch("cycles", "normal load over that at the start", {"": (cycles, self.share(cycles))})

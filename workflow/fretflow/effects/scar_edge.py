@@ -1,0 +1,104 @@
+"""A worn scar that holds the motion back at both ends of the stroke."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.contact.interface import Interface
+from fretflow.core import units as u
+from fretflow.core.config import Case
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.rig.forces import ForceAndSlopes
+from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.slow import SlowState
+
+HALF_STROKE = "scar-edge.half_stroke_m"
+AREA_SHARE = "scar-edge.area_share"
+
+
+@dataclass(frozen=True)
+class EdgeForce:
+    """Force on the arm that pushes it back from both ends of the scar (a `rig.forces.RigForce`).
+
+    Over the last `width` before the end at `end` (m) the floor of the scar rises, with a slope that starts smoothly as
+    e^2 with the distance e into the rise, and goes on so beyond the end. Climbing it under the held load N takes the
+    force ``N dz/dx``: here ``-sign(x) peak (e / width)^2``. It has the potential N z: the way back returns it.
+    """
+
+    peak: float  # N, at the end
+    end: float
+    width: float
+
+    def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
+        """Return the force on block and arm, (N, 2), and its slopes."""
+        force, slope = np.zeros_like(displacement), np.zeros((len(displacement), 2, 2))
+        arm = displacement[:, 1]
+        into = np.maximum(np.abs(arm) - (self.end - self.width), 0.0) / self.width
+        force[:, 1] = -np.sign(arm) * self.peak * into**2
+        slope[:, 1, 1] = -2.0 * self.peak / self.width * into
+        return ForceAndSlopes(force, slope, np.zeros_like(slope))
+
+
+class ScarEdge(Effect):
+    """Both ends of the stroke harden as the scar deepens.
+
+    A scar of mean depth h ends where its floor rises to the unworn level. The other face, worn to match, climbs that
+    rise under the held load N, by work of N dz/dx: a force on the arm with a potential, hence without dissipation. Its
+    peak grows with the slope of the rise, F_p (1 - exp(-h / h_s)), and stands at the end of the scar.
+
+    The end X is where the arm has been: it starts at the half stroke of the first wear, and moves out to a larger one
+    as wear digs there, dX = (stroke / 2 - X)_+ dh / h_s. It never moves in.
+    """
+
+    id: ClassVar[str] = "scar-edge"
+    title: ClassVar[str] = "ends of the stroke that harden as the scar deepens"
+    block: ClassVar[Block] = Block.GEOMETRY
+    equation: ClassVar[str] = "F = -sign(x) F_p (1 - exp(-h / h_s)) (max(0, |x| - (1 - w) X) / (w X))^2"
+    source: ClassVar[str] = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
+                             "802-816, wear-scar interaction; the shape of the rise is an assumption")
+    observables: ClassVar[tuple[str, ...]] = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
+
+    peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of a deep scar", 3.0, 25.0, ge=0.0)
+    width: float = parameter(0.3, "w: length of the rise over the half stroke", 0.1, 0.6, gt=0.0, le=1.0)
+    depth_scale: u.Length = parameter(1e-6, "h_s: mean depth of both faces over which it builds up", 0.2e-6, 5e-6)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a scar that does not hold back."""
+        return cls().changed(peak_force=0.0)
+
+    def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
+        """Add the force of the scar as it is."""
+        peak, end = self.peak(float(slow.memory[AREA_SHARE] @ slow.depth)), float(slow.memory[HALF_STROKE])
+        if not (peak > 0.0 and end > 0.0):
+            return problem
+        return replace(problem, rig_forces=(*problem.rig_forces, EdgeForce(peak, end, self.width * end)))
+
+    def peak(self, depth: float) -> float:
+        """Return the force in N at the ends of a scar of mean `depth` in m."""
+        return -self.peak_force * float(np.expm1(-depth / self.depth_scale))
+
+    def initial_memory(self, interface: Interface) -> dict[str, Array]:
+        """Return no scar, and the nodes' shares of the area."""
+        return {HALF_STROKE: np.zeros(()), AREA_SHARE: interface.areas / interface.areas.sum()}
+
+    def evolve(self, before: SlowState, cycles: float, worn: Array, energy: float, response: CycleResponse
+               ) -> dict[str, Array]:
+        """Return the half stroke to which the scar reaches."""
+        end, now = float(before.memory[HALF_STROKE]), 0.5 * response.arm_range
+        if end == 0.0:
+            return {HALF_STROKE: np.asarray(now)}
+        moved = -float(np.expm1(-float(before.memory[AREA_SHARE] @ worn) / self.depth_scale))
+        return {HALF_STROKE: np.asarray(end + moved * max(now - end, 0.0))}
+
+    def sketch(self) -> Sketch:
+        """Return the force over the stroke for scars of several depths."""
+        place = np.linspace(-1.1, 1.1, 221)
+        return Sketch("position over the half stroke", "force against the motion in N", {
+            f"h = {depth:g} h_s": (place, -EdgeForce(self.peak(depth * self.depth_scale), 1.0, self.width)(
+                np.stack([place, place], axis=1), np.zeros((len(place), 2))).force[:, 1])
+            for depth in (0.3, 1.0, 3.0)})

@@ -1,0 +1,45 @@
+"""A wear coefficient that changes as the faces run in."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.core.config import Case
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.wear.cycle import CycleResponse
+from fretflow.wear.slow import SlowState
+
+
+class WearCoefficientEvolution(Effect):
+    """Wear coefficient that goes from the case's K_w to x times that, as severe wear turns mild or mild severe."""
+
+    id: ClassVar[str] = "wear-coefficient-evolution"
+    title: ClassVar[str] = "wear coefficient that changes over cycles"
+    block: ClassVar[Block] = Block.WEAR
+    equation: ClassVar[str] = "K_w(n) = K_w (x + (1 - x) exp(-n / n_K))"
+    source: ClassVar[str] = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
+    observables: ClassVar[tuple[str, ...]] = ("approach over cycles", "worn volume of tests of other lengths")
+
+    final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0)
+    settling: float = parameter(1e5, "n_K: cycles over which it changes", 1e4, 1e6, gt=0.0)
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return a coefficient that stays."""
+        return cls(final_share=1.0)
+
+    def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
+        """Return K_w(n) over that at the start."""
+        return self.share(slow.cycles)
+
+    def share(self, cycles: Array | float) -> Array:
+        """Return the coefficient after `cycles` over that at the start."""
+        return np.asarray(1.0 + (1.0 - self.final_share) * np.expm1(-np.asarray(cycles) / self.settling))
+
+    def sketch(self) -> Sketch:
+        """Return the coefficient against cycles."""
+        cycles = np.linspace(0.0, 5.0 * self.settling, 200)
+        return Sketch("cycles", "wear coefficient over that at the start", {"": (cycles, self.share(cycles))})
