@@ -15,6 +15,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver
 from fretflow.core.errors import ConfigError
 from fretflow.effects.catalogue import catalogue, parse_effects, tables
+from fretflow.effects.cycle import respond
 from fretflow.effects.derivative import effect_direction
 from fretflow.effects.effect import Effect, Kind
 from fretflow.effects.model import EffectModel
@@ -24,7 +25,6 @@ from fretflow.harmonic.sensitivity import sensitivities
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
 from fretflow.rig.sensors import Signals
-from fretflow.stages.cycle import respond
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3

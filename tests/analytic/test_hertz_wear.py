@@ -21,13 +21,13 @@ from fretflow.contact.coulomb import CoulombLaw
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver, WearScheme
 from fretflow.core.records import quantity, record
+from fretflow.effects.cycle import PeriodicCycle
 from fretflow.harmonic.contact_march import frictionless_preload
 from fretflow.harmonic.contact_sample import ContactSystem
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import QuasiStaticSolver
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
-from fretflow.stages.cycle import PeriodicCycle
 from fretflow.wear.asymptotic import find_asymptotic_shape
 from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.history import WearHistory, WearSettings

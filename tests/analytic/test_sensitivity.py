@@ -14,6 +14,7 @@ import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver
 from fretflow.core.errors import InputError
+from fretflow.effects.cycle import respond
 from fretflow.harmonic import direction as along
 from fretflow.harmonic.contact_march import ContactMarch, Trajectory
 from fretflow.harmonic.contact_sample import ContactSystem
@@ -23,7 +24,6 @@ from fretflow.harmonic.quasi_static import ArmEquations, QuasiStaticSolver
 from fretflow.harmonic.sensitivity import sensitivities
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
-from fretflow.stages.cycle import respond
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 EVERY_OTHER = np.flatnonzero(np.isin(np.arange(49) // 7 % 2 + np.arange(49) % 7 % 2, 0))

@@ -6,11 +6,11 @@ import numpy as np
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver, validate_case
 from fretflow.core.store import write_record
+from fretflow.effects.cycle import PeriodicCycle
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import QuasiStaticSolver
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
-from fretflow.stages.cycle import PeriodicCycle
 from fretflow.stages.ranks import Ranks
 from fretflow.stages.runner import Runner
 from fretflow.stages.stage import Stage

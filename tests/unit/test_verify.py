@@ -14,6 +14,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core.casefile import dump_case
 from fretflow.core.config import PeriodicMethod, Solver, validate_case
 from fretflow.core.store import read_record, write_record
+from fretflow.effects.cycle import PeriodicCycle
 from fretflow.harmonic.dlft import DlftSolver
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import QuasiStaticSolver, sliding_distance
@@ -21,7 +22,6 @@ from fretflow.harmonic.time_integration import integrate
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
 from fretflow.stages import verify
-from fretflow.stages.cycle import PeriodicCycle
 from fretflow.stages.stage import CASE_FILE, RUN_FILE, Manifest, write_json
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history

@@ -137,7 +137,7 @@ class WearMap:
 
 @record
 class ResidualLaw:
-    """What an unlisted effect does, from the data: the residual of a channel against the state that explains it best."""
+    """What an unlisted effect does, from the data: a channel's residual against the state that explains it best."""
 
     channel: str
     state: str

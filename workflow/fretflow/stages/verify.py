@@ -13,9 +13,9 @@ from fretflow.core.config import Case
 from fretflow.core.errors import InputError, StoreError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv
+from fretflow.effects.cycle import respond
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.harmonic.time_integration import settle
-from fretflow.stages.cycle import respond
 from fretflow.stages.problem import make_problem
 from fretflow.stages.wear import CHECKPOINTS
 from fretflow.wear.checkpoint import kept_states

@@ -22,7 +22,7 @@ def _slice(case: Case) -> list[object]:
 def _run(context: StageContext) -> Figures:
     """Write ``history.h5`` (WearHistory) and, in ``checkpoints``, the period at each asked cycle count."""
     from fretflow.effects.catalogue import parse_effects
-    from fretflow.stages.cycle import PeriodicCycle
+    from fretflow.effects.cycle import PeriodicCycle
     from fretflow.stages.problem import make_problem, make_solver
     from fretflow.wear.history import WearSettings
     from fretflow.wear.march import run_history

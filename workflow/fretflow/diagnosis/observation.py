@@ -1,0 +1,211 @@
+"""What a recording of the rig holds, as one vector with its covariance.
+
+Loops are the means over the repeats at every cycle count and condition, thinned to the phases that the model solves;
+then the worn volume and the map of depth. Sigma is made of sensor noise and the scatter between repeats (estimated from
+the repeats alone), calibration gains, and offsets that no sensor is free of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import quantity, record
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.recording import Recording
+from fretflow.recordings.repeatability import Repeatability, repeatability
+from fretflow.recordings.schema import Condition
+
+Array = NDArray[np.float64]
+CHANNELS = ("displacement", "friction_force", "excitation")  # that the model predicts, as far as they were measured
+LARGEST_SAMPLES = 100  # of a loop
+FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02}  # over half the channel's range
+DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
+DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
+CORRELATED = 3.0  # samples over which noise of measured loops is taken to be one where nothing tells
+
+
+@record
+class Piece:
+    """One loop's channel, the volume or the map: where it stands in the vector, and what it is of."""
+
+    block: str  # "loops", "sweep", "volume", "map"
+    channel: str
+    cycles: int
+    condition: int | None
+    start: int
+    stop: int
+    label: str
+
+    @property
+    def place(self) -> slice:
+        """Return the rows of the vector."""
+        return slice(self.start, self.stop)
+
+
+@record
+class Observation:
+    """The measured vector (M,), the sd of repeats, and how its errors are made."""
+
+    values: Array = quantity("SI", "(M,)")
+    variance: Array = quantity("SI^2", "(M,), of independent noise")
+    modes: Array = quantity("SI", "(M, B), of errors that samples share")
+    floor: Array = quantity("SI", "(M,), sd of a single repeat")
+    pieces: tuple[Piece, ...]
+    samples: int  # of a loop
+    conditions: tuple[Condition, ...]
+    points: Array = quantity("m", "(P, 2), of the map")
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Return the cycle counts of the loops."""
+        return tuple(dict.fromkeys(piece.cycles for piece in self.pieces if piece.block == "loops"))
+
+    def covariance(self, *errors: Array, rows: NDArray[np.bool_] | None = None) -> Covariance:
+        """Return the covariance with further `errors` (M, any), of the `rows` asked for."""
+        modes = np.hstack([self.modes, *(error.reshape(len(self.values), -1) for error in errors)])
+        kept = np.ones(len(self.values), dtype=bool) if rows is None else rows
+        return Covariance(self.variance[kept], modes[kept])
+
+    def rows(self, chosen: Mapping[Piece, bool] | None = None, **wanted: object) -> NDArray[np.bool_]:
+        """Return the rows (M,) of the pieces whose fields are as `wanted`."""
+        rows = np.zeros(len(self.values), dtype=bool)
+        for piece in self.pieces:
+            rows[piece.place] = all(getattr(piece, name) == value for name, value in wanted.items())
+        return rows
+
+
+@dataclass
+class _Stack:
+    """The vector while it is put together."""
+
+    values: list[Array]
+    variance: list[Array]
+    floor: list[Array]
+    pieces: list[Piece]
+    shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
+
+    @property
+    def size(self) -> int:
+        return sum(map(len, self.values))
+
+    def add(self, values: Array, variance: Array, floor: Array, block: str, channel: str, cycles: int,
+            condition: int | None, label: str) -> slice:
+        start = self.size
+        self.values.append(values)
+        self.variance.append(variance)
+        self.floor.append(floor)
+        self.pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=start,
+                                 stop=start + len(values), label=label))
+        return slice(start, start + len(values))
+
+
+def observe(recording: Recording) -> Observation:
+    """Return the vector of a recording of the rig.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it holds no loops with displacement and friction force.
+    """
+    if recording.loops is None:
+        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
+    stack = _Stack([], [], [], [], [])
+    samples = _common_samples(recording)
+    _add_loops(stack, recording.loops, samples, None)
+    if recording.sweep is not None:
+        _add_loops(stack, recording.sweep.loops, samples, recording.sweep.conditions)
+    last = int(recording.loops.cycles[-1])
+    if recording.wear.worn_volume is not None:
+        volume = recording.wear.worn_volume
+        sd = recording.wear.worn_volume_sd or 0.02 * volume
+        stack.add(np.array([volume]), np.array([sd**2]), np.array([sd]), "volume", "worn_volume", last, None,
+                  "worn volume")
+    points = _add_map(stack, recording, last)
+    size, names = stack.size, dict.fromkeys(name for name, _, _ in stack.shared)
+    modes = np.zeros((size, len(names)))
+    for column, name in enumerate(names):
+        for own, place, shape in stack.shared:
+            if own == name:
+                modes[place, column] = shape
+    return Observation(
+        values=np.concatenate(stack.values), variance=np.concatenate(stack.variance), modes=modes,
+        floor=np.concatenate(stack.floor), pieces=tuple(stack.pieces), samples=samples,
+        conditions=() if recording.sweep is None else recording.sweep.conditions, points=points)
+
+
+def _common_samples(recording: Recording) -> int:
+    """Return the samples of a loop that the model is solved with: those measured, thinned by a whole number."""
+    if recording.loops is None:
+        return LARGEST_SAMPLES
+    measured = len(recording.loops.phase)
+    thin = next((k for k in range(1, measured + 1) if measured % k == 0 and measured // k <= LARGEST_SAMPLES), 1)
+    return measured // thin
+
+
+def resampled(loops: Array, phase: Array, samples: int) -> Array:
+    """Return loops (..., N) measured at `phase` at `samples` equidistant phases from zero, linearly."""
+    wanted = 2.0 * np.pi * np.arange(samples) / samples
+    if len(phase) % samples == 0 and abs(phase[0]) < 1e-9:
+        return loops[..., ::len(phase) // samples]
+    flat = loops.reshape(-1, loops.shape[-1])
+    taken = np.stack([np.interp(wanted, phase, row, period=2.0 * np.pi) for row in flat])
+    return taken.reshape(*loops.shape[:-1], samples)
+
+
+def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Condition, ...] | None) -> None:
+    block = "loops" if conditions is None else "sweep"
+    names = [name for name in CHANNELS if name in loops.channels]
+    if "friction_force" not in names and "force" in loops.channels:
+        names.insert(1, "force")
+    if "displacement" not in names or len(names) < 2:
+        raise UnreliableRecordingError(f"{block}: displacement and friction_force are needed; name their columns")
+    for name in names:
+        channel = "friction_force" if name == "force" else name
+        values = resampled(loops.channels[name], loops.phase, samples)
+        spread = _spread(values)
+        half = 0.5 * float(np.nanmax(np.ptp(np.nanmean(values, axis=1), axis=-1)))
+        least = DIGITIZING * half
+        for k in np.flatnonzero(loops.repeats):
+            mean, repeats = spread.mean[k], int(loops.repeats[k])
+            variance = (spread.noise_sd**2 + least**2) / repeats
+            condition = None if conditions is None else int(loops.cycles[k])
+            cycles = int(loops.cycles[k]) if conditions is None else -1
+            label = f"{cycles:_} cycles" if conditions is None else f"condition {condition}"
+            place = stack.add(mean, variance, np.sqrt(spread.repeat_sd**2 + least**2), block, channel, cycles, condition,
+                              label)
+            centred, own = mean - mean.mean(), f"{block} {k} {channel}"
+            stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
+                             (f"{own} offset", place, np.full(samples, spread.offset_sd / np.sqrt(repeats))),
+                             (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * centred),
+                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * half))]
+
+
+def _spread(values: Array) -> Repeatability:
+    """Return what repeats say; without repeats, the noise is taken from what the samples do from one to the next."""
+    there = np.isfinite(values).all(axis=2)
+    if np.any(there.sum(axis=1) > 1):
+        return repeatability(values)
+    mean = np.where(there[:, 0, None], values[:, 0], np.nan)
+    rough = np.diff(mean, n=3, axis=1)
+    noise = float(np.nanmedian(np.abs(rough))) / 0.6745 / np.sqrt(20.0) * CORRELATED
+    flat = np.full(values.shape[2], noise)
+    return Repeatability(mean=mean, repeats=there.sum(axis=1), noise_sd=flat, gain_sd=0.005, offset_sd=noise,
+                         repeat_sd=flat, cycle_sd=None, degrees_of_freedom=0)
+
+
+def _add_map(stack: _Stack, recording: Recording, cycles: int) -> Array:
+    if recording.wear_depth is None or "depth" not in recording.wear_depth.channels:
+        return np.zeros((0, 2))
+    points = recording.wear_depth
+    depth = points.channels["depth"]
+    sd = points.sd.get("depth", DEFAULT_DEPTH_SD * float(np.abs(depth).max()))
+    place = stack.add(depth, np.full(len(depth), sd**2), np.full(len(depth), sd), "map", "wear_depth", cycles, None,
+                      "wear map")
+    stack.shared.append(("depth calibration", place, points.calibration_sd.get("depth", 0.0) * depth))
+    return np.column_stack([points.channels["x"], points.channels["y"]])

@@ -1,0 +1,214 @@
+"""The rig as a recording sees it: its loops, its sweep and its wear for any values of the parameters.
+
+A hypothesis is the baseline's own parameters (friction, wear coefficient, moving mass) and a set of effects. It is
+simulated on a coarse contact mesh; what that mesh and the thinned samples leave out is added as the difference to a
+finer model at the baseline, and enters the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+
+from fretflow.core.config import Solver, WearScheme
+from fretflow.core.errors import NonConvergenceError
+from fretflow.diagnosis.observation import Array, Observation, Piece
+from fretflow.effects.cycle import PeriodicCycle
+from fretflow.effects.effect import Effect
+from fretflow.effects.model import EffectModel
+from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.rig.sensors import Signals
+from fretflow.wear.history import WearSettings, WearStep
+from fretflow.wear.implicit import Implicit
+from fretflow.wear.scheme import WearingJoint
+
+TOLERANCE = 1e-7  # of a period's residual
+HARMONICS = 20
+WEAR_TOLERANCE = 0.05
+SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1}  # sd of the logarithm of what the baseline may refit
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Factors on the baseline's friction, wear coefficient and moving mass, and effects sorted by id."""
+
+    effects: tuple[Effect, ...] = ()
+    friction: float = 1.0
+    wear: float = 1.0
+    mass: float = 1.0
+
+
+@dataclass(frozen=True)
+class Period:
+    """One solved period of a simulation, and the joint it is of."""
+
+    problem: PeriodicProblem
+    solution: PeriodicSolution
+    step: WearStep
+    elapsed: float
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """All that a recording shows of a hypothesis."""
+
+    hypothesis: Hypothesis
+    model: EffectModel
+    coefficient: float
+    loops: tuple[Period, ...]
+    sweep: tuple[Period, ...]
+    steps: tuple[WearStep, ...]
+
+    @property
+    def depth(self) -> Array:
+        """Return the depth (nodes,) at the end, m."""
+        return self.steps[-1].depth
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """The baseline's problem on some mesh, and how the recording looks at it."""
+
+    problem: PeriodicProblem
+    wear_coefficient: float
+    observation: Observation
+    displacement_of: DisplacementOf
+    samples: int
+    total_cycles: int
+
+    def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
+        """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
+        joint = self.problem.joint.quasi_static()
+        rig = replace(joint.rig, moving_mass=joint.rig.moving_mass * hypothesis.mass)
+        return replace(self.problem, joint=replace(joint, rig=rig),
+                       friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
+
+    def solver(self) -> QuasiStaticSolver:
+        """Return the periodic solver."""
+        return QuasiStaticSolver(Solver(samples=self.samples, harmonics=min(HARMONICS, self.samples // 4),
+                                        tolerance=TOLERANCE, estimate_error=False))
+
+    def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
+        """March the wear through the recorded cycle counts and solve the other conditions at the end.
+
+        Raises
+        ------
+        NonConvergenceError
+            If a period is not found.
+        """
+        cycle = PeriodicCycle(self.solver(), self.case_problem(hypothesis), hypothesis.effects)
+        coefficient = hypothesis.wear * self.wear_coefficient
+        counts, last = self.observation.counts, max(self.observation.counts)
+        settings = WearSettings(coefficient=coefficient, cycles=max(last, 1), scheme=WearScheme.IMPLICIT,
+                                stops=tuple(sorted({count for count in counts if 0 < count < last})),
+                                tolerance=WEAR_TOLERANCE)
+        joint = WearingJoint(cycle, settings)
+        scheme: Implicit[PeriodicSolution] = Implicit(joint)
+        step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
+        steps, kept = [step], {}
+        while True:
+            if step.cycles in counts:
+                kept[step.cycles] = Period(cycle.model.problem(step.slow), state, step,
+                                           step.cycles / max(self.total_cycles, 1))
+            if step.cycles >= last:
+                break
+            step, state = scheme.advance(step, state)
+            steps.append(step)
+        end = kept[last]
+        others = near.sweep if near is not None else (end,) * len(self.observation.conditions)
+        sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
+                      zip(self.observation.conditions, others, strict=True))
+        return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
+                          tuple(steps))
+
+    def _at(self, cycle: PeriodicCycle, end: Period, condition: Condition, start: Period) -> Period:
+        """Return the period at another condition, at the end of the test."""
+        model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
+        problem = model.problem(end.step.slow)
+        try:
+            found = cycle.solver.solve(problem, start.solution)
+        except NonConvergenceError:
+            found = cycle.solver.solve(problem)
+        return Period(problem, found, end.step, end.elapsed)
+
+    def predict(self, simulation: Simulation) -> Array:
+        """Return the vector (M,) that the recording would be."""
+        found = np.empty(len(self.observation.values))
+        seen: dict[tuple[str, int], Signals] = {}
+        for piece, period in self.pieces(simulation):
+            if period is None:
+                continue
+            key = (piece.block, piece.cycles if piece.condition is None else piece.condition)
+            if key not in seen:
+                seen[key] = simulation.model.sense(self.signals(period))
+            found[piece.place] = channel(seen[key], piece)
+        self.put_wear(found, simulation.depth)
+        return found
+
+    def pieces(self, simulation: Simulation) -> list[tuple[Piece, Period | None]]:
+        """Return the pieces of the vector, each with its period; None for volume and map."""
+        by_count = dict(zip(self.observation.counts, simulation.loops, strict=True))
+        by_condition = dict(zip((c.id for c in self.observation.conditions), simulation.sweep, strict=True))
+        return [(piece, by_count[piece.cycles] if piece.block == "loops"
+                 else by_condition[piece.condition] if piece.block == "sweep" and piece.condition is not None else None)
+                for piece in self.observation.pieces]
+
+    def put_wear(self, vector: Array, depth: Array) -> None:
+        """Write worn volume and map of `depth` (nodes,), m, into a vector (M,)."""
+        face = self.problem.interface
+        for piece in self.observation.pieces:
+            if piece.block == "volume":
+                vector[piece.place] = face.areas @ depth
+            elif piece.block == "map":
+                vector[piece.place] = on_points(face.nodes, depth, self.observation.points)
+
+    def signals(self, period: Period) -> Signals:
+        """Return the true channels of a period, thinned to the recording's samples."""
+        problem, found = period.problem, period.solution
+        thin = len(found.state) // self.observation.samples
+        samples = len(found.state)
+        phase = 2.0 * np.pi * np.arange(samples) / samples
+        drive = problem.excitation * np.cos(phase)
+        for order, amplitude in problem.overtones:
+            drive = drive + (amplitude * np.exp(1j * order * phase)).real
+        return Signals(step=thin / (samples * problem.frequency), displacement=self.displacement(found)[::thin],
+                       friction_force=found.friction_force[::thin], arm=found.rig_displacement[::thin, 1],
+                       excitation=drive[::thin], normal_force=found.force[::thin, :, 2].sum(axis=1),
+                       elapsed=period.elapsed)
+
+    def displacement(self, found: PeriodicSolution) -> Array:
+        """Return the displacement (N,) where the recording measured it, m."""
+        if self.displacement_of.place is Place.CONTACT_FACES:
+            areas = self.problem.interface.areas
+            return np.asarray(found.displacement[:, :, 0] @ areas / areas.sum())
+        if self.displacement_of.place is Place.BACK_FACES:
+            return found.rig_displacement[:, 1]
+        return (found.upper_observation - found.lower_observation)[:, 0]
+
+
+def channel(signals: Signals, piece: Piece) -> Array:
+    """Return the channel of `signals` that a piece of the vector holds."""
+    values: Array = getattr(signals, piece.channel)
+    return values
+
+
+def at_condition(problem: PeriodicProblem, condition: Condition) -> PeriodicProblem:
+    """Return `problem` under another drive, load or frequency, as far as `condition` says."""
+    drive, load, frequency = condition.excitation_amplitude, condition.normal_load, condition.excitation_frequency
+    return replace(problem, excitation=problem.excitation if drive is None else drive,
+                   normal_load=problem.normal_load if load is None else load,
+                   frequency=problem.frequency if frequency is None else frequency)
+
+
+def on_points(nodes: Array, values: Array, points: Array) -> Array:
+    """Return nodal `values` (nodes, ...) at `points` (P, 2), linearly; the nearest node's outside."""
+    if not len(points):
+        return np.zeros((0, *values.shape[1:]))
+    inside = LinearNDInterpolator(nodes, values)(points)
+    outside = NearestNDInterpolator(nodes, values)(points)
+    return np.asarray(np.where(np.isnan(inside), outside, inside))
+
