@@ -17,6 +17,8 @@ from fretflow.core.store import write_whole
 
 Array = NDArray[np.float64]
 
+EXPLAINED_GATE = 0.8  # least share of the excess chi-squared that an explanation needs to be named
+
 
 class Verdict(StrEnum):
     """What is said of the physics that the model leaves out."""
@@ -115,7 +117,7 @@ class Comparison:
 
 @record
 class ResidualMap:
-    """Difference over its sd by loop (rows) and phase (columns), of one channel."""
+    """Difference over its sd by loop (rows) and phase (columns), of one channel; phases count as the loops' samples."""
 
     channel: str
     rows: tuple[str, ...]
@@ -172,7 +174,8 @@ class Diagnosis:
     wear_map: WearMap | None = None
     residual_law: ResidualLaw | None = None
     notes: tuple[str, ...] = ()  # warnings of the recording, limits of the diagnosis
-    case_file: str = ""
+    case_file: str = ""  # text of a case with the named effects that `fretflow run` takes
+    after_model: str = ""  # what "after" was predicted with, where it is not the baseline with `effects`
     seconds: float = quantity("s", default=0.0)
     fast: bool = False
 
