@@ -1,0 +1,220 @@
+"""The report of a diagnosis: one page of HTML that needs nothing else, neither files nor a network."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from fretflow.core.provenance import commit, versions
+from fretflow.core.store import write_whole
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Verdict
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import Effect
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from fretflow_post import report_words as words
+from fretflow_post.report_loops import loop_views
+from fretflow_post.report_maps import law_view, map_views, plausible_range, wear_views
+
+PAGE = Path(__file__).parent / "report_page"
+MOST_RANKED, MOST_PLACES = 8, 10  # shown at once; the rest unfolds
+AS_GOOD_AS_REPEATED = 1.1  # times the repeatability floor
+
+
+def write_report(path: Path, diagnosis: Diagnosis) -> Path:
+    """Write the page about `diagnosis` to `path`.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written.
+    """
+    write_whole(path, render_report(diagnosis).encode())
+    return path
+
+
+def render_report(diagnosis: Diagnosis) -> str:
+    """Return the page about `diagnosis`."""
+    loops = loop_views(diagnosis)
+    with_after = loops.with_after or diagnosis.verdict is Verdict.NAMED
+    content = {
+        "d": diagnosis, "words": words, "gate": EXPLAINED_GATE, "verdict": diagnosis.verdict.value,
+        "headline": words.VERDICT_WORDS[diagnosis.verdict],
+        "kind": words.KIND_WORDS.get(diagnosis.kind, diagnosis.kind), "with_after": with_after,
+        "tiles": tuple(_tiles(diagnosis)), "physics": tuple(_physics(diagnosis)), "sure": _how_sure(diagnosis),
+        "ranking": _split(tuple(diagnosis.ranking), MOST_RANKED), "loops": loops, "maps": map_views(diagnosis),
+        "after_words": words.after_words(diagnosis),
+        "places": _split(tuple(sorted(diagnosis.location.places, key=_place_order)), MOST_PLACES),
+        "where": tuple(_where(diagnosis)), "parameters": tuple(_row(one) for one in diagnosis.parameters),
+        "fit": None if diagnosis.held_out is None else _fit(diagnosis.held_out, with_after),
+        "wear": wear_views(diagnosis.wear_map, with_after), "law": law_view(diagnosis.residual_law),
+        "visible": tuple(sorted(diagnosis.smallest_visible.items(), key=lambda item: _last_if_unknown(item[1]))),
+        "made": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"), "versions": versions(),
+        "commit": commit(),
+    }
+    return _environment().get_template("report.html.j2").render(content)
+
+
+@cache
+def _environment() -> Environment:
+    found = Environment(loader=FileSystemLoader(PAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                        lstrip_blocks=True)
+    for name in ("css", "js"):
+        found.globals[name] = Markup((PAGE / f"report.{name}").read_text(encoding="utf-8"))
+    return found
+
+
+def _split(items: tuple[object, ...], most: int) -> tuple[tuple[object, ...], tuple[object, ...]]:
+    """Return the items that are shown at once, and the rest; no rest of one or two."""
+    return (items, ()) if len(items) <= most + 2 else (items[:most], items[most:])
+
+
+def _last_if_unknown(value: float) -> float:
+    return value if math.isfinite(value) else math.inf
+
+
+def _place_order(place: object) -> tuple[float, float]:
+    p, share = getattr(place, "p_value", math.nan), getattr(place, "share", math.nan)
+    return _last_if_unknown(p), -share if math.isfinite(share) else math.inf
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A figure under the verdict."""
+
+    name: str
+    value: str
+    note: str
+
+
+def _tiles(d: Diagnosis) -> Iterator[Tile]:
+    best = _accepted(d)
+    if d.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS):
+        of = "the set, taken together" if d.verdict is Verdict.AMBIGUOUS else "this name, among all explanations tried"
+        yield Tile("Probability", words.percent(d.probability), of)
+    if best is not None and d.verdict is not Verdict.NONE:
+        what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
+        yield Tile("Explained", words.percent(best.explained),
+                   f"{what}; {words.percent(EXPLAINED_GATE)} is needed for a name")
+    yield Tile("Chance alone", f"p = {words.p_value(d.detection.p_value)}".replace("= <", "<"),
+               "of a difference this large if nothing were missing")
+    if d.held_out is not None and math.isfinite(d.held_out.before):
+        changed = d.verdict is not Verdict.NONE and math.isfinite(d.held_out.after)
+        value = words.number(d.held_out.before) + (f" → {words.number(d.held_out.after)}" if changed else "")
+        yield Tile("Held-out error", value, f"times the repeatability; floor {words.number(d.held_out.floor)}")
+
+
+def _accepted(d: Diagnosis) -> Candidate | None:
+    """Return the candidate that the verdict is about: the named one, else the most probable that adds something."""
+    named = next((one for one in d.ranking if one.effects and set(one.effects) == set(d.effects)), None)
+    return named or words.leading(d)
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What the catalogue says of an effect."""
+
+    name: str
+    kind: type[Effect]
+
+
+def _physics(d: Diagnosis) -> Iterator[Physics]:
+    known = catalogue()
+    for name in d.effects:
+        if name in known:
+            yield Physics(name, known[name])
+
+
+def _how_sure(d: Diagnosis) -> tuple[str, ...]:
+    """Return why something, or nothing, is taken to be missing, and why it is or is not named."""
+    p, rate = words.p_value(d.detection.p_value), words.percent(d.detection.false_alarm_rate)
+    test = f" ({d.detection.statistic})" if d.detection.statistic else ""
+    found = ("The baseline's own parameters were refitted first, so that a wrong friction coefficient is not taken "
+             f"for missing physics. What is left would be this large by chance with probability p = {p}{test}. ")
+    rule = f"The threshold raises a false alarm in {rate} of recordings from which nothing is missing."
+    lines = [(found + rule).replace("p = <", "p <")]
+    best = _accepted(d)
+    if best is None or d.verdict is Verdict.NONE:
+        return tuple(lines)
+    share, gate = words.percent(best.explained), words.percent(EXPLAINED_GATE)
+    if d.verdict is Verdict.UNKNOWN:
+        why = (f"under {gate} no name is given, however probable it looks beside the others."
+               if not best.explained >= EXPLAINED_GATE
+               else "but what is left is still more than noise, so no name is given.")
+        lines.append(f"The best explanation in the catalogue, {words.together(best.effects)}, explains {share} of the "
+                     f"difference: {why}")
+    elif d.verdict is Verdict.AMBIGUOUS:
+        lines.append("The effects of the set act alike on what was measured, so this recording cannot tell them apart. "
+                     f"Of the difference, {words.together(best.effects)} explains {share}; {gate} is needed.")
+    else:
+        lines.append(f"Of the difference, {words.together(best.effects)} explains {share}; {gate} is needed.")
+    return tuple(lines)
+
+
+def _where(d: Diagnosis) -> Iterator[tuple[str, str]]:
+    place = d.location
+    if d.verdict is Verdict.NONE:
+        return
+    cycles = words.cycles_words(place.cycles) if len(place.cycles) == 2 else ""
+    for name, value in (("Block", place.block), ("Channel", place.channel), ("Loop phase", place.phase),
+                        ("Cycles", cycles), ("Harmonic", place.harmonic), ("Parity", place.parity),
+                        ("Condition", place.condition), ("Contact zone", place.zone)):
+        if value:
+            yield name, value
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A parameter as the table shows it."""
+
+    name: str
+    full_name: str
+    of: str
+    meaning: str
+    interval: words.Interval
+    plausible: Markup | None
+
+
+def _row(one: Estimate) -> ParameterRow:
+    return ParameterRow(words.parameter_words(one.name), one.name, one.name.rpartition(".")[0], one.meaning,
+                        words.interval(one), plausible_range(one))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The held-out errors as bars, in shares of the longest, and what they mean."""
+
+    what: str
+    bars: tuple[tuple[str, str, float], ...]  # look, value, length
+    floor: str
+    floor_at: float
+    text: str
+
+
+def _fit(fit: HeldOut, after: bool) -> Fit | None:
+    shown = [("before", fit.before)] + ([("after", fit.after)] if after else [])
+    shown = [(look, value) for look, value in shown if math.isfinite(value)]
+    if not shown:
+        return None
+    floor = fit.floor if math.isfinite(fit.floor) else 0.0
+    longest = max(floor, *(value for _, value in shown)) or 1.0
+    bars = tuple((look, words.number(value), value / longest) for look, value in shown)
+    return Fit(fit.what, bars, words.number(fit.floor), floor / longest, _fit_text(dict(shown), floor))
+
+
+def _fit_text(shown: dict[str, float], floor: float) -> str:
+    left = shown.get("after", shown.get("before", math.nan))
+    text = ""
+    if "after" in shown and "before" in shown and shown["after"] > 0.0:
+        ratio = shown["before"] / shown["after"]
+        text = (f"What was not used in the fit is predicted {words.number(ratio)} times better. " if ratio >= 1.05 else
+                "What was not used in the fit is not predicted better. ")
+    if floor > 0.0:
+        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{words.number(left / floor)} times "
+        text += f"The error that is left is {times}what repeats of the recording differ by."
+    return text

@@ -1,0 +1,203 @@
+"""The report's measured and predicted loops: each large with its differences, and all of them small, to choose from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from fretflow.core.units import readable_unit
+from fretflow.diagnosis.verdict import Comparison, Diagnosis
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from fretflow_post.report_svg import Axis, Chart, extent, horizontal, thinned, vertical
+from fretflow_post.report_words import number, pretty_unit
+
+Array = NDArray[np.float64]
+
+ALIKE = 4.0  # largest over smallest extent of loops that are drawn on one scale
+SAME = 1e-9  # of the largest value: a channel that is predicted this well was given, not predicted
+LOW = 230.0  # pixels, height of the differences
+SMALL_WIDTH, SMALL_HEIGHT = 120.0, 84.0
+
+Limits = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of one loop in the unit that it is read in; (N,)."""
+
+    name: str
+    unit: str
+    measured: Array
+    before: Array
+    after: Array
+
+    @property
+    def predicted(self) -> bool:
+        """Return whether the model predicts the channel, rather than taking it as given."""
+        limit = SAME * np.nanmax(np.abs(self.measured), initial=0.0)
+        return any(bool(np.any(np.abs(p - self.measured) > limit)) for p in (self.before, self.after))
+
+    @property
+    def label(self) -> str:
+        """Return the text of the channel's axis."""
+        return f"{self.name} ({self.unit})"
+
+
+@dataclass(frozen=True)
+class LoopView:
+    """One loop as the page shows it."""
+
+    label: str
+    held_out: bool
+    charts: tuple[tuple[str, Markup], ...]  # each with its title
+    small: Markup
+    misfit: str
+
+
+@dataclass(frozen=True)
+class LoopViews:
+    """All loops, whether they share one scale, and whether there is a prediction after."""
+
+    views: tuple[LoopView, ...]
+    one_scale: bool
+    with_after: bool
+
+
+def loop_views(diagnosis: Diagnosis) -> LoopViews:
+    """Return the loops of `diagnosis` as charts."""
+    loops = diagnosis.comparisons
+    after = has_after(loops)
+    sizes = [readable_unit(_largest(values), unit) for values, unit in (
+        ([one.displacement for one in loops], "m"), ([one.force for one in loops], "N"))]
+    names = ("displacement", "force") if diagnosis.kind == "lumped" else ("relative displacement", "friction force")
+    channels = [tuple(_channels(one, names, sizes)) for one in loops]
+    shared = [_one_scale([pair[k] for pair in channels], after) for k in (0, 1)]
+    common = None not in shared
+    views = tuple(_view(one, pair, after, tuple(shared) if common else None)
+                  for one, pair in zip(loops, channels, strict=True))
+    return LoopViews(views, common, after)
+
+
+def has_after(loops: Sequence[Comparison]) -> bool:
+    """Return whether any loop has a prediction after that differs from the one before."""
+    return any(np.isfinite(new).any() and not np.array_equal(new, old, equal_nan=True)
+               for one in loops for new, old in ((one.after_force, one.before_force),
+                                                 (one.after_displacement, one.before_displacement)))
+
+
+def _channels(one: Comparison, names: Sequence[str], sizes: Sequence[tuple[str, float]]) -> Iterator[Channel]:
+    kept = thinned(len(one.displacement))
+    given = ((one.displacement, one.before_displacement, one.after_displacement),
+             (one.force, one.before_force, one.after_force))
+    for name, (unit, size), values in zip(names, sizes, given, strict=True):
+        measured, before, after = (np.asarray(v, dtype=float)[kept] / size for v in values)
+        yield Channel(name, pretty_unit(unit), measured, before, after)
+
+
+def _one_scale(channels: Sequence[Channel], after: bool) -> Limits | None:
+    """Return the limits that hold all loops, or None if they are too unlike to be drawn on one scale."""
+    reaches = [np.ptp(c.measured[np.isfinite(c.measured)]) for c in channels if np.isfinite(c.measured).any()]
+    if reaches and max(reaches) > ALIKE * min(reaches):
+        return None
+    return extent([v for c in channels for v in _curves(c, after)])
+
+
+def _curves(channel: Channel, after: bool) -> tuple[Array, ...]:
+    return (channel.measured, channel.before, channel.after) if after else (channel.measured, channel.before)
+
+
+def _view(one: Comparison, pair: tuple[Channel, ...], after: bool,
+          shared: tuple[Limits | None, ...] | None) -> LoopView:
+    limits = [(None if shared is None else shared[k]) or extent(_curves(pair[k], after)) for k in (0, 1)]
+    closed = one.time is None
+    charts = []
+    if all(np.isfinite(channel.measured).any() for channel in pair):
+        charts.append((f"{pair[1].name} over {pair[0].name}", _loop_chart(one.label, pair, limits, after, closed)))
+    x_axis, x = _along(one)
+    predicted = [channel for channel in reversed(pair) if channel.predicted]
+    if not closed:
+        charts += [(f"{channel.name} over time", _trace_chart(channel, x_axis, x, after)) for channel in predicted]
+    charts += [(f"difference in {channel.name}", _difference_chart(channel, x_axis, x, after)) for channel in predicted]
+    return LoopView(one.label, one.held_out, tuple(charts), _small(pair, limits, after, closed),
+                    _misfit(predicted, after))
+
+
+def _along(one: Comparison) -> tuple[Axis, Array]:
+    """Return the axis along a period or a stretch of time, and where the samples lie on it."""
+    count = len(one.displacement)
+    kept = thinned(count)
+    if one.time is None:
+        return horizontal("share of the period", 0.0, 1.0), kept / count
+    time = np.asarray(one.time)[kept]
+    unit, size = readable_unit(float(np.nanmax(np.abs(time), initial=0.0)), "s")
+    return horizontal(f"time ({pretty_unit(unit)})", *extent([time / size], 0.0), pretty_unit(unit)), time / size
+
+
+def _loop_chart(label: str, pair: tuple[Channel, ...], limits: Sequence[Limits], after: bool, closed: bool) -> Markup:
+    x, y = pair
+    chart = Chart(horizontal(x.label, *limits[0], x.unit), vertical(y.label, *limits[1], y.unit),
+                  f"{label}: {y.name} over {x.name}, measured and predicted", readout="curves")
+    for name, look, u, v in _named(pair, after):
+        chart.curve(name, look, *((np.append(w, w[0]) if closed else w) for w in (u, v)))
+    return chart.markup()
+
+
+def _named(pair: tuple[Channel, ...], after: bool) -> Iterator[tuple[str, str, Array, Array]]:
+    x, y = pair
+    yield "measured", "measured", x.measured, y.measured
+    yield "before", "before", x.before, y.before
+    if after:
+        yield "after", "after", x.after, y.after
+
+
+def _trace_chart(channel: Channel, x_axis: Axis, x: Array, after: bool) -> Markup:
+    chart = Chart(x_axis, vertical(channel.label, *extent(_curves(channel, after)), channel.unit),
+                  f"{channel.name} over time, measured and predicted", readout="trace")
+    for name, values in zip(("measured", "before", "after"), _curves(channel, after), strict=False):
+        chart.curve(name, name, x, values)
+    return chart.markup()
+
+
+def _difference_chart(channel: Channel, x_axis: Axis, x: Array, after: bool) -> Markup:
+    gaps = [channel.measured - predicted for predicted in _curves(channel, after)[1:]]
+    label = f"measured − predicted ({channel.unit})"
+    chart = Chart(x_axis, vertical(label, *extent(gaps, around_zero=True), channel.unit, LOW),
+                  f"{channel.name}, {label}, over the {x_axis.label}", height=LOW, readout="trace")
+    chart.level("zero", 0.0)
+    for name, values in zip(("before", "after"), gaps, strict=False):
+        chart.curve(name, name, x, values)
+    return chart.markup()
+
+
+def _small(pair: tuple[Channel, ...], limits: Sequence[Limits], after: bool, closed: bool) -> Markup:
+    """Return a loop without axes, to choose it by; over time where one of its channels was not measured."""
+    chart = Chart(Axis("", *limits[0], 4.0, SMALL_WIDTH - 4.0), Axis("", *limits[1], SMALL_HEIGHT - 4.0, 4.0), "",
+                  SMALL_WIDTH, SMALL_HEIGHT)
+    every = max(1, len(pair[0].measured) // 100)
+    for name, look, u, v in _named(pair, after):
+        u, v = u[::every], v[::every]
+        chart.curve(name, look, *((np.append(w, w[0]) if closed else w) for w in (u, v)))
+    return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" aria-hidden="true">{}</svg>').format(
+        SMALL_WIDTH, SMALL_HEIGHT, Markup().join(chart.parts))
+
+
+def _misfit(predicted: Sequence[Channel], after: bool) -> str:
+    texts = []
+    for channel in predicted:
+        sizes = [_rms(channel.measured - values) for values in _curves(channel, after)[1:]]
+        when = (" before", " after") if after else ("",)
+        parts = [f"{number(size)} {channel.unit}{word}" for size, word in zip(sizes, when, strict=True)]
+        texts.append(f"{channel.name} {', '.join(parts)}")
+    return f"Root-mean-square difference: {'; '.join(texts)}." if texts else ""
+
+
+def _rms(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _largest(arrays: Sequence[Array]) -> float:
+    return max((float(np.nanmax(np.abs(a), initial=0.0)) for a in arrays if np.isfinite(a).any()), default=0.0)

@@ -1,0 +1,234 @@
+"""The report's maps: differences over loop and phase, wear over the contact; and the law read off the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from fretflow.core.units import readable_unit
+from fretflow.diagnosis.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearMap
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import Prior, declared_priors
+from markupsafe import Markup
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fretflow_post import style
+from fretflow_post.report_loops import has_after
+from fretflow_post.report_svg import (
+    BOTTOM,
+    LETTER,
+    RIGHT,
+    TOP,
+    WIDTH,
+    Axis,
+    Chart,
+    colour_bar,
+    coloured,
+    extent,
+    horizontal,
+    vertical,
+)
+from fretflow_post.report_words import number, pretty_unit
+
+Array = NDArray[np.float64]
+
+EXPONENT = 0.5  # colours follow the square root, so that what is left after is seen beside what was there before
+SMALLEST_LIMIT = 4.0  # sd: smaller differences than this are never drawn in full colour
+LARGEST_SHARE = 0.99  # of the differences before lies within the colours
+STRIP = 46.0  # pixels, height of the loop above a map
+LONGEST_NAME = 22  # letters of a row's name
+MOST_COLUMNS = 400  # of a map
+RASTER, EVERY = 210, 3  # pixels of a wear map along its longer side; every third is kept for the readout
+NORMAL_90 = 1.645  # sd of half a 90 % interval
+
+
+@dataclass(frozen=True)
+class MapView:
+    """The differences of one channel."""
+
+    channel: str
+    before: Markup
+    after: Markup | None
+
+
+@dataclass(frozen=True)
+class MapViews:
+    """All channels on one scale of colours."""
+
+    views: tuple[MapView, ...]
+    scale: Markup
+    limit: str
+    with_strip: bool
+
+
+def map_views(diagnosis: Diagnosis) -> MapViews | None:
+    """Return the differences of `diagnosis` as maps, or None where there are none."""
+    maps = [one for one in diagnosis.residual_maps if one.before.size and np.isfinite(one.before).any()]
+    if not maps:
+        return None
+    known = np.concatenate([np.abs(one.before[np.isfinite(one.before)]) for one in maps])
+    limit = style.round_scale(max(SMALLEST_LIMIT, float(np.quantile(known, LARGEST_SHARE))))[0]
+    after = has_after(diagnosis.comparisons) or any(
+        np.isfinite(one.after).any() and not np.array_equal(one.after, one.before, equal_nan=True) for one in maps)
+    loop = next((one for one in diagnosis.comparisons if one.time is None), None)
+    views, strips = [], []
+    for one in maps:
+        strip = loop if loop is not None and len(loop.displacement) == one.before.shape[1] else None
+        strips.append(strip is not None)
+        views.append(MapView(one.channel, _map(one, one.before, "before", limit, strip),
+                             _map(one, one.after, "after", limit, strip) if after else None))
+    scale = colour_bar(style.SHAPE_MAP, -1.0, 1.0, "(measured − predicted) / standard deviation", _root_marks(limit))
+    return MapViews(tuple(views), scale, f"{limit:g}", all(strips))
+
+
+def _root_marks(limit: float) -> list[tuple[float, str]]:
+    """Return place and text of the ticks of the colours' scale, as far apart as their texts need."""
+    places = [0.0]
+    for tick in style.root_ticks(limit)[1:]:
+        at = (tick / limit) ** EXPONENT
+        if at - places[-1] > 0.2 and (1.0 - at > 0.2 or tick == limit):
+            places.append(at)
+    return [(0.5 + 0.5 * sign * at, f"{sign * limit * at ** (1.0 / EXPONENT):.3g}".replace("-", "−"))
+            for at in places for sign in ((-1, 1) if at else (1,))]
+
+
+def _map(one: ResidualMap, values: Array, when: str, limit: float, loop: Comparison | None) -> Markup:
+    columns = np.unique(np.linspace(0, values.shape[1] - 1, min(MOST_COLUMNS, values.shape[1])).astype(int))
+    values, rows = values[:, columns], len(values)
+    row = float(np.clip(240.0 / rows, 3.0, 22.0))
+    names = [name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME - 1]}…" for name in one.rows]
+    left = 14.0 + LETTER * max([len(name) for name in names], default=0)
+    strip = 0.0 if loop is None else STRIP
+    top = TOP + strip
+    height = top + rows * row + BOTTOM
+    chart = Chart(horizontal("share of the period", 0.0, 1.0, left=left), Axis("", 0.0, 1.0, height - BOTTOM, top),
+                  f"{one.channel} {when}: difference over its standard deviation, by loop and phase", height=height)
+    box = (left, top, WIDTH - RIGHT - left, rows * row)
+    chart.image(coloured(np.sign(values) * (np.abs(values) / limit) ** EXPONENT, style.SHAPE_MAP, -1.0, 1.0), box)
+    chart.values(values, 0.1, box, "sd", one.rows)
+    for k in range(0, rows, max(1, int(np.ceil(12.0 / row)))):
+        at = top + (k + 0.5) * row + 4.0
+        chart.parts.append(Markup('<text class="tick" x="{:.1f}" y="{:.1f}" text-anchor="end">{}</text>').format(
+            left - 6.0, at, names[k]))
+    if loop is not None:
+        _draw_strip(chart, loop, left)
+    return chart.markup(y_axis=False)
+
+
+def _draw_strip(chart: Chart, loop: Comparison, left: float) -> None:
+    """Draw the measured loop over its period above the map, to tell where reversals and plateaus are."""
+    above = Chart(chart.x, Axis("", -1.1, 1.1, TOP + STRIP - 6.0, TOP), "")
+    share = np.arange(len(loop.displacement)) / len(loop.displacement)
+    for look, values, sign in (("thin-displacement", loop.displacement, "x"), ("thin-force", loop.force, "T")):
+        if not np.isfinite(values).any():
+            continue
+        middle = 0.5 * (np.nanmax(values) + np.nanmin(values))
+        reach = 0.5 * np.ptp(values[np.isfinite(values)]) or 1.0
+        above.curve(sign, look, share, (values - middle) / reach)
+        above.text(left - 14.0, TOP + (14.0 if sign == "x" else 32.0), sign, f"tick {look}-text")
+    chart.parts += above.parts
+
+
+@dataclass(frozen=True)
+class WearViews:
+    """Wear depth measured and predicted on one scale, with mean and largest depth in words."""
+
+    panels: tuple[tuple[str, Markup, str], ...]  # name, map, words
+    scale: Markup
+
+
+def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
+    """Return the wear maps, or None where nothing was measured."""
+    if wear is None or not np.isfinite(wear.measured).any():
+        return None
+    shown = [("measured", wear.measured), ("before", wear.before)] + ([("after", wear.after)] if after else [])
+    shown = [(name, values) for name, values in shown if np.isfinite(values).any()]
+    largest = max(float(np.nanmax(values)) for _, values in shown)
+    unit, size = readable_unit(largest, "m")
+    low = min(0.0, *(float(np.nanmin(values)) / size for _, values in shown))
+    high = max(largest / size, low + 1e-12) if largest > 0.0 else low + 1.0
+    panels = tuple((name, _wear_map(wear, values / size, name, (low, high), pretty_unit(unit)),
+                    f"mean {number(float(np.nanmean(values)) / size)} {pretty_unit(unit)}, "
+                    f"deepest {number(float(np.nanmax(values)) / size)} {pretty_unit(unit)}")
+                   for name, values in shown)
+    return WearViews(panels, colour_bar(style.DEPTH_MAP, low, high, f"wear depth ({pretty_unit(unit)})"))
+
+
+def _wear_map(wear: WearMap, depth: Array, name: str, limits: tuple[float, float], unit: str) -> Markup:
+    length_unit, size = readable_unit(float(np.nanmax(np.abs(np.r_[wear.x, wear.y]), initial=0.0)), "m")
+    x, y = wear.x / size, wear.y / size
+    raster, (left, right, low, high) = _raster(x, y, depth)
+    shape = (high - low) / (right - left)
+    width, inner = 330.0, 330.0 - 54.0 - RIGHT
+    height = float(np.clip(inner * shape, 40.0, 600.0)) + TOP + BOTTOM
+    printed = pretty_unit(length_unit)
+    chart = Chart(horizontal(f"x, sliding direction ({printed})", left, right, printed, width, 54.0),
+                  vertical(f"y ({printed})", low, high, printed, height), f"wear depth {name}", width, height)
+    box = (54.0, TOP, inner, height - TOP - BOTTOM)
+    chart.image(coloured(raster, style.DEPTH_MAP, *limits), box)
+    chart.values(raster[EVERY // 2::EVERY, EVERY // 2::EVERY], (limits[1] - limits[0]) / 1000.0, box, unit)
+    return chart.markup()
+
+
+def _raster(x: Array, y: Array, values: Array) -> tuple[Array, tuple[float, float, float, float]]:
+    """Return `values` at the nearest point, first row on top, and the edges (left, right, low, high) of the picture.
+
+    Pixels further from every point than the points are from each other stay empty.
+    """
+    points = np.column_stack((x, y))
+    tree = cKDTree(points)
+    apart = np.median(tree.query(points, k=2)[0][:, 1]) if len(points) > 1 else 1.0
+    left, right = float(x.min() - 0.5 * apart), float(x.max() + 0.5 * apart)
+    low, high = float(y.min() - 0.5 * apart), float(y.max() + 0.5 * apart)
+    pixel = max(right - left, high - low) / RASTER
+    across, up = (max(EVERY, round(reach / pixel)) for reach in (right - left, high - low))
+    centres = np.meshgrid(left + (np.arange(across) + 0.5) / across * (right - left),
+                          high - (np.arange(up) + 0.5) / up * (high - low))
+    distance, nearest = tree.query(np.column_stack([c.ravel() for c in centres]))
+    found = np.where(distance <= 1.5 * apart, values[nearest], np.nan)
+    return found.reshape(up, across), (left, right, low, high)
+
+
+def law_view(law: ResidualLaw | None) -> Markup | None:
+    """Return what an unlisted effect does as a curve with its 90 % interval, or None where there is none."""
+    if law is None or not (np.isfinite(law.x) & np.isfinite(law.y)).any():
+        return None
+    (x_unit, x_size), (y_unit, y_size) = (readable_unit(float(np.nanmax(np.abs(values))), unit) for values, unit in (
+        (law.x, law.state_unit), (law.y, law.channel_unit)))
+    order = np.argsort(law.x)
+    x, y, reach = law.x[order] / x_size, law.y[order] / y_size, NORMAL_90 * law.sd[order] / y_size
+    units = [pretty_unit(unit) for unit in (x_unit, y_unit)]
+    names = [f"{name} ({unit})" if unit else name for name, unit in zip(
+        (law.state, f"{law.channel}, measured − predicted"), units, strict=True)]
+    chart = Chart(horizontal(names[0], *extent([x], 0.02), units[0]),
+                  vertical(names[1], *extent([y, y - reach, y + reach], around_zero=True), units[1]),
+                  f"{names[1]} over {names[0]}", readout="trace")
+    chart.band("interval", x, y - reach, y + reach)
+    chart.level("zero", 0.0)
+    chart.curve("difference", "after", x, y)
+    return chart.markup()
+
+
+def plausible_range(estimate: Estimate) -> Markup | None:
+    """Return where an effect's parameter lies in its plausible range, or None where the catalogue has none."""
+    name, _, field = estimate.name.rpartition(".")
+    kind = catalogue().get(name)
+    prior = declared_priors(kind).get(field) if kind is not None else None
+    ends = (estimate.low, estimate.value, estimate.high)
+    if prior is None or not np.isfinite(ends).all() or not prior.high > prior.low:
+        return None
+    low, value, high = (8.0 + 124.0 * _share(prior, end) for end in ends)
+    words = f"plausible {number(prior.low)} to {number(prior.high)} {pretty_unit(estimate.unit)}".rstrip()
+    return Markup('<svg class="range" viewBox="0 0 140 16" role="img" aria-label="{0}"><title>{0}</title>'
+                  '<path class="rail" d="M8 8H132M8 4V12M132 4V12"/><path class="reach" d="M{1:.1f} 8H{2:.1f}"/>'
+                  '<circle cx="{3:.1f}" cy="8" r="3.5"/></svg>').format(words, low, max(high, low + 1.0), value)
+
+
+def _share(prior: Prior, value: float) -> float:
+    """Return where `value` lies in a plausible range, a little beyond its ends at most."""
+    if prior.logarithmic:
+        share = np.log(max(value, 1e-300) / prior.low) / np.log(prior.high / prior.low)
+    else:
+        share = (value - prior.low) / (prior.high - prior.low)
+    return float(np.clip(share, -0.05, 1.05))
