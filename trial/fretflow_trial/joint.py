@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 YOUNGS_MODULUS = 193e9
 DENSITY = 8000.0
+CONTACT_AREA = 1e-6  # m^2
 SPECIMEN_MASS = DENSITY * (6.0 * 6.0 * 5.0 + 6.0 * 1.0 * 1.0) * 1e-9  # kg, body and ridge
 RIGID_SPRINGS = 4e15  # N/m^3, asperities that hardly yield
 

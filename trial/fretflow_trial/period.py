@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +25,7 @@ class State:
     rig: Array  # (4,): positions and velocities of block and arm
     outer: tuple[float, float]  # forces on the rig, friction included, N
     slip: Array  # (n,), m
+    friction: Array  # (n,), N
     sliding: Array  # (n,), -1, 0, 1
     pressing: Array  # (n,), N
     pressing_before: Array  # (n,), N
@@ -109,8 +109,9 @@ class March:
         """Return the loaded rig at rest, all nodes held."""
         n = self.joint.size
         pressing, _, closed = self.contact.press(self.load, -self.gap, np.ones(n, dtype=bool))
-        return State(rig=np.zeros(4), outer=(0.0, 0.0), slip=np.zeros(n), sliding=np.zeros(n), pressing=pressing,
-                     pressing_before=pressing, closed=closed, velocity_before=0.0, since_reversal=1.0, direction=1.0)
+        return State(rig=np.zeros(4), outer=(0.0, 0.0), slip=np.zeros(n), friction=np.zeros(n),
+                     sliding=np.zeros(n), pressing=pressing, pressing_before=pressing, closed=closed,
+                     velocity_before=0.0, since_reversal=1.0, direction=1.0)
 
     def drive(self, steps: int) -> Array:
         """Return the exciting force at the instants 0...`steps`, (steps + 1,) N; it has its maximum at 0."""
@@ -161,7 +162,8 @@ class March:
             heading = 1.0 if velocity > 0.0 else -1.0
             since = abs(velocity) * self.duration + (since if heading == direction else 0.0)
             direction = heading
-            instant = Instant((k + 1) * self.duration, velocity, since, expected / self.joint.areas, direction)
+            instant = Instant((k + 1) * self.duration, velocity, since, expected / self.joint.areas,
+                              state.friction)
             for factor in physics.friction_at_instant:
                 limit = limit * factor(instant)
         push = free[ARM] + self.joint.cross @ expected - state.slip
@@ -170,10 +172,10 @@ class March:
         rig = free - self.step.late[:, ARM] * total
         load = self.load
         for added in physics.load_at_instant:
-            load += added(self.load, (k + 1) * self.duration, float(rig[ARM]))
+            load += added(self.load, (k + 1) / self.steps, float(rig[ARM]))
         pressing, approach, closed = contact.press(max(load, 0.0), self.joint.cross.T @ friction - self.gap,
                                                    state.closed)
-        new = State(rig, (0.0, total), state.slip + moved, sliding, pressing, state.pressing, closed,
+        new = State(rig, (0.0, total), state.slip + moved, friction, sliding, pressing, state.pressing, closed,
                     float(state.rig[2 + BLOCK]), since, direction)
         return new, friction, moved, load, approach
 
@@ -212,7 +214,6 @@ class March:
         velocity = track.rig[:, 2 + ARM]
         acceleration = (np.roll(velocity, -1) - np.roll(velocity, 1)) / (2.0 * track.step)
         time = track.step * every * np.arange(len(arm) // every)
-        sampled: Callable[[Array], Array] = rolled
-        return Channels(self.condition.frequency / self.physics.periods, time, sampled(track.excitation),
-                        sampled(faces @ joint.share), sampled(track.friction.sum(axis=1)), sampled(track.load),
-                        sampled(track.approach), sampled(arm), sampled(velocity), sampled(acceleration))
+        return Channels(self.condition.frequency / self.physics.periods, self.physics.periods, time,
+                        *map(rolled, (track.excitation, faces @ joint.share, track.friction.sum(axis=1), track.load,
+                                      track.approach, arm, velocity, acceleration)))

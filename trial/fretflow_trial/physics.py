@@ -43,7 +43,7 @@ class Instant:
     block_velocity: float
     since_reversal: float  # path of the arm since its motion last reversed, m
     pressure: Array  # (n,) Pa
-    direction: float  # of the arm's motion, -1 or 1
+    friction: Array  # (n,) N, of the upper face on the lower
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ class Channels:
     """What the sensors show over a whole number of periods: (N,) each, SI."""
 
     frequency: float  # of the N samples as a whole, Hz
+    periods: int  # of the drive in them
     time: Array
     excitation: Array
     displacement: Array
@@ -103,7 +104,7 @@ class Physics:
     friction_at_instant: tuple[Callable[[Instant], float | Array], ...] = ()  # factors
     friction_of_node: Array | None = None  # (n,), factor
     load_over_test: tuple[Over, ...] = ()  # factors
-    load_at_instant: tuple[Callable[[float, float, float], float], ...] = ()  # N beside, by load, time, arm's position
+    load_at_instant: tuple[Callable[[float, float, float], float], ...] = ()  # N beside, by load, periods, arm's place
     rig_forces: tuple[Callable[[Array, Slow], tuple[float, float]], ...] = ()  # N on block and arm
     excitation: tuple[Callable[[Array], Array], ...] = ()  # beside cos, over amplitude, by phase
     springs: Springs = rigid

@@ -1,0 +1,191 @@
+"""Effects of rig, drive and sensors that the catalogue has, with laws of their own where `other` asks for one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from fretflow_trial.hidden import CATALOGUE, Draw, Facts, Hidden, decades, either, even, spectral
+from fretflow_trial.physics import Channels, Physics, Slow
+
+Array = NDArray[np.float64]
+Sensor = Callable[[Channels, Slow], Channels]
+
+TYPICAL_STROKE, TYPICAL_SPEED = 10e-6, 5e-3
+IN_PATH, IN_CHANNEL = 1, 2
+
+
+def parallel_stiffness(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """A spring k x beside the contact; otherwise k x (1 + (x / x_0)^2) that hardens."""
+    stiffness = decades(rng, 0.05e6, 0.4e6)
+
+    def hardening(arm: float | Array) -> float | Array:
+        return 0.5 * stiffness * arm * (arm / TYPICAL_STROKE)**2 if other else 0.0 * arm
+
+    def sense(channels: Channels, slow: Slow) -> Channels:
+        more = stiffness * channels.arm + np.asarray(hardening(channels.arm))
+        return replace(channels, friction_force=channels.friction_force + more)
+
+    def apply(physics: Physics) -> Physics:
+        rig = replace(physics.rig, beside_stiffness=physics.rig.beside_stiffness + stiffness)
+        forces = physics.rig_forces
+        if other:
+            forces = (*forces, lambda state, slow: (0.0, -float(hardening(float(state[1])))))
+        return replace(physics, rig=rig, rig_forces=forces, sensors=(*physics.sensors, sense))
+
+    return Hidden("parallel-stiffness", True, "hardens" if other else CATALOGUE, ("rig",), {"stiffness": stiffness},
+                  apply)
+
+
+def viscous(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """A dashpot c v beside the contact; otherwise c v_0 |v / v_0|^0.7 sign(v)."""
+    damping = decades(rng, 50.0, 3e3)
+
+    def thick(velocity: Array) -> Array:
+        return np.asarray(damping * TYPICAL_SPEED * np.sign(velocity) * np.abs(velocity / TYPICAL_SPEED)**0.7)
+
+    def sense(channels: Channels, slow: Slow) -> Channels:
+        more = thick(channels.velocity) if other else damping * channels.velocity
+        return replace(channels, friction_force=channels.friction_force + more)
+
+    def apply(physics: Physics) -> Physics:
+        sensors = (*physics.sensors, sense)
+        if other:
+            return replace(physics, sensors=sensors, rig_forces=(
+                *physics.rig_forces, lambda state, slow: (0.0, -float(thick(state[3])))))
+        rig = replace(physics.rig, beside_damping=physics.rig.beside_damping + damping)
+        return replace(physics, rig=rig, sensors=sensors)
+
+    return Hidden("viscous", True, "power 0.7 of the speed" if other else CATALOGUE, ("rig",), {"damping": damping},
+                  apply)
+
+
+def support_nonlinearity(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """k_3 x^3 between block and ground; otherwise with |x|^1.5 x."""
+    stiffness = decades(rng, 2e14, 1e16)
+
+    def force(rig: Array, slow: Slow) -> tuple[float, float]:
+        x = float(rig[0])
+        return (-stiffness * TYPICAL_STROKE**0.5 * abs(x)**1.5 * x if other else -stiffness * x**3), 0.0
+
+    return _pull("support-nonlinearity", "power 2.5" if other else CATALOGUE, {"stiffness": stiffness}, force)
+
+
+def force_offset(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """A constant force on the block."""
+    size = either(rng, decades(rng, 1.0, 30.0))
+    return _pull("force-offset", CATALOGUE, {"force_offset": size}, lambda rig, slow: (size, 0.0))
+
+
+def backlash(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """A hinge that carries nothing within the play; otherwise with softened flanks."""
+    play = decades(rng, 0.5e-6, 10e-6)
+
+    def missing(rig: Array, slow: Slow) -> tuple[float, float]:
+        apart, half = float(rig[1] - rig[0]), 0.5 * play
+        lost = facts.hinge * (half * np.tanh(apart / half) if other else min(max(apart, -half), half))
+        return -lost, lost
+
+    return _pull("backlash", "soft flanks" if other else CATALOGUE, {"play": play}, missing)
+
+
+def _pull(name: str, law: str, parameters: dict[str, float],
+          force: Callable[[Array, Slow], tuple[float, float]]) -> Hidden:
+    return Hidden(name, True, law, ("rig",), parameters,
+                  lambda physics: replace(physics, rig_forces=(*physics.rig_forces, force)))
+
+
+def excitation_distortion(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """Second and third harmonic of the drive."""
+    second, third = decades(rng, 0.01, 0.25), decades(rng, 0.01, 0.25)
+    turns = even(rng, -np.pi, np.pi), even(rng, -np.pi, np.pi)
+
+    def added(phase: Array) -> Array:
+        return np.asarray(second * np.cos(2.0 * phase + turns[0]) + third * np.cos(3.0 * phase + turns[1]))
+
+    return Hidden("excitation-distortion", True, CATALOGUE, ("excitation",),
+                  {"second": second, "second_phase": turns[0], "third": third, "third_phase": turns[1]},
+                  lambda physics: replace(physics, excitation=(*physics.excitation, added)))
+
+
+def sensor_path_compliance(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """x + c T; otherwise softer towards larger forces."""
+    compliance = decades(rng, 6e-9, 6e-8)
+
+    def sense(channels: Channels, slow: Slow) -> Channels:
+        force = channels.friction_force
+        bent = force * (0.7 + 0.3 * np.abs(force) / 50.0) if other else force
+        return replace(channels, displacement=channels.displacement + compliance * bent)
+
+    return _sensor("sensor-path-compliance", "softens with force" if other else CATALOGUE, {"compliance": compliance},
+                   sense, 0)
+
+
+def sensor_inertia(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """T + m a."""
+    mass = decades(rng, 0.1, 3.0)
+    return _sensor("sensor-inertia", CATALOGUE, {"mass": mass}, lambda channels, slow: replace(
+        channels, friction_force=channels.friction_force + mass * channels.acceleration), IN_PATH)
+
+
+def extra_mode(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """The force through one resonance."""
+    natural, damping = 2.0 * np.pi * decades(rng, 250.0, 900.0), decades(rng, 0.01, 0.1)
+
+    def response(omega: Array) -> NDArray[np.complex128]:
+        ratio = omega / natural
+        return np.asarray(1.0 / (1.0 - ratio**2 + 2j * damping * ratio))
+
+    return _sensor("extra-mode", CATALOGUE, {"frequency": natural / (2.0 * np.pi), "damping_ratio": damping},
+                   _filtered(response), IN_PATH)
+
+
+def channel_delay(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """T(t - tau); otherwise a low-pass of first order with that delay."""
+    delay = decades(rng, 20e-6, 300e-6)
+
+    def response(omega: Array) -> NDArray[np.complex128]:
+        return np.asarray(1.0 / (1.0 + 1j * omega * delay) if other else np.exp(-1j * omega * delay))
+
+    return _sensor("channel-delay", "low-pass of first order" if other else CATALOGUE, {"delay": delay},
+                   _filtered(response), IN_CHANNEL)
+
+
+def sensor_drift(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """T + d s, s the elapsed share of the test; otherwise settling within a third of it."""
+    drift = either(rng, decades(rng, 0.1, 3.0))
+
+    def sense(channels: Channels, slow: Slow) -> Channels:
+        share = 1.0 - np.exp(-3.0 * slow.elapsed) if other else slow.elapsed
+        return replace(channels, friction_force=channels.friction_force + drift * share)
+
+    return _sensor("sensor-drift", "settles" if other else CATALOGUE, {"drift": drift}, sense, IN_CHANNEL)
+
+
+def _filtered(response: Callable[[Array], NDArray[np.complex128]]) -> Sensor:
+    return lambda channels, slow: replace(
+        channels, friction_force=spectral(channels, channels.friction_force, response))
+
+
+def _sensor(name: str, law: str, parameters: dict[str, float], sense: Sensor, stage: int) -> Hidden:
+    return Hidden(name, True, law, ("sensor",), parameters,
+                  lambda physics: replace(physics, sensors=(*physics.sensors, sense)), stage)
+
+
+DRAWS: dict[str, Draw] = {
+    "parallel-stiffness": parallel_stiffness,
+    "viscous": viscous,
+    "support-nonlinearity": support_nonlinearity,
+    "force-offset": force_offset,
+    "backlash": backlash,
+    "excitation-distortion": excitation_distortion,
+    "sensor-path-compliance": sensor_path_compliance,
+    "sensor-inertia": sensor_inertia,
+    "extra-mode": extra_mode,
+    "channel-delay": channel_delay,
+    "sensor-drift": sensor_drift,
+}

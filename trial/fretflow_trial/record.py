@@ -1,0 +1,144 @@
+"""A recording in the exchange format ``fretflow-recording/1``: noise, gains, offsets and scatter, then the files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
+
+from fretflow_trial.case import Simulated
+from fretflow_trial.joint import DENSITY, Joint, specimens
+from fretflow_trial.physics import Channels
+
+Array = NDArray[np.float64]
+
+UNITS = {"displacement": ("displacement_um", "um", 1e6, 5), "friction_force": ("friction_force_N", "N", 1.0, 4),
+         "normal_force": ("normal_force_N", "N", 1.0, 4), "approach": ("approach_um", "um", 1e6, 5)}
+EXCITATION_NOISE = 0.003
+GRID = 9  # points of the wear map a side
+
+
+def write(simulated: Simulated, folder: Path, title: str) -> Path:
+    """Write the recording of a simulated case to `folder`, which is made, and return it."""
+    case = simulated.case
+    rng = np.random.default_rng(case.seed)
+    joint = specimens()
+    gains = {name: 1.0 + case.noise.calibration * rng.standard_normal() for name in case.channels}
+    folder.mkdir(parents=True)
+    counts = case.plan.cycles
+    for file, heading, marks, loops, first in (
+            ("loops.csv", "cycle", counts, simulated.outcome.loops, 0),
+            ("sweep.csv", "condition", range(len(case.plan.sweep)), simulated.outcome.sweep, len(counts))):
+        lines = [",".join([heading, "repeat", "time_s", "excitation_N", *(UNITS[name][0] for name in case.channels)])]
+        for k, (mark, loop) in enumerate(zip(marks, loops, strict=True)):
+            lines += _loop_rows(simulated, rng, loop, f"{mark}", first + k, gains)
+        (folder / file).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "wear_depth.csv").write_text(_map(simulated, rng, joint), encoding="utf-8")
+    volume = float(simulated.outcome.depth @ joint.areas)
+    spread = case.noise.volume * max(volume, 1e-13)
+    volume = max(volume + spread * rng.standard_normal(), 0.0)
+    (folder / "recording.toml").write_text(_toml(simulated, title, volume, spread), encoding="utf-8")
+    return folder
+
+
+def _loop_rows(simulated: Simulated, rng: Generator, loop: Channels, mark: str, row: int, gains: dict[str, float]
+               ) -> list[str]:
+    case, noise = simulated.case, simulated.case.noise
+    samples = len(loop.time) // loop.periods
+    offsets = {name: noise.offset[name] * rng.standard_normal() for name in case.channels}
+    first = int(rng.integers(loop.periods))
+    lines = []
+    for repeat in range(case.repeats):
+        begin = (first + repeat) % loop.periods * samples
+        part = slice(begin, begin + samples)
+        friction = noise.repeat_friction * rng.standard_normal()
+        columns = [loop.time[:samples], loop.excitation[part] + EXCITATION_NOISE * case.plan.main.amplitude
+                   * rng.standard_normal(samples)]
+        for name in case.channels:
+            scatter = gains[name] * (1.0 + noise.repeat_gain * rng.standard_normal() * (name in BASIC_GAINS))
+            ideal = getattr(loop, name)[part] + friction * simulated.rates.friction[name][row]
+            columns.append(UNITS[name][2] * (scatter * ideal + offsets[name]
+                                             + noise.sample[name] * rng.standard_normal(samples)))
+        places = [6, 4, *(UNITS[name][3] for name in case.channels)]
+        lines += [f"{mark},{repeat}," + ",".join(f"{value:.{digits}f}" for value, digits in zip(
+            values, places, strict=True)) for values in zip(*columns, strict=True)]
+    return lines
+
+
+BASIC_GAINS = ("displacement", "friction_force")
+
+
+def _map(simulated: Simulated, rng: Generator, joint: Joint) -> str:
+    """Return the map of total depth on an even grid, as a profilometer gives it."""
+    line = np.unique(np.round(joint.nodes[:, 0], 12))
+    depth = RectBivariateSpline(line, line, simulated.outcome.depth.reshape(len(line), -1), kx=1, ky=1)
+    even = np.linspace(line[0], line[-1], GRID)
+    found = depth(even, even) + simulated.case.noise.depth * rng.standard_normal((GRID, GRID))
+    rows = [f"{1e3 * x:.5f},{1e3 * y:.5f},{1e6 * found[i, j]:.4f}" for i, x in enumerate(even)
+            for j, y in enumerate(even)]
+    return "\n".join(["x_mm,y_mm,depth_um", *rows]) + "\n"
+
+
+def _toml(simulated: Simulated, title: str, volume: float, spread: float) -> str:
+    case, rig, main = simulated.case, simulated.case.physics.rig, simulated.case.plan.main
+    calibrated = "\n".join(
+        f'{name} = {{ column = "{UNITS[name][0]}", unit = "{UNITS[name][1]}", '
+        f"calibration_sd = {case.noise.calibration} }}" for name in case.channels)
+    conditions = "\n".join(
+        f'[[sweep.conditions]]\nid = {k}\nexcitation_amplitude = "{one.amplitude} N"\nnormal_load = "{one.load} N"\n'
+        f'excitation_frequency = "{one.frequency} Hz"' for k, one in enumerate(case.plan.sweep))
+    return f"""format = "fretflow-recording/1"
+title = "{title}"
+
+[test]
+kind = "fretting-rig"
+excitation_frequency = "{main.frequency} Hz"
+excitation_amplitude = "{main.amplitude} N"
+normal_load = "{main.load} N"
+cycles = {case.plan.cycles[-1]}
+
+[rig]
+moving_mass = "{case.stated_mass} kg"
+arm_mass = "{rig.arm_mass} kg"
+in_phase_frequency = "{rig.in_phase} Hz"
+out_of_phase_frequency = "{rig.out_of_phase} Hz"
+damping_ratio = {rig.damping_ratio}
+
+[specimen]
+youngs_modulus = "193 GPa"
+poissons_ratio = 0.29
+density = "{DENSITY:.0f} kg/m^3"
+contact_width = "1 mm"
+ridge_height = "1 mm"
+body = "square"
+body_width = "6 mm"
+body_height = "5 mm"
+
+[wear]
+worn_volume = "{1e9 * volume:.6g} mm^3"
+worn_volume_sd = "{1e9 * spread:.2g} mm^3"
+
+[loops]
+file = "loops.csv"
+displacement_of = "contact-faces"
+{calibrated}
+excitation = {{ column = "excitation_N", unit = "N" }}
+time = {{ column = "time_s", unit = "s" }}
+cycle = {{ column = "cycle" }}
+repeat = {{ column = "repeat" }}
+
+[sweep]                       # loops at other conditions, recorded at the end of the test, with negligible wear
+file = "sweep.csv"
+same_channels_as = "loops"
+condition = {{ column = "condition" }}
+{conditions}
+
+[wear_depth]
+file = "wear_depth.csv"
+x = {{ column = "x_mm", unit = "mm" }}
+y = {{ column = "y_mm", unit = "mm" }}
+depth = {{ column = "depth_um", unit = "um", sd = "{1e6 * case.noise.depth:.2g} um" }}
+"""
