@@ -35,7 +35,7 @@ class Covariance:
         flat = values.reshape(len(values), -1) / np.sqrt(self.variance)[:, None]
         left, damping = self._shared
         flat = flat - left @ (damping[:, None] * (left.T @ flat))
-        return flat.reshape(values.shape)
+        return np.asarray(flat.reshape(values.shape))
 
     def draw(self, generator: np.random.Generator, count: int) -> Array:
         """Return `count` samples of the error, (M, count)."""

@@ -24,6 +24,8 @@ from fretflow.recordings.schema import Condition
 Array = NDArray[np.float64]
 CHANNELS = ("displacement", "friction_force", "excitation")  # that the model predicts, as far as they were measured
 LARGEST_SAMPLES = 100  # of a loop
+# A loop's zero is lost between recordings, more so of the displacement; over half the channel's range.
+LOOP_OFFSET = {"displacement": 0.06, "friction_force": 0.02, "excitation": 0.002}
 FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02}  # over half the channel's range
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
@@ -177,11 +179,12 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Co
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
             label = f"{cycles:_} cycles" if conditions is None else f"condition {condition}"
-            place = stack.add(mean, variance, np.sqrt(spread.repeat_sd**2 + least**2), block, channel, cycles, condition,
-                              label)
+            floor = np.sqrt(spread.repeat_sd**2 + least**2)
+            place = stack.add(mean, variance, floor, block, channel, cycles, condition, label)
             centred, own = mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
-                             (f"{own} offset", place, np.full(samples, spread.offset_sd / np.sqrt(repeats))),
+                             (f"{own} offset", place, np.full(samples, np.hypot(
+                                 spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * half))),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * centred),
                              (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * half))]
 

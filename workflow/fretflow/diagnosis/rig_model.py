@@ -15,7 +15,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from fretflow.core.config import Solver, WearScheme
 from fretflow.core.errors import NonConvergenceError
 from fretflow.diagnosis.observation import Array, Observation, Piece
-from fretflow.effects.cycle import PeriodicCycle
+from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
@@ -29,17 +29,19 @@ from fretflow.wear.scheme import WearingJoint
 TOLERANCE = 1e-7  # of a period's residual
 HARMONICS = 20
 WEAR_TOLERANCE = 0.05
-SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1}  # sd of the logarithm of what the baseline may refit
+# sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
+SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Factors on the baseline's friction, wear coefficient and moving mass, and effects sorted by id."""
+    """Factors on friction, wear coefficient, moving mass and the specimens' compliance; effects sorted by id."""
 
     effects: tuple[Effect, ...] = ()
     friction: float = 1.0
     wear: float = 1.0
     mass: float = 1.0
+    compliance: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,10 @@ class RigModel:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
         joint = self.problem.joint.quasi_static()
         rig = replace(joint.rig, moving_mass=joint.rig.moving_mass * hypothesis.mass)
-        return replace(self.problem, joint=replace(joint, rig=rig),
+        soft = hypothesis.compliance
+        scaled = replace(joint, rig=rig, stiffness=joint.stiffness / soft, flexibility=joint.flexibility * soft,
+                         upper_compliance=joint.upper_compliance * soft, lower_compliance=joint.lower_compliance * soft)
+        return replace(self.problem, joint=scaled,
                        friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
 
     def solver(self) -> QuasiStaticSolver:
@@ -168,17 +173,9 @@ class RigModel:
 
     def signals(self, period: Period) -> Signals:
         """Return the true channels of a period, thinned to the recording's samples."""
-        problem, found = period.problem, period.solution
-        thin = len(found.state) // self.observation.samples
-        samples = len(found.state)
-        phase = 2.0 * np.pi * np.arange(samples) / samples
-        drive = problem.excitation * np.cos(phase)
-        for order, amplitude in problem.overtones:
-            drive = drive + (amplitude * np.exp(1j * order * phase)).real
-        return Signals(step=thin / (samples * problem.frequency), displacement=self.displacement(found)[::thin],
-                       friction_force=found.friction_force[::thin], arm=found.rig_displacement[::thin, 1],
-                       excitation=drive[::thin], normal_force=found.force[::thin, :, 2].sum(axis=1),
-                       elapsed=period.elapsed)
+        found = period.solution
+        return true_signals(period.problem, found, self.displacement(found), period.elapsed,
+                            len(found.state) // self.observation.samples)
 
     def displacement(self, found: PeriodicSolution) -> Array:
         """Return the displacement (N,) where the recording measured it, m."""

@@ -12,6 +12,7 @@ from fretflow.contact.interface import Interface
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem, PeriodicSolution, PeriodicSolver
+from fretflow.rig.sensors import Signals
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
 from fretflow.wear.slow import SlowState
 
@@ -67,6 +68,31 @@ def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
                                solution.state != ContactState.OPEN, interface.gap, interface.areas)
     apart = solution.upper_observation[:, 2] - solution.lower_observation[:, 2]
     return replace(response, arm_range=float(np.ptp(solution.rig_displacement[:, 1])), approach=-float(apart.mean()))
+
+
+def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacement: NDArray[np.float64],
+                 elapsed: float = 0.0, thin: int = 1) -> Signals:
+    """Return the channels of a period before any sensor.
+
+    Parameters
+    ----------
+    problem, solution
+        The problem and its period of N samples.
+    displacement : (N,)
+        The relative displacement where it is measured, m.
+    elapsed
+        Share of the test that is over.
+    thin
+        Every so many samples are kept.
+    """
+    samples = len(solution.state)
+    phase = 2.0 * np.pi * np.arange(samples) / samples
+    drive = problem.excitation * np.cos(phase)
+    for order, amplitude in problem.overtones:
+        drive = drive + (amplitude * np.exp(1j * order * phase)).real
+    return Signals(step=thin / (samples * problem.frequency), displacement=displacement[::thin],
+                   friction_force=solution.friction_force[::thin], arm=solution.rig_displacement[::thin, 1],
+                   excitation=drive[::thin], normal_force=solution.force[::thin, :, 2].sum(axis=1), elapsed=elapsed)
 
 
 def _acts_on_period_or_wear(effect: Effect) -> bool:

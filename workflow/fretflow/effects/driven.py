@@ -15,14 +15,22 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
 
 from fretflow.core import units as u
 from fretflow.core.config import Section
 from fretflow.core.errors import ConfigError
 from fretflow.core.records import quantity, record
 from fretflow.effects.catalogue import check_together
-from fretflow.effects.effect import Array, Effect, Kind, Prior, declared_priors, in_sensing_order, parameter
+from fretflow.effects.effect import (
+    Array,
+    Effect,
+    Kind,
+    Prior,
+    declared_priors,
+    in_sensing_order,
+    parameter,
+    parameter_limits,
+)
 from fretflow.rig.driven import Sliders
 from fretflow.rig.motion import Motion
 from fretflow.rig.sensors import Signals
@@ -152,7 +160,7 @@ class DrivenJoint:
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Return the limits that the parameters' fields set."""
         parts = self.parts
-        return {name: _bounds(type(parts[name.split(".")[0]]), name.split(".")[1]) for name in self.priors}
+        return {name: parameter_limits(type(parts[name.split(".")[0]]), name.split(".")[1]) for name in self.priors}
 
     def with_values(self, values: Mapping[str, float]) -> DrivenJoint:
         """Return the joint with some parameters changed, in SI; the names are those of `values`.
@@ -185,15 +193,3 @@ class DrivenJoint:
             columns.append((above - below) / (ends[1] - ends[0]))
         return np.column_stack(columns) if columns else np.zeros((len(motion.displacement), 0))
 
-
-def _bounds(section: type[Section], field: str) -> tuple[float, float]:
-    """Return the limits of a field; an excluded end is kept clear of by a billionth of its range."""
-    prior, marks = declared_priors(section)[field], section.model_fields[field].metadata
-    clear = 1e-9 * (prior.high - prior.low)
-    low, high = -np.inf if u.smallest(marks) is None else clear, np.inf
-    for limit in marks:
-        if isinstance(limit, Ge | Gt):
-            low = float(limit.ge) if isinstance(limit, Ge) else float(limit.gt) + clear  # type: ignore[arg-type]
-        elif isinstance(limit, Le | Lt):
-            high = float(limit.le) if isinstance(limit, Le) else float(limit.lt) - clear  # type: ignore[arg-type]
-    return low, high

@@ -20,9 +20,11 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fretflow.core import units as u
 from fretflow.core.config import Case, Section
 from fretflow.rig.motion import Motion as Motion  # what effects need is in this file
 
@@ -90,6 +92,19 @@ def declared_priors(section: type[Section]) -> dict[str, Prior]:
     extras = {name: info.json_schema_extra for name, info in section.model_fields.items()}
     return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
             if isinstance(extra, dict) and "prior" in extra}
+
+
+def parameter_limits(section: type[Section], field: str) -> tuple[float, float]:
+    """Return the limits of a declared parameter, infinite where it has none; an excluded end is kept clear of by a billionth of its range."""
+    prior, marks = declared_priors(section)[field], section.model_fields[field].metadata
+    clear = 1e-9 * (prior.high - prior.low)
+    low, high = -np.inf if u.smallest(marks) is None else clear, np.inf
+    for limit in marks:
+        if isinstance(limit, Ge | Gt):
+            low = float(limit.ge) if isinstance(limit, Ge) else float(limit.gt) + clear  # type: ignore[arg-type]
+        elif isinstance(limit, Le | Lt):
+            high = float(limit.le) if isinstance(limit, Le) else float(limit.lt) - clear  # type: ignore[arg-type]
+    return low, high
 
 
 @dataclass(frozen=True)

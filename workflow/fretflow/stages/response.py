@@ -14,9 +14,11 @@ from fretflow.core.config import Case, PeriodicMethod
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
+from fretflow.effects.cycle import true_signals
+from fretflow.effects.model import EffectModel
 from fretflow.harmonic.backbone import BackboneSolver
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
-from fretflow.stages.problem import make_problem, make_solver
+from fretflow.stages.problem import make_model, make_solver
 from fretflow.stages.stage import Figures, Stage, StageContext
 from fretflow.stages.wear import CHECKPOINTS
 from fretflow.wear.checkpoint import kept_states
@@ -178,15 +180,18 @@ def _run(context: StageContext) -> Figures:
     """Write the loops' readings and the forced responses.
 
     ``loops_observed.h5`` and ``loops_faces.h5`` (LoopSeries): at the observed points and at the faces.
-    ``unworn.h5`` and ``worn.h5`` (ForcedResponse); without wear only the first.
+    ``unworn.h5`` and ``worn.h5`` (ForcedResponse); without wear only the first. ``measured_loops.csv``: as sensors
+    record them.
     """
     case = context.case
-    unworn = make_problem(case, context.inputs["reduce"])
+    model = make_model(case, context.inputs["reduce"])
+    unworn = model.problem(model.initial())
     history = read_record(context.inputs["wear"] / "history.h5", WearHistory)
-    worn = replace(unworn, interface=replace(unworn.interface, gap=unworn.interface.gap + history.depth[-1]))
+    worn = model.problem(history.slow(-1))
     _write_loops(context, unworn)
+    _write_measured(context, model, history)
     states = {"unworn": (0, unworn), "worn": (int(history.cycles[-1]), worn)}
-    if not history.depth[-1].any():
+    if not history.depth[-1].any() and not model.effects:
         del states["worn"]
     figures: dict[str, float | int | str | None] = {}
     for index, (name, (cycles, problem)) in enumerate(states.items()):
@@ -222,6 +227,21 @@ def _write_loops(context: StageContext, problem: PeriodicProblem) -> None:
         )
 
 
+def _write_measured(context: StageContext, model: EffectModel, history: WearHistory) -> None:
+    """Write ``measured_loops.csv``: what the sensors of the rig would record at each kept cycle count."""
+    total, rows = max(context.case.test.total_cycles, 1), []
+    for cycles, period in sorted(kept_states(context.inputs["wear"] / CHECKPOINTS, PeriodicSolution).items()):
+        problem = model.problem(history.slow(int(np.searchsorted(history.cycles, cycles))))
+        observed = (period.upper_observation - period.lower_observation)[:, 0]
+        rows.append((cycles, model.sense(true_signals(problem, period, observed, cycles / total))))
+    write_csv(context.folder / "measured_loops.csv", {
+        "cycle": np.concatenate([np.full(len(seen.displacement), cycles) for cycles, seen in rows]),
+        "time_s": np.concatenate([seen.step * np.arange(len(seen.displacement)) for _, seen in rows]),
+        "excitation_N": np.concatenate([seen.excitation for _, seen in rows]),
+        "displacement_m": np.concatenate([seen.displacement for _, seen in rows]),
+        "friction_force_N": np.concatenate([seen.friction_force for _, seen in rows])})
+
+
 def part(context: StageContext, index: int, parts: int, text: str) -> Callable[[float], None]:
     """Return the progress of part `index` of several equal `parts` of a stage."""
     return lambda share: context.progress((index + share) / parts, f"frequency stepping, {text}")
@@ -231,4 +251,4 @@ def _slice(case: Case) -> object:
     return case.output.frequency_response
 
 
-STAGE = Stage("response", 1, _slice, ("reduce", "solve", "wear"), _run)
+STAGE = Stage("response", 2, _slice, ("reduce", "solve", "wear"), _run)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from fretflow.core.store import read_record, write_csv
 from fretflow.effects.cycle import respond
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.harmonic.time_integration import settle
-from fretflow.stages.problem import make_problem
+from fretflow.stages.problem import make_model
 from fretflow.stages.wear import CHECKPOINTS
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
@@ -154,15 +153,15 @@ def verify_run(case: Case, folders: Mapping[str, Path], periods: int, steps: int
     """
     if not {"reduce", "solve"} <= set(folders):
         raise StoreError(f"{case.name}: no solved period yet; `fretflow run CASE --until solve` makes one")
-    unworn = make_problem(case, folders["reduce"])
+    model = make_model(case, folders["reduce"])
+    unworn = model.problem(model.initial())
     points = [("unworn", 0, unworn, read_record(folders["solve"] / "solution.h5", PeriodicSolution))]
     if "wear" in folders:
         history = read_record(folders["wear"] / "history.h5", WearHistory)
         kept = kept_states(folders["wear"] / CHECKPOINTS, PeriodicSolution)
         if (last := max(kept, default=0)) > 0:
-            depth = history.depth[int(np.searchsorted(history.cycles, last))]
-            interface = replace(unworn.interface, gap=unworn.interface.gap + depth)
-            points.append(("worn", last, replace(unworn, interface=interface), kept[last]))
+            slow = history.slow(int(np.searchsorted(history.cycles, last)))
+            points.append(("worn", last, model.problem(slow), kept[last]))
     checks = []
     for name, cycles, problem, solution in points:
         note(f"{name}: integrating from the periodic solution")

@@ -1,0 +1,79 @@
+"""First-order changes of a whole recording against simulating again.
+
+What carries the weight: for parameters of the baseline and for effects in friction, load, drive, sensors, friction that
+runs in and wear laws, the change that one march of the simulated periods predicts is the difference of two simulations.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.observation import Observation, Piece
+from fretflow.diagnosis.rig_model import RigModel
+from fretflow.diagnosis.tangent import neighbours
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
+FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
+SAMPLES, COUNTS = 40, (0, 5000, 20000, 60000)
+CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, normal_load="50 N"),
+              Condition(id=2, excitation_frequency="80 Hz"))
+
+
+def observation():
+    pieces, at = [], 0
+    places = [("loops", c, None) for c in COUNTS] + [("sweep", -1, c.id) for c in CONDITIONS]
+    for channel in ("displacement", "friction_force"):
+        for block, cycles, condition in places:
+            pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=at,
+                                stop=at + SAMPLES, label=f"{block} {cycles} {condition}"))
+            at += SAMPLES
+    for block, channel, size in (("volume", "worn_volume", 1), ("map", "wear_depth", 9)):
+        pieces.append(Piece(block=block, channel=channel, cycles=COUNTS[-1], condition=None, start=at, stop=at + size,
+                            label=block))
+        at += size
+    return Observation(values=np.zeros(at), variance=np.ones(at), modes=np.zeros((at, 0)), floor=np.ones(at),
+                       pieces=tuple(pieces), samples=SAMPLES, conditions=CONDITIONS, points=1e-3 * DATA["x"][FEW, :2])
+
+
+def rig():
+    dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
+    stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
+    face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=np.zeros(9))
+    problem = PeriodicProblem(
+        joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
+                                              LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
+        interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)
+    return RigModel(problem=problem, wear_coefficient=1.1e-14, observation=observation(),
+                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SAMPLES, total_cycles=COUNTS[-1])
+
+
+@pytest.mark.parametrize("effects", [(), ("friction-run-in",), ("normal-load-drift", "sensor-path-compliance"),
+                                     ("wear-power-law",), ("directional-friction", "excitation-distortion")])
+def test_neighbours_are_what_another_simulation_shows(effects):
+    model, space = rig(), Space.of(effects)
+    z = np.zeros(space.size)
+    base = model.simulate(space.hypothesis(z))
+    step = 0.02
+    found = neighbours(model, base, space.beside(z, step))
+    pieces = {piece.label + piece.channel: piece.place for piece in model.observation.pieces}
+    for i, coordinate in enumerate(space.coordinates):
+        ends = []
+        for sign in (-1.0, 1.0):
+            moved = z.copy()
+            moved[i] += sign * step
+            ends.append(model.predict(model.simulate(space.hypothesis(moved), base)))
+        difference = 0.5 * (ends[1] - ends[0])
+        whole = {channel: max(np.abs(difference[place]).max() for name, place in pieces.items() if name.endswith(channel))
+                 for channel in ("displacement", "friction_force", "worn_volume", "wear_depth")}
+        for name, place in pieces.items():
+            channel = next(channel for channel in whole if name.endswith(channel))
+            size = np.ptp(model.predict(base)[place]) if place.stop - place.start > 9 else model.predict(base)[place].max()
+            allowed = max(0.3 * whole[channel], 2e-4 * size)
+            assert np.abs(found[place, i] - difference[place]).max() < allowed, (coordinate.name, name)

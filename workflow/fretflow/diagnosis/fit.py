@@ -1,0 +1,132 @@
+"""The most probable parameters of a hypothesis, and its evidence.
+
+With whitened residual r(z) and coordinates z that are standard normal beforehand, ``|r|^2 + |z|^2`` is minimised by
+Gauss-Newton, each Jacobian from one march of the simulated periods. Laplace's approximation gives the evidence::
+
+    log Z = -(|r|^2 + |z|^2) / 2 - log det(1 + J^T J) / 2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.diagnosis.coordinates import FARTHEST, Space
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.diagnosis.observation import Array
+from fretflow.diagnosis.rig_model import RigModel, Simulation
+from fretflow.diagnosis.tangent import neighbours
+
+STEP = 0.02  # of a coordinate, for derivatives
+LONGEST = 1.5  # step of a coordinate at once
+ENOUGH = 0.3  # fall of the objective that is not worth another simulation
+HALVINGS = 3
+Predictor = Callable[[Simulation], Array]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis at its most probable parameters."""
+
+    space: Space
+    z: Array
+    simulation: Simulation
+    predicted: Array
+    residual: Array  # whitened
+    jacobian: Array  # (M, P) of the vector, in SI, by z
+    whitened_jacobian: Array
+    converged: bool
+
+    @property
+    def chi_squared(self) -> float:
+        """Return ``|r|^2``."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def objective(self) -> float:
+        """Return ``|r|^2 + |z|^2``."""
+        return self.chi_squared + float(self.z @ self.z)
+
+    @property
+    def information(self) -> Array:
+        """Return ``1 + J^T J``, the inverse of the coordinates' covariance afterwards."""
+        return np.asarray(np.eye(len(self.z)) + self.whitened_jacobian.T @ self.whitened_jacobian)
+
+    @property
+    def log_evidence(self) -> float:
+        """Return log Z."""
+        return -0.5 * self.objective - 0.5 * float(np.linalg.slogdet(self.information)[1])
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """Fits hypotheses of one rig to its observation; `correction` (M,) is what the coarse model leaves out."""
+
+    rig: RigModel
+    covariance: Covariance
+    correction: Array
+
+    def predict(self, simulation: Simulation) -> Array:
+        """Return the vector (M,) of a simulation."""
+        return self.rig.predict(simulation) + self.correction
+
+    def fit(self, space: Space, z: Array, near: Simulation | None, iterations: int) -> Fit:
+        """Return the most probable parameters from the start `z`.
+
+        Raises
+        ------
+        NonConvergenceError
+            If the start itself has no simulation.
+        """
+        now = self._at(space, z, near)
+        for _ in range(iterations):
+            step = np.linalg.solve(now.information, now.whitened_jacobian.T @ now.residual - now.z)
+            step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+            expected = now.objective - self._expected(now, step)
+            if expected < ENOUGH:
+                return _converged(now)
+            better = self._improved(now, step)
+            if better is None:
+                return now
+            fell, now = now.objective - better.objective, better
+            if fell < ENOUGH:
+                return _converged(now)
+        return now
+
+    def _expected(self, now: Fit, step: Array) -> float:
+        return float(np.sum((now.residual - now.whitened_jacobian @ step)**2) + np.sum((now.z + step)**2))
+
+    def _improved(self, now: Fit, step: Array) -> Fit | None:
+        length = 1.0
+        for _ in range(HALVINGS):
+            z = np.clip(now.z + length * step, -FARTHEST, FARTHEST)
+            try:
+                simulation = self.rig.simulate(now.space.hypothesis(z), now.simulation)
+            except NonConvergenceError:
+                length *= 0.4
+                continue
+            predicted = self.predict(simulation)
+            residual = self.covariance.whiten(self.rig.observation.values - predicted)
+            if float(residual @ residual + z @ z) < now.objective:
+                return self._linearised(now.space, z, simulation, predicted, residual)
+            length *= 0.4
+        return None
+
+    def _at(self, space: Space, z: Array, near: Simulation | None) -> Fit:
+        simulation = self.rig.simulate(space.hypothesis(z), near)
+        predicted = self.predict(simulation)
+        residual = self.covariance.whiten(self.rig.observation.values - predicted)
+        return self._linearised(space, np.asarray(z, dtype=float), simulation, predicted, residual)
+
+    def _linearised(self, space: Space, z: Array, simulation: Simulation, predicted: Array, residual: Array) -> Fit:
+        moved = neighbours(self.rig, simulation, space.beside(z, STEP))
+        ways = np.where(z <= 0.0, STEP, -STEP)
+        jacobian = np.nan_to_num(moved) / ways
+        return Fit(space, z, simulation, predicted, residual, jacobian, self.covariance.whiten(jacobian), False)
+
+
+def _converged(fit: Fit) -> Fit:
+    return Fit(fit.space, fit.z, fit.simulation, fit.predicted, fit.residual, fit.jacobian, fit.whitened_jacobian, True)

@@ -1,0 +1,181 @@
+"""What hypotheses near a simulated one would show, without simulating them.
+
+The data of each period's problem are differenced between the simulated hypothesis and its neighbour (see
+`effects.derivative`), and carried to the channels by the exact sensitivities of the period. Over cycles, the change of
+the wear rate is integrated with the feedback of depth on pressure, ``dw' = J dw + dr``, and opens the gap. All
+neighbours share one march of each period, so that a hundred of them cost little more than one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fretflow.core.errors import FretflowError
+from fretflow.diagnosis.observation import Array, Piece
+from fretflow.diagnosis.rig_model import HARMONICS, Hypothesis, Period, RigModel, Simulation, channel
+from fretflow.effects.derivative import direction_between
+from fretflow.effects.model import EffectModel
+from fretflow.harmonic.direction import Direction, gap
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.harmonic.sensitivity import PeriodSensitivity, sensitivities
+from fretflow.recordings.schema import Place
+from fretflow.rig.sensors import Signals
+from fretflow.wear.archard import wear_rate
+from fretflow.wear.feedback import Feedback
+from fretflow.wear.slow import SlowState
+
+
+@dataclass(frozen=True)
+class _Neighbour:
+    """A hypothesis beside the simulated one: its model, and its slow states at the simulated steps."""
+
+    model: EffectModel
+    coefficient: float
+    slow: dict[int, SlowState]
+
+
+def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothesis]) -> Array:
+    """Return the first-order changes (M, V) of the vector from `simulation` to each of `hypotheses`.
+
+    A hypothesis whose data cannot be made at the simulated motion has a column of nan.
+    """
+    beside = [_beside(rig, simulation, one) for one in hypotheses]
+    columns = np.full((len(rig.observation.values), len(beside)), np.nan)
+    usable = [v for v, one in enumerate(beside) if one is not None]
+    chosen = [one for one in beside if one is not None]
+    if not chosen:
+        return columns
+    found = np.zeros((len(columns), len(chosen)))
+    periods = {id(period): period for period in (*simulation.loops, *simulation.sweep)}
+    first = {key: _directions(rig, simulation, period, chosen) for key, period in periods.items()}
+    changes = {key: _carried(period, directions) for (key, period), directions in
+               zip(periods.items(), first.values(), strict=True)}
+    worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
+    for key, period in periods.items():
+        opened = worn[period.step.cycles]
+        if np.any(opened):
+            changes[key] = _with_gap(period, changes[key], opened)
+    for piece, seen in rig.pieces(simulation):
+        if seen is not None:
+            found[piece.place] = np.stack([
+                _sensed(rig, simulation, one, seen, changes[id(seen)], v, piece)
+                for v, one in enumerate(chosen)], axis=1)
+    for v in range(len(chosen)):
+        rig.put_wear(found[:, v], worn[simulation.loops[-1].step.cycles][:, v])
+    columns[:, usable] = found
+    return columns
+
+
+def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis) -> _Neighbour | None:
+    try:
+        model = EffectModel.build(rig.case_problem(hypothesis), hypothesis.effects)
+        slow, states = model.initial(), dict[int, SlowState]()
+        states[0] = slow
+        for before, after in zip(simulation.steps, simulation.steps[1:], strict=False):
+            moved = model.evolve(slow, after.cycles - before.cycles, after.depth - before.depth,
+                                 after.slow.energy - before.slow.energy, after.response)
+            slow = replace(moved, depth=after.depth, energy=after.slow.energy)
+            states[after.cycles] = slow
+    except FretflowError:
+        return None
+    return _Neighbour(model, hypothesis.wear * rig.wear_coefficient, states)
+
+
+def _directions(rig: RigModel, simulation: Simulation, period: Period, beside: Sequence[_Neighbour]
+                ) -> list[Direction]:
+    """Return the whole change of the period's problem to each neighbour, as directions of unit length."""
+    directions = []
+    for v, one in enumerate(beside):
+        base = one.model.baseline
+        load = _load(period, simulation, base.normal_load)
+        own = replace(base, excitation=period.problem.excitation, normal_load=load,
+                      frequency=period.problem.frequency)
+        problem = replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
+        directions.append(direction_between(period.problem, problem, 1.0, period.problem, period.solution, str(v)))
+    return directions
+
+
+def _load(period: Period, simulation: Simulation, load: float) -> float:
+    """Return the baseline's normal load at the period's condition."""
+    base = simulation.model.problem(period.step.slow).normal_load
+    return load * period.problem.normal_load / base
+
+
+def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
+    harmonics = min(HARMONICS, len(period.solution.state) // 4)
+    return sensitivities(period.problem, period.solution, directions, harmonics)
+
+
+def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]
+          ) -> dict[int, Array]:
+    """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts, implicitly."""
+    nodes = len(simulation.depth)
+    found = {0: np.zeros((nodes, len(beside)))}
+    depth, before = found[0], 0
+    for period in simulation.loops:
+        cycles = period.step.cycles
+        if cycles > 0:
+            rate = _rate_change(simulation, period, beside, changes[cycles])
+            share = simulation.model.opening_share(period.step.slow, cycles - before)
+            flexibility = period.problem.joint.quasi_static().flexibility[2::3, 2::3]
+            coefficient = np.divide(period.step.rate, period.step.response.pressure_sliding,
+                                    out=np.zeros(nodes), where=period.step.response.pressure_sliding > 0.0)
+            feedback = Feedback(flexibility, period.problem.interface.areas).rate_jacobian(
+                coefficient, period.step.response) * share
+            step = cycles - before
+            depth = np.linalg.solve(np.eye(nodes) - step * feedback, depth + step * rate)
+            before = cycles
+        found[cycles] = depth
+    return found
+
+
+def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity
+                 ) -> Array:
+    """Return the change (nodes, V) of the wear rate at the simulated wear."""
+    response, rates = period.step.response, []
+    for v, one in enumerate(beside):
+        moved = replace(response, pressure_sliding=response.pressure_sliding + change.pressure_sliding[v],
+                        slip_path=response.slip_path + change.slip_path[v],
+                        mean_pressure=response.mean_pressure + change.mean_pressure[v],
+                        dissipated_energy=response.dissipated_energy + float(change.dissipated_energy[v]),
+                        sliding_distance=response.sliding_distance + float(change.sliding_distance[v]))
+        factor = one.model.wear_factor(moved, one.slow[period.step.cycles])
+        rates.append(wear_rate(one.coefficient, moved) * factor - period.step.rate)
+    return np.stack(rates, axis=1)
+
+
+def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
+    """Return `change` with that of the gap `opened` (nodes, V) added."""
+    more = _carried(period, [gap(column) for column in (opened - opened.min(axis=0)).T])
+    added = {name: getattr(change, name) + getattr(more, name)
+             for name in ("rig_displacement", "relative_displacement", "friction_force", "upper_observation",
+                          "lower_observation")}
+    return replace(change, **added)
+
+
+def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Period, change: PeriodSensitivity, v: int,
+            piece: Piece) -> Array:
+    """Return the change of a piece's channel (N,), through the sensors of both hypotheses."""
+    before = rig.signals(period)
+    thin = len(period.solution.state) // rig.observation.samples
+    after = rig.signals(replace(period, problem=_driven(period, one), solution=replace(
+        period.solution,
+        rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
+        friction_force=period.solution.friction_force + change.friction_force[v],
+        upper_observation=period.solution.upper_observation + change.upper_observation[v],
+        lower_observation=period.solution.lower_observation + change.lower_observation[v])))
+    after = _faced(rig, after, before, change.relative_displacement[v, ::thin])
+    return channel(one.model.sense(after), piece) - channel(simulation.model.sense(before), piece)
+
+
+def _driven(period: Period, one: _Neighbour) -> PeriodicProblem:
+    return replace(period.problem, overtones=one.model.problem(one.slow[period.step.cycles]).overtones)
+
+
+def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:
+    if rig.displacement_of.place is not Place.CONTACT_FACES:
+        return after
+    return replace(after, displacement=before.displacement + moved)
