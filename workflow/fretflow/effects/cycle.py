@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from fretflow.contact.interface import Interface
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
+from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem, PeriodicSolution, PeriodicSolver
+from fretflow.rig.forces import force_beside_friction
 from fretflow.rig.sensors import Signals
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
 from fretflow.wear.slow import SlowState
@@ -90,8 +92,10 @@ def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacem
     drive = problem.excitation * np.cos(phase)
     for order, amplitude in problem.overtones:
         drive = drive + (amplitude * np.exp(1j * order * phase)).real
+    motion = solution.rig_displacement
+    beside = force_beside_friction(problem.rig_forces, motion, time_derivative(motion, problem.omega))
     return Signals(step=thin / (samples * problem.frequency), displacement=displacement[::thin],
-                   friction_force=solution.friction_force[::thin], arm=solution.rig_displacement[::thin, 1],
+                   friction_force=(solution.friction_force + beside)[::thin], arm=solution.rig_displacement[::thin, 1],
                    excitation=drive[::thin], normal_force=solution.force[::thin, :, 2].sum(axis=1), elapsed=elapsed)
 
 

@@ -29,6 +29,8 @@ class EdgeForce:
     force ``N dz/dx``: here ``-sign(x) peak (e / width)^2``. It has the potential N z: the way back returns it.
     """
 
+    between_specimens: ClassVar[bool] = True  # a force sensor sees it
+
     peak: float  # N, at the end
     end: float
     width: float
@@ -51,7 +53,8 @@ class ScarEdge(Effect):
     peak grows with the slope of the rise, F_p (1 - exp(-h / h_s)), and stands at the end of the scar.
 
     The end X is where the arm has been: it starts at the half stroke of the first wear, and moves out to a larger one
-    as wear digs there, dX = (stroke / 2 - X)_+ dh / h_s. It never moves in.
+    as wear digs there, dX = (stroke / 2 - X)_+ dh / h_s. It never moves in. The specimens exchange the force, so that
+    it is measured with the friction force.
     """
 
     id: ClassVar[str] = "scar-edge"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -18,11 +19,25 @@ class ForceAndSlopes(NamedTuple):
 
 
 class RigForce(Protocol):
-    """A force without memory, linear or not; continuous, with a derivative almost everywhere."""
+    """A force without memory, linear or not; continuous, with a derivative almost everywhere.
+
+    One whose attribute ``between_specimens`` is true is exchanged by the specimens, so that a sensor sees it with the
+    friction force.
+    """
 
     def __call__(self, displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
         ...
+
+
+def force_beside_friction(forces: Iterable[RigForce], displacement: NDArray[np.float64],
+                          velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the x force of the upper specimen on the lower besides friction, (N,) in N, for a motion (N, 2)."""
+    total = np.zeros(len(displacement))
+    for force in forces:
+        if getattr(force, "between_specimens", False):
+            total -= force(displacement, velocity).force[:, 1]
+    return total
 
 
 @dataclass(frozen=True)

@@ -56,11 +56,18 @@ class Explicit(Generic[S]):
                                        now.response)
 
     def error(self, now: WearStep, end: WearStep, jump: int) -> float:
-        """Return the error of energy and worn volume over the tolerance."""
-        areas, settings = self.joint.model.areas, self.joint.settings
-        volume = relative(0.5 * jump * abs(float(areas @ (end.rate - now.rate))),
-                          settings.tolerance * float(areas @ end.depth))
-        return max(volume, self.joint.energy_error(end.slow, jump, now.response, end.response))
+        """Return the error of energy and worn volume over the tolerance.
+
+        It is measured by what the jump adds, since the errors of a scheme of first order add up from jump to jump.
+        """
+        areas, tolerance = self.joint.model.areas, self.joint.settings.tolerance
+        errors = []
+        for before, after, total in (
+                (float(areas @ now.rate), float(areas @ end.rate), float(areas @ end.depth)),
+                (now.response.dissipated_energy, end.response.dissipated_energy, end.slow.energy)):
+            allowed = tolerance * (0.5 * jump * (before + after) + tolerance * total)
+            errors.append(relative(0.5 * jump * abs(after - before), allowed))
+        return max(errors)
 
     def jump(self, now: WearStep) -> tuple[int, bool]:
         """Return the cycles of the next jump and whether the stability bound shortened it.

@@ -92,4 +92,8 @@ class Feedback:
 def _largest(matrix: NDArray[np.float64]) -> float:
     """Return the largest eigenvalue of a symmetric, positive semi-definite matrix."""
     last = len(matrix) - 1
-    return max(0.0, float(eigvalsh(matrix, subset_by_index=(last, last))[0]))
+    try:
+        largest = eigvalsh(matrix, subset_by_index=(last, last))[0]
+    except np.linalg.LinAlgError:  # LAPACK's choice of single eigenvalues may fail where many are equal
+        largest = eigvalsh(matrix, driver="ev")[last]
+    return max(0.0, float(largest))
