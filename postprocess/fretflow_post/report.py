@@ -212,9 +212,9 @@ def _fit_text(shown: dict[str, float], floor: float) -> str:
     text = ""
     if "after" in shown and "before" in shown and shown["after"] > 0.0:
         ratio = shown["before"] / shown["after"]
-        text = (f"What was not used in the fit is predicted {words.number(ratio)} times better. " if ratio >= 1.05 else
+        text = (f"On what was not used in the fit the error is {ratio:.2g} times smaller. " if ratio >= 1.05 else
                 "What was not used in the fit is not predicted better. ")
     if floor > 0.0:
-        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{words.number(left / floor)} times "
+        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{left / floor:.2g} times "
         text += f"The error that is left is {times}what repeats of the recording differ by."
     return text

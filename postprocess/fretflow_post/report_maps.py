@@ -222,7 +222,7 @@ def plausible_range(estimate: Estimate) -> Markup | None:
     words = f"plausible {number(prior.low)} to {number(prior.high)} {pretty_unit(estimate.unit)}".rstrip()
     return Markup('<svg class="range" viewBox="0 0 140 16" role="img" aria-label="{0}"><title>{0}</title>'
                   '<path class="rail" d="M8 8H132M8 4V12M132 4V12"/><path class="reach" d="M{1:.1f} 8H{2:.1f}"/>'
-                  '<circle cx="{3:.1f}" cy="8" r="3.5"/></svg>').format(words, low, max(high, low + 1.0), value)
+                  '<circle cx="{3:.1f}" cy="8" r="2.4"/></svg>').format(words, low, max(high, low + 1.0), value)
 
 
 def _share(prior: Prior, value: float) -> float:

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 
 NOTHING = "–"
 CERTAIN = 0.9995  # a probability above it is written as more than 99.9 %
+FINENESS = 7.0  # of the last figure against an interval's half-width: rounding changes it by 7 % at most
 SMALLEST_P = 1e-12
 _LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
 _LEAST_POWER, _LARGEST_POWER = -4, 6  # of ten, of numbers that are written without one
@@ -113,9 +114,9 @@ def equation(text: str) -> Markup:
     for plain, letter in _LETTERS.items():
         printed = re.sub(rf"\b{plain}(?=\b|_)", letter, printed)
     printed = re.sub(r"_inf\b", "_∞", printed)
-    printed = re.sub(r"_([A-Za-z0-9∞]+)", r"<sub>\1</sub>", printed)
+    printed = re.sub(r"(?<!\w)(\w{1,2})_([A-Za-z0-9∞]+)", r"\1<sub>\2</sub>", printed)
     printed = re.sub(r"\^(-?[A-Za-z0-9]+)", lambda m: f"<sup>{_signed(m[1])}</sup>", printed)
-    return Markup(printed.replace(" - ", " − "))
+    return Markup(re.sub(r"(?<![A-Za-z])-", "−", printed))
 
 
 def together(effects: tuple[str, ...]) -> str:
@@ -154,17 +155,17 @@ class Interval:
 
 
 def interval(estimate: Estimate) -> Interval:
-    """Return `estimate` rounded so that its half-width keeps two figures; a power of ten goes to the unit."""
+    """Return `estimate` rounded to a small part of its interval; a power of ten goes to the unit."""
     largest = max((abs(v) for v in (estimate.low, estimate.value, estimate.high) if math.isfinite(v)), default=0.0)
     unit, size = readable_unit(largest, estimate.unit)
     printed, power = pretty_unit(unit), math.floor(math.log10(largest / size)) if largest > 0.0 else 0
     if not _LEAST_POWER <= power <= _LARGEST_POWER:
         printed, size = f"10{str(power).translate(_RAISED)} {printed}".rstrip(), size * 10.0**power
     half = 0.5 * (estimate.high - estimate.low)
-    step = half / size / 10.0 if half > 0.0 and math.isfinite(half) else None
+    step = half / size / FINENESS if half > 0.0 and math.isfinite(half) else None
     value, low, high = (number(v / size, step) for v in (estimate.value, estimate.low, estimate.high))
     known = step is not None and math.isfinite(estimate.value) and estimate.value != 0.0
-    relative = f"± {number(abs(100.0 * half / estimate.value), 1.0)} %" if known else NOTHING
+    relative = f"± {abs(100.0 * half / estimate.value):.2g} %" if known else NOTHING
     return Interval(value, low, high, printed, relative)
 
 

@@ -119,9 +119,9 @@ PLACES = tuple(Place(cut=cut, where=where, share=share, p_value=p) for cut, wher
     ("phase", "knee", 0.1, 0.7), ("harmonic", "3", 0.08, 0.2), ("harmonic", "5", 0.02, 1.0)))
 
 PARAMETERS = tuple(Estimate(name=name, value=v, low=a, high=b, unit=u, meaning=m) for name, v, a, b, u, m in (
-    ("friction-run-in.initial_friction", 0.334, 0.327, 0.341, "1", "friction coefficient of the unworn faces"),
-    ("friction-run-in.settled_friction", 0.882, 0.876, 0.889, "1", "friction coefficient after running in"),
-    ("friction-run-in.run_in_energy", 42.1, 38.7, 46.0, "J", "dissipated energy that settles it"),
+    ("friction-run-in.initial", 0.334, 0.327, 0.341, "1", "mu_0: coefficient of the new faces"),
+    ("friction-run-in.final", 0.882, 0.876, 0.889, "1", "friction coefficient after running in"),
+    ("friction-run-in.energy", 42.1, 38.7, 46.0, "J", "dissipated energy that settles it"),
     ("contact.friction_coefficient", 0.74, 0.72, 0.76, "1", ""),
     ("wear.coefficient", 1.1e-14, 0.9e-14, 1.3e-14, "m^2/N", ""),
     ("displacement.gain", 1.0021, 0.9975, 1.0066, "1", "within its calibration")))
@@ -153,7 +153,7 @@ def named(kind: str = "fretting-rig") -> Diagnosis:
                                "sliding from one on energy.",
         smallest_visible={}, comparisons=loops, residual_maps=maps, wear_map=wear() if kind == "fretting-rig" else None,
         notes=("loops, displacement, rows 412-418: 7 values are missing and were left out",),
-        case_file='format = "fretflow-case/1"\nname = "run_in"\n[effects.friction-run-in]\ninitial_friction = 0.334\n',
+        case_file='format = "fretflow-case/1"\nname = "run_in"\n[effects.friction-run-in]\ninitial = 0.334\n',
         seconds=372.0)
 
 

@@ -262,6 +262,34 @@ def loops(
 
 
 @app.command
+def diagnose(
+    recording: Path, /, *, fast: Annotated[bool, Parameter(negative="")] = False, json: Path | None = None,
+    out: Path | None = None, case: Path | None = None,
+) -> None:
+    """Say whether the model explains a recording and, if not, where they part and which physics is left out.
+
+    Writes report.html, the verdict as JSON, the places of the difference as CSV and, where effects are named, a case
+    with them for `fretflow run`. Every verdict has exit code 0.
+
+    Parameters
+    ----------
+    recording
+        folder with a recording.toml
+    fast
+        screening only: in a minute, on the linearised model
+    json
+        file for a copy of the JSON
+    out
+        folder of the results; by default runs/diagnosis/<recording>
+    case
+        file for a copy of the case
+    """
+    from fretflow.cli_diagnose import diagnose_recording
+
+    diagnose_recording(recording, fast, out, json, case)
+
+
+@app.command
 def init(path: Path = Path("case.toml"), /) -> None:
     """Write a commented case file to start from.
 

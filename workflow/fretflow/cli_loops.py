@@ -25,7 +25,7 @@ from fretflow.recordings.notes import Note
 from fretflow.recordings.readings import Estimate, RecordedReadings, read_recorded_loops
 from fretflow.recordings.recording import Recording, read_recording
 from fretflow.recordings.repeatability import repeatability
-from fretflow.recordings.schema import FILE, TestKind
+from fretflow.recordings.schema import FILE, TestKind, name_of
 from fretflow.recordings.series import loops_of_series
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def show_loops(path: Path, options: Mapping[str, str | None], normal_load: str |
     for found in sets:
         console.print(_lumped_table(found) if recording.kind is TestKind.LUMPED else _table(found))
     _print_notes(console, notes)
-    home = out / f"{_name(path)}-loops"
+    home = out / f"{name_of(path)}-loops"
     home.mkdir(parents=True, exist_ok=True)
     files = []
     for found in sets:
@@ -93,11 +93,6 @@ def show_loops(path: Path, options: Mapping[str, str | None], normal_load: str |
         files.append(json_file)
     show_files(files, "pictures and numbers")
     return files
-
-
-def _name(path: Path) -> str:
-    whole = path.resolve()
-    return whole.parent.name if whole.name == FILE else (whole.name if whole.is_dir() else whole.stem)
 
 
 def _recording(path: Path, options: Mapping[str, str | None], normal_load: str | None, frequency: str | None) -> tuple[

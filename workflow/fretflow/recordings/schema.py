@@ -24,6 +24,12 @@ FORMAT = "fretflow-recording/1"
 FILE = "recording.toml"
 
 
+def name_of(path: Path) -> str:
+    """Return what results of the recording at `path` are named after: its folder, or a single file without suffix."""
+    whole = path.resolve()
+    return whole.parent.name if whole.name == FILE else (whole.name if whole.is_dir() else whole.stem)
+
+
 class TestKind(StrEnum):
     """What is to be predicted: everything, the force under the measured motion, or a lumped system's motion."""
 

@@ -1,0 +1,116 @@
+"""The diagnose command: what it leaves behind and says, for every verdict, and when a recording cannot be used.
+
+What carries the weight: the verdict does not change the exit code, the files hold what was found, and each kind of
+error is one line.
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from fretflow import cli
+from fretflow.core.errors import UnreliableRecordingError
+from rich.console import Console
+
+HERE = Path(__file__).parent
+MAKERS = ("named", "none", "ambiguous", "unknown", "odd", "empty")
+
+
+@pytest.fixture
+def cases(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    import report_cases
+
+    return report_cases
+
+
+@pytest.fixture
+def calls(monkeypatch, tmp_path):
+    """Put a stand-in for the diagnosis; the list is filled with what it is called with."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    (tmp_path / "my rig").mkdir()
+    seen = []
+
+    def prepare(answer):
+        def diagnose(path, fast, out, progress):
+            assert out.is_dir()
+            for share in (0.0, 0.4, 1.0):
+                progress(share, f"step {share}")
+            seen.append((path, fast, out))
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+        monkeypatch.setitem(sys.modules, "fretflow.diagnosis.run", SimpleNamespace(diagnose=diagnose))
+        return seen
+
+    return prepare
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_every_verdict_ends_well_with_its_files(maker, cases, calls, tmp_path, capsys):
+    found = getattr(cases, maker)()
+    seen = calls(found)
+    assert cli.execute(["diagnose", "my rig"]) == 0
+    home = Path("runs/diagnosis/my rig")
+    assert seen == [(Path("my rig"), False, home)]
+    assert json.loads((home / "diagnosis.json").read_text())["verdict"] == found.verdict.value
+    assert "</html>" in (home / "report.html").read_text(encoding="utf-8")
+    with (home / "places.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["cut"] for row in rows] == [place.cut for place in found.location.places]
+    assert (home / "case.toml").exists() == bool(found.case_file)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert found.sentence in shown
+    assert all(str(home / name) in shown for name in ("report.html", "diagnosis.json", "places.csv"))
+
+
+def test_what_is_printed_in_short(cases, calls, capsys):
+    found = cases.named()
+    calls(found)
+    assert cli.execute(["diagnose", "my rig", "--fast"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for text in ("Missing physics named.", "friction-run-in 96 % 97 %", found.location.text, "friction-run-in.energy 42.1",
+                 "38.7 to 46.0 J", "error 8.40 before, 1.06 after", found.notes[0], found.separating_measurement,
+                 "p < 10⁻¹²"):
+        assert text in shown
+    assert "velocity-dependent-friction" not in shown, "only five are shown"
+    assert "step" not in shown, "the bar is for terminals"
+
+
+def test_further_copies_go_where_they_are_wanted(cases, calls, tmp_path, capsys):
+    seen = calls(cases.named())
+    arguments = ["diagnose", "my rig", "--fast", "--out", "here", "--json", "new/a.json", "--case", "new/b.toml"]
+    assert cli.execute(arguments) == 0
+    assert seen == [(Path("my rig"), True, Path("here"))]
+    assert Path("new/a.json").read_bytes() == Path("here/diagnosis.json").read_bytes()
+    assert Path("new/b.toml").read_text() == cases.named().case_file
+    calls(cases.unknown())
+    assert cli.execute(["diagnose", "my rig", "--case", "other.toml"]) == 0
+    assert not Path("other.toml").exists()
+    assert "other.toml was not written" in capsys.readouterr().out
+
+
+def test_progress_is_shown_on_a_terminal(cases, calls, monkeypatch, capsys):
+    calls(cases.empty())
+    monkeypatch.setattr("fretflow.cli_report.Console", lambda **_: Console(force_terminal=True, width=100))
+    assert cli.execute(["diagnose", "my rig"]) == 0
+    assert "step 1.0" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["no such folder"], "no such folder: there is no such folder or file"),
+    (["my rig", "--out", "file"], "file: cannot be made"),
+    (["my rig"], "rows 3-9 of force are damaged"),
+])
+def test_what_cannot_be_used_is_one_line(arguments, message, calls, tmp_path, capsys):
+    calls(UnreliableRecordingError("rows 3-9 of force are damaged"))
+    (tmp_path / "file").touch()
+    assert cli.execute(["diagnose", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"fretflow: {message}")
+    assert error.count("\n") == 1
