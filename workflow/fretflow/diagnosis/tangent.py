@@ -172,7 +172,8 @@ def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Peri
 
 
 def _driven(period: Period, one: _Neighbour) -> PeriodicProblem:
-    return replace(period.problem, overtones=one.model.problem(one.slow[period.step.cycles]).overtones)
+    driven = one.model.problem(one.slow[period.step.cycles])
+    return replace(period.problem, overtones=driven.overtones, rig_forces=driven.rig_forces)
 
 
 def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:
