@@ -27,6 +27,7 @@ MIN_SAMPLES = 16
 STICK_WINDOW = (0.05, 0.4)  # of the force swing after a reversal
 PLATEAU_WINDOW = (0.2, 0.8)  # of the slip in a half-cycle: the ends are the knee and the edges of a scar
 PLATEAU_SLOPE = 0.1  # steepest plateau, as share of the stick slope
+FORCE_WEIGHT = 0.25  # beside displacement, each over its range, in the place of a reversal
 SHORTEST_SLIDE = 0.02  # of the peak-to-peak displacement
 
 
@@ -119,7 +120,7 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None, guide: Hysteresis
 def dissipated_energy(loop: HysteresisLoop) -> float:
     """Return the loop's area in J, by the trapezoidal rule over the closed polygon."""
     x, force = loop.displacement, loop.force
-    return 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(x, -1) - x)))
+    return 0.5 * float((force[1:] + force[:-1]) @ (x[1:] - x[:-1]) + (force[0] + force[-1]) * (x[0] - x[-1]))
 
 
 @dataclass(frozen=True)
@@ -144,9 +145,14 @@ class HalfCycle(Branch):
 
 
 def half_cycles(loop: HysteresisLoop, guide: HysteresisLoop) -> tuple[HalfCycle, HalfCycle]:
-    """Split a loop at the guide's extreme displacements into the way there (growing) and the way back."""
+    """Split a loop at the guide's corners into the way there (growing) and the way back.
+
+    A corner is where displacement and, with less weight, force are extreme: where the motion rests at its end while
+    the force turns, that is before the force turns.
+    """
     x = guide.displacement
-    low, high, n = int(np.argmin(x)), int(np.argmax(x)), len(x)
+    corner = x / np.ptp(x) + FORCE_WEIGHT * guide.force / np.ptp(guide.force)
+    low, high, n = int(np.argmin(corner)), int(np.argmax(corner)), len(x)
     there = np.arange(low, high + 1 if high > low else high + n + 1) % n
     back = np.arange(high, low + 1 if low > high else low + n + 1) % n
 
@@ -170,7 +176,7 @@ def tangential_compliance(*halves: Branch) -> float | None:
         stick = share[:beyond[0] if beyond.size else len(share)] >= STICK_WINDOW[0]
         samples = np.flatnonzero(stick)
         if samples.size >= 3:
-            compliances.append(np.polyfit(half.force[samples], half.displacement[samples], 1)[0])
+            compliances.append(_slope(half.force[samples], half.displacement[samples]))
     return float(np.mean(compliances)) if compliances else None
 
 
@@ -192,6 +198,7 @@ def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -
     A `stiffness` (N/m) of None stands for a stick portion too steep to be read, without elastic displacement.
     """
     compliance = 0.0 if stiffness is None else 1.0 / stiffness
+    swing = float(there.guide.force.max() + back.guide.force.max())
     levels = []
     for half in (there, back):
         smooth = half.guide
@@ -201,19 +208,26 @@ def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -
         samples = np.flatnonzero((slip >= low) & (slip <= high))
         if slip[-1] < SHORTEST_SLIDE * x[-1] or samples.size < 3:
             return None
-        slope, level = np.polyfit(x[samples] - x[samples].mean(), half.force[samples], 1)
-        if slope > PLATEAU_SLOPE * (stiffness or smooth.swing / x[-1]):
+        level = float(half.force[samples].mean())
+        if _slope(x[samples], half.force[samples]) > PLATEAU_SLOPE * (stiffness or swing / x[-1]):
             return None
         levels.append(level)
     return 0.5 * float(levels[0] + levels[1])
 
 
+def _slope(x: Array, y: Array) -> float:
+    """Return the slope of the line through y over x by least squares."""
+    away = x - x.mean()
+    return float(away @ y / max(float(away @ away), np.finfo(float).tiny))
+
+
 def _crossing(loop: HysteresisLoop, level: float, rising: bool) -> float | None:
     """Return the mean displacement at which the force passes `level`, upwards or downwards, or None if never."""
-    force, after = loop.force, np.roll(loop.force, -1)
+    closed = np.append(loop.force, loop.force[0])
+    force, after = closed[:-1], closed[1:]
     k = np.flatnonzero((force <= level) & (after > level) if rising else (force > level) & (after <= level))
     if not k.size:
         return None
     share = (level - force[k]) / (after[k] - force[k])
-    x, next_x = loop.displacement[k], np.roll(loop.displacement, -1)[k]
+    x, next_x = loop.displacement[k], loop.displacement[(k + 1) % len(force)]
     return float(np.mean(x + share * (next_x - x)))

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fretflow.core.errors import UnsupportedRecordingError
+from fretflow.core.errors import UnitError, UnsupportedRecordingError
 from fretflow.recordings.blocks import columns_of
-from fretflow.recordings.channels import CHANNELS, INDICES, channel_of, unit_in_heading
+from fretflow.recordings.channels import CHANNELS, INDICES, channel_of, unit_in_heading, unit_size
 from fretflow.recordings.notes import Note
 from fretflow.recordings.recording import Recording, loops_of, series_of
 from fretflow.recordings.schema import LoopsBlock, Test, TestKind, Wear
@@ -72,6 +72,8 @@ def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tup
         column, unit = named.get(channel, ("", ""))
         column = column or guessed.get(channel, "")
         unit = unit or unit_in_heading(channel, column) or table.units.get(column, "")
+        if channel in named and unit:
+            _check_unit(channel, unit)
         if column and (unit or channel in INDICES):
             specs[channel] = {"column": column} if channel in INDICES else {"column": column, "unit": unit}
         elif channel in ("displacement", "friction_force") or channel in named:
@@ -79,6 +81,13 @@ def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tup
     used = {spec["column"] for spec in specs.values()}
     notes = tuple(Note(table.path.name, "column not used", heading) for heading in table.columns if heading not in used)
     return specs, notes
+
+
+def _check_unit(channel: str, unit: str) -> None:
+    try:
+        unit_size(channel, unit)
+    except UnitError as error:
+        raise UnitError(f"--{_option(channel)}: {error}") from error
 
 
 def _demand(table: Table, channel: str, column: str) -> None:

@@ -69,11 +69,13 @@ def _form(path: Path) -> _Form:
     with path.open(encoding=encoding) as file:
         head = [(number, line.strip()) for number, line in enumerate(islice(file, 1000))]
     head = [(number, line) for number, line in head if line and not line.startswith(COMMENTS)]
-    first = next((k for k, (_, line) in enumerate(head) if _delimiter(line)[2]), None)
+    first = next((k for k, (_, line) in enumerate(head) if _delimiter(line)[1]), None)
     if first is None:
         raise CorruptRecordingError(f"{path}: holds no row of numbers; export it again")
     number, line = head[first]
-    delimiter, comma, _ = _delimiter(line)
+    delimiter = _delimiter(line)[0]
+    cells = [cell for _, text in head[first:] for cell in _split(text, delimiter)]
+    comma = delimiter != "," and any(_NUMBER_WITH_COMMA.fullmatch(cell) for cell in cells)
     width = len(_split(line, delimiter))
     above = [_split(text, delimiter) for _, text in head[max(0, first - 2):first]]
     if delimiter == "," and above and len(above[-1]) * 2 == width:
@@ -115,8 +117,8 @@ def _split(line: str, delimiter: str | None) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] and delimiter in (",", ";") else cells
 
 
-def _delimiter(line: str) -> tuple[str | None, bool, bool]:
-    """Return the delimiter of a line, whether its numbers have decimal commas, and whether it is one of numbers."""
+def _delimiter(line: str) -> tuple[str | None, bool]:
+    """Return the delimiter of a line, and whether it is a line of numbers."""
     for delimiter in (";", "\t", None, ","):
         if delimiter is not None and delimiter not in line:
             continue
@@ -128,8 +130,8 @@ def _delimiter(line: str) -> tuple[str | None, bool, bool]:
         if any(numbers) and (plausible or (delimiter is not None and numbers[0])):
             if delimiter is None and len(cells) == 1 and comma:
                 continue  # "1,5" is two numbers
-            return delimiter, comma, True
-    return None, False, False
+            return delimiter, True
+    return None, False
 
 
 def _is_number(text: str) -> bool:

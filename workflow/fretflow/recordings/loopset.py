@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -60,7 +61,7 @@ class LoopSet:
                 raise InputError(f"loops.{name}: shape {values.shape} where {len(self.cycles)} cycle counts and "
                                  f"{len(self.phase)} samples are due; give every channel the same")
 
-    @property
+    @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """Return which repeats there are, (K, R)."""
         there = [np.isfinite(values[:, :, 0]) for values in self.channels.values()]

@@ -5,6 +5,8 @@ Time is counted in turns (periods) here.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -14,7 +16,7 @@ Array = NDArray[np.float64]
 
 HYSTERESIS = 0.1  # of half the range: what a signal must pass beyond its middle to have crossed it
 SMOOTHED_SHARE = 1.0 / 64.0  # of a period: half-width of the smoothing
-EDGE_SHARE = 0.03  # of a period: what the ends of a record are extrapolated from
+EDGE_SHARE = 0.05  # of a period: what the ends of a record are extrapolated from
 SIGMA_OF_MAD = 1.4826
 
 
@@ -31,6 +33,7 @@ def turn_of_maximum(turns: Array, values: Array) -> float:
     return float(np.angle(fundamental(turns, values)) / (2.0 * np.pi) % 1.0)
 
 
+@cache
 def smoothing_kernel(half_width: int) -> Array:
     """Return the weights (2 m + 1,) of the least-squares parabola's middle over 2 m + 1 samples.
 
@@ -65,14 +68,15 @@ def smoothed_record(values: Array, half_width: int = 3) -> Array:
 
 
 def noise_sd(values: Array) -> Array:
-    """Return the standard deviation of the white noise on periodic signals (..., N), by what smoothing takes away.
+    """Return the standard deviation of the white noise on periodic signals (..., N), by third differences.
 
-    Three parabolic samples either side; the median is used, so that kinks and jumps do not count. The rest that
-    the smoothing leaves has the variance ``1 - h_0`` of the noise.
+    These vanish on a parabola and have 20 times the variance of the noise. Those above three deviations by their
+    median are left out, so that kinks and jumps do not count; of a normal deviate that leaves 0.9733 of the variance.
     """
-    kernel = smoothing_kernel(3)
-    rest = values - smoothed(values, 3)
-    return np.asarray(SIGMA_OF_MAD * np.median(np.abs(rest), axis=-1) / np.sqrt(1.0 - kernel[3]))
+    rest = convolve1d(values, np.array([1.0, -3.0, 3.0, -1.0]) / np.sqrt(20.0), axis=-1, mode="wrap") ** 2
+    limit = (3.0 * SIGMA_OF_MAD) ** 2 * np.median(rest, axis=-1, keepdims=True)
+    inside = rest <= limit
+    return np.asarray(np.sqrt(np.sum(rest * inside, axis=-1) / np.sum(inside, axis=-1) / 0.9733))
 
 
 def upward_crossings(values: Array) -> Array:
@@ -99,28 +103,38 @@ def without_trend(values: Array, period: int) -> Array:
     return np.asarray(values - values.mean() - padded)
 
 
+def period_means(turns: Array, values: Array, periods: int) -> Array:
+    """Return the mean of each period (P,) of a record (n,), by the trapezoidal rule from one whole turn to the next."""
+    start = float(turns[0])
+    end = np.interp(start + periods - 1, turns, values)
+    turns, values = np.r_[turns, start + periods], np.r_[values, end]
+    integral = np.r_[0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(turns))]
+    return np.diff(np.interp(start + np.arange(periods + 1), turns, integral))
+
+
 def closure_jump(turns: Array, values: Array, interval: float) -> tuple[float, float]:
     """Return the jump from the end of one period (n,) to its start, and its standard deviation.
 
-    Both ends are extrapolated by straight lines to their middle, `interval` turns apart. The deviation holds the
-    noise of the lines and what their difference in slope can feign.
+    Both ends are extrapolated by parabolas to their middle, `interval` turns apart. The deviation holds what the
+    samples scatter about the parabolas, and half of what cubics would make of the jump instead.
     """
-    m = max(4, round(EDGE_SHARE * len(values)))
-    meeting = 0.5 * interval
-    (slope, start), first = _line(turns[:m] - turns[0] + meeting, values[:m])
-    (slope_end, end), last = _line(turns[-m:] - turns[-1] - meeting, values[-m:])
-    noise = np.hypot(first, last)
-    feigned = 0.5 * abs(slope - slope_end) * m * interval
-    return float(end - start), float(np.hypot(noise, feigned))
+    m = max(8, round(EDGE_SHARE * len(values)))
+    jumps, variances = [], []
+    for degree in (2, 3):
+        start, first = _extrapolated(turns[:m] - turns[0] + 0.5 * interval, values[:m], degree)
+        end, last = _extrapolated(turns[-m:] - turns[-1] - 0.5 * interval, values[-m:], degree)
+        jumps.append(end - start)
+        variances.append(first + last)
+    return jumps[0], float(np.sqrt(variances[0] + 0.25 * (jumps[0] - jumps[1]) ** 2))
 
 
-def _line(turns: Array, values: Array) -> tuple[Array, float]:
-    """Fit a line; return its slope and value at zero, and the standard deviation of that value."""
-    basis = np.column_stack([turns, np.ones_like(turns)])
+def _extrapolated(turns: Array, values: Array, degree: int) -> tuple[float, float]:
+    """Fit a polynomial; return its value at zero, and the variance of that."""
+    basis = np.vander(turns / np.abs(turns).max(), degree + 1, increasing=True)
     inverse = np.linalg.inv(basis.T @ basis)
     found = inverse @ basis.T @ values
-    variance = float(np.sum((values - basis @ found) ** 2)) / max(1, len(values) - 2)
-    return found, float(np.sqrt(variance * inverse[1, 1]))
+    variance = float(np.sum((values - basis @ found) ** 2)) / max(1, len(values) - degree - 1)
+    return float(found[0]), variance * float(inverse[0, 0])
 
 
 def resampled(turns: Array, values: Array, periods: int, at: Array, evenly: bool) -> Array:

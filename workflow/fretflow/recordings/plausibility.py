@@ -5,6 +5,7 @@ Limits are wide: a recording that crosses one is refused, because every result o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ RANGES = {
 LARGEST_FRICTION = 5.0
 STATED = 2.0  # factor between what is stated and what is measured that is refused
 NOTED = 1.05
+SAME_ORDER = 10.0
 
 
 def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
@@ -82,6 +84,23 @@ def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, k
     if worst > STATED or ratio[k] < 0.0:
         raise UnreliableRecordingError(f"{path}: {block}.{name}: {words}; correct the one that is wrong")
     return (Note(block, words, name),) if worst > NOTED else ()
+
+
+def check_wear(path: Path, volume: float | None, channels: Mapping[str, Array]) -> None:
+    """Compare a map of depth with the worn volume (m^3), over the rectangle that the map spans.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If they are not of one order of magnitude.
+    """
+    if volume is None or not {"x", "y", "depth"} <= set(channels) or len(channels["x"]) < 4:
+        return
+    mapped = float(np.ptp(channels["x"]) * np.ptp(channels["y"]) * channels["depth"].mean())
+    if not volume / SAME_ORDER < mapped < volume * SAME_ORDER:
+        raise UnreliableRecordingError(
+            f"{path}: wear_depth: holds {mapped * 1e9:.3g} mm^3 where wear.worn_volume says {volume * 1e9:.3g} mm^3; "
+            "check the units of x, y and depth")
 
 
 def check_file(path: Path, file: RecordingFile, cycles: NDArray[np.int64]) -> None:

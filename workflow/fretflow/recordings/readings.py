@@ -1,15 +1,16 @@
 """What is read off recorded loops, with its uncertainty and where that comes from.
 
 Three sources, each one standard deviation, added in squares: the noise of the samples (the loop is read again and
-again with new noise of the size that its own samples show), the scatter between repeats where it is larger (of a
-long record: between neighbouring cycles of one amplitude), and the calibration of the channels, whose gain enters
-each reading by a known power. A stiffness is judged by its inverse, which noise leaves nearly normal; where that is
-not clearly above zero, only a lower bound is given.
+again with new noise of the size that its own samples show, which also tells its bias), the scatter between repeats
+where it is larger (of a long record: between neighbouring cycles of one amplitude), and the calibration of the
+channels, whose gain enters each reading by a known power. A stiffness is judged by its inverse, which noise leaves
+nearly normal; where that is not clearly above zero, only a lower bound is given.
 """
 
 from __future__ import annotations
 
 from enum import StrEnum
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,12 @@ from fretflow.recordings.periods import noise_sd, smoothed
 
 Array = NDArray[np.float64]
 
-DRAWS = 150
+MOTION_SHARE = 1.0 / 24.0  # of a period: half-width of the smoothing of the displacement
+DRAWS = 200  # even: each noise is also taken with the other sign, so that its mean is zero
 MOST_DRAWN = 12  # cycle counts that are read with new noise; the others take the nearest one's share
+MOST_REPEATS = 60  # of a cycle count that are read one by one
 SAME_REACH = 0.02  # change of the peak-to-peak displacement between cycles that count as repeats
+ROUNDING = 1e-9  # relative: less is no noise
 CLEAR = 3.0  # standard deviations that a compliance must be above zero
 SHOWN = 0.5  # of the draws in which a reading must be there
 SEED = 20210
@@ -67,7 +71,7 @@ class Estimate:
         """Return the largest source at each cycle count; None where nothing is read."""
         parts = np.stack([self.noise, self.repeats, self.calibration])
         sources = tuple(Source)
-        return tuple(sources[int(np.argmax(part))] if np.isfinite(value) and part.max() > 0.0 else None
+        return tuple(sources[int(np.argmax(part))] if part.max() > ROUNDING * abs(value) else None
                      for part, value in zip(parts.T, self.value, strict=True))
 
 
@@ -110,9 +114,11 @@ def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: floa
     if "normal_force" in loops.channels:
         normal_load_sd = loops.calibration_sd.get("normal_force", 0.0)
     kept = np.flatnonzero(loops.repeats)
-    seen = [_read(loops, int(k), loops.mean("displacement")[k], loops.mean(loops.force_name)[k], load[k]) for k in kept]
+    means = {name: loops.mean(name) for name in ("displacement", loops.force_name)}
+    seen = [_read(loops, int(k), means["displacement"][k], means[loops.force_name][k], load[k]) for k in kept]
     values = {name: _column(seen, name) for name in POWERS}
-    noise = _noise(loops, kept, load, values)
+    bias, noise = _noise(loops, means, kept, load, values)
+    values = {name: values[name] - bias[name] for name in POWERS}
     scatter = _scatter_of_neighbours(loops.cycles[kept], values) if consecutive else _scatter(loops, kept, load, values)
     gains = np.array([loops.calibration_sd.get("displacement", 0.0), loops.calibration_sd.get(loops.force_name, 0.0),
                       normal_load_sd])
@@ -134,36 +140,51 @@ def _read(loops: LoopSet, k: int, x: Array, force: Array, load: float) -> LoopRe
 
 
 def _reading(x: Array, force: Array, load: float) -> LoopReadings:
-    guide = HysteresisLoop(displacement=smoothed(x), force=smoothed(force))
+    guide = HysteresisLoop(displacement=_smooth_motion(x), force=smoothed(force))
     return read_loop(HysteresisLoop(displacement=x, force=force), load if np.isfinite(load) else None, guide)
+
+
+def _smooth_motion(x: Array) -> Array:
+    """Smooth a displacement more than a force: it has no kinks where the friction limit is reached."""
+    return smoothed(x, round(MOTION_SHARE * x.shape[-1]))
 
 
 def _column(seen: list[LoopReadings], name: str) -> Array:
     return np.array([np.nan if (value := getattr(reading, name)) is None else value for reading in seen])
 
 
-def _noise(loops: LoopSet, kept: NDArray[np.int64], load: Array, values: dict[str, Array]) -> dict[str, Array]:
-    """Return the standard deviation of each reading by noise, from reading smooth loops with new noise."""
-    rng = np.random.default_rng(SEED)
+def _noise(loops: LoopSet, means: dict[str, Array], kept: NDArray[np.int64], load: Array,
+           values: dict[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return bias and standard deviation of each reading by noise, from reading smooth loops with new noise."""
+    # Its own draws for each recording, and the same whenever that is read again.
+    rng = np.random.default_rng([SEED, crc32(means["displacement"].tobytes())])
     drawn = np.unique(np.linspace(0, len(kept) - 1, min(MOST_DRAWN, len(kept))).round().astype(int))
-    spread = {name: np.full(len(kept), np.nan) for name in POWERS}
+    bias, spread = ({name: np.full(len(kept), np.nan) for name in POWERS} for _ in range(2))
     for place in drawn:
         k = int(kept[place])
-        channels = []
-        for name in ("displacement", loops.force_name):
-            each = loops.channels[name][k, loops.usable[k]]
-            size = loops.sd.get(name) or float(np.sqrt(np.mean(noise_sd(each) ** 2)))
-            channels.append((smoothed(loops.mean(name)[k]), size / np.sqrt(len(each))))
+        smooth = [_smooth_motion(means["displacement"][k]), smoothed(means[loops.force_name][k])]
+        size = [_noise_of_mean(loops, name, k) for name in means]
+        noisy = any(s > ROUNDING * np.ptp(mean) for s, mean in zip(size, smooth, strict=True))
         draws = []
-        for _ in range(DRAWS if any(size > 0.0 for _, size in channels) else 0):
-            x, force = (mean + size * rng.standard_normal(len(mean)) for mean, size in channels)
-            draws.append(_reading(x, force, load[k]))
+        for _ in range(DRAWS // 2 if noisy else 0):
+            noise = [s * rng.standard_normal(len(mean)) for mean, s in zip(smooth, size, strict=True)]
+            draws += [_reading(smooth[0] + turn * noise[0], smooth[1] + turn * noise[1], load[k]) for turn in (1, -1)]
+        base = _reading(smooth[0], smooth[1], load[k])
         for name in POWERS:
             column = _column(draws, name)
-            known = np.isfinite(column)
-            spread[name][place] = np.std(column[known]) if known.sum() > SHOWN * DRAWS else (
-                np.nan if draws else 0.0)
-    return {name: _spread_to_all(spread[name], drawn, values[name]) for name in POWERS}
+            there = column[np.isfinite(column)]
+            enough = len(there) > SHOWN * DRAWS
+            spread[name][place] = there.std(ddof=1) if enough else (np.nan if noisy else 0.0)
+            bias[name][place] = there.mean() - _column([base], name)[0] if enough else 0.0
+    return ({name: _spread_to_all(np.nan_to_num(bias[name]), drawn, values[name]) for name in POWERS},
+            {name: _spread_to_all(spread[name], drawn, values[name]) for name in POWERS})
+
+
+def _noise_of_mean(loops: LoopSet, name: str, k: int) -> float:
+    """Return the noise of a channel's mean over the repeats: as the recording gives it, or as its samples show."""
+    each = loops.channels[name][k, loops.usable[k]]
+    one = loops.sd.get(name) or float(np.sqrt(np.mean(noise_sd(each) ** 2)))
+    return one / float(np.sqrt(len(each)))
 
 
 def _spread_to_all(spread: Array, drawn: NDArray[np.int64], values: Array) -> Array:
@@ -185,8 +206,9 @@ def _scatter(loops: LoopSet, kept: NDArray[np.int64], load: Array, values: dict[
     for place, k in enumerate(kept):
         if repeats[place] < 2:
             continue
-        each = [_read(loops, int(k), x, force, load[k]) for x, force in zip(
-            loops.displacement[k, loops.usable[k]], loops.force[k, loops.usable[k]], strict=True)]
+        usable = np.flatnonzero(loops.usable[k])
+        some = usable[np.linspace(0, len(usable) - 1, min(MOST_REPEATS, len(usable))).round().astype(int)]
+        each = [_read(loops, int(k), loops.displacement[k, r], loops.force[k, r], load[k]) for r in some]
         for name in POWERS:
             column = _column(each, name)
             if np.all(np.isfinite(column)) and values[name][place] != 0.0:

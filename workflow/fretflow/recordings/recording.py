@@ -16,7 +16,7 @@ from fretflow.recordings.blocks import Columns, read_columns
 from fretflow.recordings.cleaning import clean_loops
 from fretflow.recordings.loopset import LoopSet, Series, frozen_arrays
 from fretflow.recordings.notes import Note, row_ranges
-from fretflow.recordings.plausibility import check_file, check_loops, check_motion
+from fretflow.recordings.plausibility import check_file, check_loops, check_motion, check_wear
 from fretflow.recordings.schema import (
     FILE,
     Block,
@@ -109,6 +109,8 @@ def read_recording(path: Path) -> Recording:
         if block is not None:
             tables[name], found = _points(read_columns(name, block, folder))
             notes += found
+    if (depth := tables["wear_depth"]) is not None:
+        check_wear(toml, file.wear.worn_volume, depth.channels)
     return Recording(
         path=path, title=file.title or path.stem, test=test, rig=file.rig, specimen=file.specimen, given=file.given(),
         wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)

@@ -14,7 +14,7 @@ from fretflow.recordings import periods as p
 from fretflow.recordings.blocks import Columns
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.notes import Note, row_ranges
-from fretflow.recordings.stretches import SHORTEST, UNEVEN
+from fretflow.recordings.stretches import GAP, SHORTEST
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def _gaps(block: str, time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.
     steps = np.diff(time)
     step = float(np.median(steps))
     far = np.zeros(len(time), dtype=bool)
-    gaps = np.flatnonzero(steps > (1.0 + 5.0 * UNEVEN) * step)
+    gaps = np.flatnonzero(steps > GAP * step)
     long = gaps[steps[gaps] > (BRIDGED + 1.5) * step]
     far[long], far[long + 1] = True, True
     notes: tuple[Note, ...] = ()

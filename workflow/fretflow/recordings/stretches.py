@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 SHORTEST = 16  # samples a period
 LONGEST_HOLE = 0.05  # of a period that is bridged
 UNEVEN = 0.1  # of the sampling interval
+GAP = 1.8  # sampling intervals
 MOST_MISSING = 0.2  # of the samples of a stretch
 DRIFT_SIGNIFICANCE = 4.0  # standard deviations
 LEAST_DRIFT = 1e-6  # of the range: less is rounding
@@ -144,7 +145,7 @@ def _turns(rows: NDArray[np.int64], time: Array | None, values: Array, reference
     if not np.isfinite(frequency):
         frequency = 1.0 / (time[-1] - time[0] + step)
     steps = np.diff(time)
-    gaps = steps > (1.0 + 5.0 * UNEVEN) * step
+    gaps = steps > GAP * step
     if np.any(gaps):
         notes.add("follow gaps in time, bridged where they are short", "time", rows[1:][gaps])
     elif np.any(np.abs(steps - step) > UNEVEN * step):
@@ -246,11 +247,9 @@ def _drift(turns: Array, values: Array, periods: int, interval: float) -> Array 
         if abs(jump) <= max(DRIFT_SIGNIFICANCE * sd, least):
             return None
         return np.asarray(jump * (turns - turns.mean()))
-    period = np.minimum(turns.astype(int), periods - 1)
-    counts = np.bincount(period, minlength=periods)
-    means = np.bincount(period, values, periods) / np.maximum(counts, 1)
-    noise = float(p.noise_sd(values)) / np.sqrt(counts.min() or 1)
-    if not np.all(counts) or np.ptp(means) <= max((DRIFT_SIGNIFICANCE + np.log10(periods)) * noise, least):
+    means = p.period_means(turns, values, periods)
+    noise = float(p.noise_sd(values)) / np.sqrt(len(turns) / periods)
+    if np.ptp(means) <= max(2.0 * (DRIFT_SIGNIFICANCE + np.log10(periods) / 4.0) * noise, least):
         return None
     centres = np.arange(periods) + 0.5
     line = np.interp(turns, centres, means)

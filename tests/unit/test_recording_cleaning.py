@@ -1,0 +1,281 @@
+"""Raw signals as people record them.
+
+What carries the weight: the loop is a spring and slider in closed form at every instant, so that after cleaning
+each sample can be compared with what it should be, and each reading with its formula; every change is noted with
+the rows it concerns.
+"""
+
+import numpy as np
+import pytest
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.recordings import periods
+from fretflow.recordings.readings import read_recorded_loops
+from fretflow.recordings.recording import read_recording
+from fretflow.recordings.series import loops_of_series
+
+LEAD = 0.3
+
+
+def readings(loops):
+    return read_recorded_loops(loops, np.full(len(loops.cycles), 60.0))
+
+
+def assert_readings(loops, exact, mu=1e-3, stiffness=5e-3, lengths=1e-3):
+    """Compare the readings at every cycle count with the closed form, within relative tolerances."""
+    seen = readings(loops)
+    for name, tolerance in (("friction_coefficient", mu), ("tangential_stiffness", stiffness),
+                            ("sliding_distance", lengths), ("dissipated_energy", lengths), ("peak_to_peak", lengths)):
+        if tolerance is not None:
+            assert getattr(seen, name).value == pytest.approx(exact()[name], rel=tolerance, abs=0.0), name
+
+
+def notes_about(recording, words):
+    return [note for note in recording.notes if words in note.text]
+
+
+def test_even_samples_are_kept_as_they_are(tmp_path, make):
+    made = make(cycles=(0, 50, 1000), repeats=3, noise=(3e-8, 0.3))
+    loops = read_recording(made.write(tmp_path)).loops
+    assert loops.cycles.tolist() == [0, 50, 1000]
+    assert loops.aligned_to == "excitation"
+    # The excitation leads by 0.3 turns: its maximum is 140 of 200 samples after the start.
+    first = made.columns["displacement"].reshape(3, 3, 200)
+    assert np.roll(first, 60, axis=2) == pytest.approx(loops.displacement, rel=1e-9, abs=1e-18)
+    assert loops.phase[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_samples_between_grid_points_are_kept_too(tmp_path, make):
+    made = make(starts=[0.31 / 200] * 4)
+    loops = read_recording(made.write(tmp_path)).loops
+    assert np.sort(loops.displacement[0, 0]) == pytest.approx(np.sort(made.columns["displacement"][:200]), rel=1e-9)
+    assert loops.phase[0] == pytest.approx(2.0 * np.pi * 0.31 / 200, rel=1e-6)
+
+
+@pytest.mark.parametrize("excitation", [True, False])
+def test_trigger_jitter_is_taken_out(tmp_path, make, exact, spring_slider, excitation):
+    starts = np.random.default_rng(3).uniform(0.0, 1.0, 12)
+    recording = read_recording(make(repeats=6, starts=starts, excitation=excitation).write(tmp_path))
+    loops = recording.loops
+    turns = loops.phase / (2.0 * np.pi) - (LEAD if excitation else 0.0)
+    x, force = spring_slider(turns)
+    assert loops.displacement == pytest.approx(np.broadcast_to(x, (2, 6, 200)), abs=8e-6 * 1e-4)
+    assert np.abs(loops.force - force).max() < 0.012 * 36.0  # at a kink between two samples
+    assert_readings(loops, exact)
+    assert notes_about(recording, "common phase grid")[0].rows == ((1, 2400),)
+
+
+def test_offset_stays_and_does_not_matter(tmp_path, make, exact):
+    made = make()
+    made.columns["displacement"] += 3e-6
+    made.columns["friction_force"] -= 4.0
+    loops = read_recording(made.write(tmp_path)).loops
+    assert loops.displacement.mean() == pytest.approx(3e-6, rel=1e-6, abs=0.0)
+    assert loops.force.mean() == pytest.approx(-4.0, rel=1e-6)
+    assert_readings(loops, exact)
+
+
+@pytest.mark.parametrize("drift", [0.02, 0.1])
+def test_drift_within_one_period_is_closed(tmp_path, make, exact, drift):
+    made = make()
+    made.columns["friction_force"] += drift * 72.0 * 100.0 * made.columns["time"]
+    made.columns["displacement"] -= drift * 16e-6 * 100.0 * made.columns["time"]
+    recording = read_recording(made.write(tmp_path))
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=4e-3)
+    assert {note.channel for note in notes_about(recording, "drift removed")} == {"displacement", "friction_force"}
+
+
+def test_slow_drift_over_several_periods_is_removed(tmp_path, make, exact):
+    made = make(periods=8, repeats=1)
+    time = made.columns["time"]
+    made.columns["friction_force"] += 7.0 * np.sin(2.0 * np.pi * time / 0.5)
+    recording = read_recording(made.write(tmp_path))
+    assert recording.loops.force.shape == (2, 8, 200)
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=2e-3)
+    assert [note.channel for note in notes_about(recording, "drift removed")] == ["friction_force"]
+
+
+def test_no_drift_is_seen_in_noise(tmp_path, make):
+    noisy = make(cycles=tuple(range(15)), repeats=3, noise=(1e-7, 0.5))
+    assert not notes_about(read_recording(noisy.write(tmp_path / "a")), "drift")
+    long = make(cycles=(0,), repeats=1, periods=50, noise=(1e-7, 0.5))
+    assert not notes_about(read_recording(long.write(tmp_path / "b")), "drift")
+
+
+@pytest.mark.parametrize("samples", [27.3, 200.0, 333.7])
+def test_record_of_several_periods_is_cut_into_repeats(tmp_path, make, exact, samples):
+    made = make(samples=samples, periods=7.4, repeats=1)
+    recording = read_recording(made.write(tmp_path))
+    assert recording.loops.force.shape == (2, 7, round(samples))
+    coarse = 200.0 / min(samples, 200.0)
+    stiffness = 5e-3 if samples > 100.0 else None  # three samples of a stick portion are none to fit
+    assert_readings(recording.loops, exact, mu=1e-3 * coarse, stiffness=stiffness, lengths=1.5e-3 * coarse)
+    left = notes_about(recording, "no whole period")[0]
+    assert left.rows[0][1] == round(samples * 7.4)
+
+
+def test_frequency_a_little_off_is_found(tmp_path, make, exact):
+    made = make(periods=30, repeats=1, frequency=100.4, cycles=(0,))
+    recording = read_recording(made.write(tmp_path))
+    assert_readings(recording.loops, exact, lengths=2e-3)
+    assert notes_about(recording, "by which the signal comes back")
+
+
+def test_wrong_frequency_is_a_contradiction(tmp_path, make):
+    made = make(periods=10, repeats=1, frequency=80.0)
+    with pytest.raises(UnreliableRecordingError, match=r"periods come at 80\.?\d* Hz where 100 Hz are stated"):
+        read_recording(made.write(tmp_path))
+
+
+def test_missing_samples_are_filled_and_named(tmp_path, make, exact):
+    made = make()
+    made.columns["friction_force"][[30, 31, 32, 333]] = np.nan
+    made.columns["displacement"][500] = np.inf
+    recording = read_recording(made.write(tmp_path))
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=2e-3)
+    filled = {note.channel: note.rows for note in notes_about(recording, "filled by interpolation")}
+    assert filled == {"friction_force": ((31, 33), (334, 334)), "displacement": ((501, 501),)}
+
+
+def test_loop_with_a_long_hole_is_left_out(tmp_path, make, exact):
+    made = make()
+    made.columns["friction_force"][20:60] = np.nan
+    recording = read_recording(made.write(tmp_path))
+    assert recording.loops.repeats.tolist() == [1, 2]
+    assert np.isnan(recording.loops.force[0, 1]).all()
+    assert_readings(recording.loops, exact)
+    assert notes_about(recording, "loop left out: friction_force: more than 5%")[0].rows == ((1, 200),)
+
+
+def test_period_with_a_hole_is_left_out_and_its_neighbours_stay(tmp_path, make, exact):
+    made = make(periods=5, repeats=1)
+    made.columns["friction_force"][420:460] = np.nan
+    recording = read_recording(made.write(tmp_path))
+    assert recording.loops.repeats.tolist() == [4, 5]
+    assert notes_about(recording, "period left out")[0].rows == ((401, 600),)
+    assert_readings(recording.loops, exact)
+
+
+def test_gap_in_time_is_bridged_or_refused(tmp_path, make, exact):
+    made = make()
+    made.columns = {name: np.delete(values, np.r_[40:44]) for name, values in made.columns.items()}
+    recording = read_recording(made.write(tmp_path / "short"))
+    assert notes_about(recording, "follow gaps in time")[0].rows == ((41, 41),)
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
+    made.columns = {name: np.delete(values, np.r_[40:70]) for name, values in made.columns.items()}
+    recording = read_recording(made.write(tmp_path / "long"))
+    assert notes_about(recording, "5% of a period is missing in one place")[0].rows == ((1, 166),)
+
+
+def test_uneven_sampling(tmp_path, make, exact, spring_slider):
+    made = make()
+    rng = np.random.default_rng(5)
+    time = made.columns["time"] + np.tile(rng.uniform(-1.5e-5, 1.5e-5, 200), 4)
+    x, force = spring_slider(100.0 * time)
+    made.columns.update(time=time, displacement=x, friction_force=force,
+                        excitation=50.0 * np.cos(2.0 * np.pi * (100.0 * time + LEAD)))
+    recording = read_recording(made.write(tmp_path))
+    assert notes_about(recording, "sampled unevenly")
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
+
+
+def test_last_loop_cut_off(tmp_path, make):
+    made = make()
+    made.columns = {name: values[:-80] for name, values in made.columns.items()}
+    recording = read_recording(made.write(tmp_path))
+    assert recording.loops.repeats.tolist() == [2, 1]
+    assert notes_about(recording, "60% of a period")[0].rows == ((601, 720),)
+
+
+@pytest.mark.parametrize(("spoil", "message"), [
+    (lambda c: c.update(friction_force=-c["friction_force"]), "sign of one channel is reversed, or .* swapped"),
+    (lambda c: c.update(displacement=c["friction_force"] * 1e-7, friction_force=c["displacement"] * 1e7),
+     "rows 1-800: loops run the wrong way round"),
+    (lambda c: c.update(displacement=0.0 * c["displacement"]), "displacement: it never changes"),
+    (lambda c: c.update(displacement=1e6 * c["displacement"]), r"16 m peak to peak is beyond fretting-rig"),
+    (lambda c: c.update(friction_force=1e3 * c["friction_force"]), "600 times the normal load"),
+    (lambda c: c.update(excitation=1e3 * c["excitation"]), "50 kN was measured where excitation_amplitude says 50 N"),
+    (lambda c: c.update(time=c["time"][::-1].copy()), "time does not grow at row 2"),
+    (lambda c: c.update(repeat=0.0 * c["repeat"]), "time does not grow at row 201"),
+    (lambda c: c.update(friction_force=np.nan * c["time"]), "friction_force: it holds no number"),
+    (lambda c: c.update(time=1e3 * c["time"]), "no loop is usable; row"),
+    (lambda c: c.update(cycle=1e6 + c["cycle"]), "goes up to 1001000, but test.cycles is 100000"),
+    (lambda c: c.update(cycle=0.5 + c["cycle"]), "cycle, rows 1-800: must be a whole number"),
+])
+def test_damage_that_leaves_nothing(tmp_path, make, spoil, message):
+    made = make()
+    spoil(made.columns)
+    folder = made.write(tmp_path)
+    if "cycle" in message and "whole" in message:
+        text = (folder / "loops.csv").read_text().replace("\n0,", "\n0.5,").replace("\n1000,", "\n1000.5,")
+        (folder / "loops.csv").write_text(text)
+    if "time" in message and "no loop" in message:
+        message = r"time: periods come at|no loop is usable"
+    with pytest.raises(UnreliableRecordingError, match=message) as caught:
+        read_recording(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_spoilt_loop_does_not_stop_the_others(tmp_path, make, exact):
+    made = make(repeats=3)
+    made.columns["displacement"][200:400] = 1e-6
+    made.columns["friction_force"][800:1000] *= -1.0
+    recording = read_recording(made.write(tmp_path))
+    assert recording.loops.repeats.tolist() == [2, 2]
+    assert notes_about(recording, "never changes")[0].rows == ((201, 400),)
+    assert notes_about(recording, "wrong way round")[0].rows == ((801, 1000),)
+    assert_readings(recording.loops, exact)
+
+
+def test_one_cycle_count_without_repeats_is_told(tmp_path, make):
+    recording = read_recording(make(cycles=(7,), repeats=1).write(tmp_path))
+    assert notes_about(recording, "one cycle count only")
+    assert notes_about(recording, "no repeats")
+
+
+def test_series_is_cut_at_the_middle_of_its_displacement(tmp_path, make, exact):
+    made = make(cycles=(0,), repeats=1, periods=6.2, starts=[0.4], excitation=False, noise=(2e-8, 0.05))
+    del made.columns["cycle"], made.columns["repeat"]
+    made.columns["displacement"] += 5e-6 + 5e-6 * made.columns["time"]
+    made.columns["friction_force"][[250, 251]] = np.nan
+    recording = read_recording(made.write(tmp_path, block="series"))
+    loops, notes = loops_of_series(recording.series)
+    assert loops.cycles.tolist() == [1, 2, 3, 4, 5]
+    assert loops.frequency == pytest.approx(np.full(5, 100.0), rel=5e-3)
+    assert_readings(loops, exact, mu=4e-3, stiffness=3e-2, lengths=1e-2)
+    assert notes_about(recording, "filled")[0].rows == ((251, 252),)
+    assert any("no whole cycle" in note.text for note in notes)
+
+
+def test_series_cycle_with_a_long_hole_is_left_out(tmp_path, make):
+    made = make(cycles=(0,), repeats=1, periods=6.2, excitation=False)
+    del made.columns["cycle"], made.columns["repeat"]
+    made.columns["friction_force"][450:480] = np.nan
+    recording = read_recording(made.write(tmp_path, block="series"))
+    loops, notes = loops_of_series(recording.series)
+    assert loops.cycles.tolist() == [1, 3, 4, 5]
+    assert any("cycles left out" in note.text for note in notes)
+
+
+@pytest.mark.parametrize("half_width", [2, 3, 6, 15])
+def test_smoothing_leaves_parabolas_and_shifts_a_kink_as_derived(half_width):
+    j = np.arange(400.0)
+    ramp = 3.0 - 0.2 * j + 0.01 * j * j
+    inside = slice(half_width, -half_width)
+    assert periods.smoothed(ramp, half_width)[inside] == pytest.approx(ramp[inside], rel=1e-12)
+    slope = 0.7
+    kink = slope * np.maximum(0.0, j - 200.0)
+    shift = periods.smoothed(kink, half_width) - kink
+    m = half_width
+    closed = slope * 3.0 * m * (m + 1) * (m + 2) * (m - 1) / 4.0 / ((2 * m - 1) * (2 * m + 1) * (2 * m + 3))
+    assert shift[200] == pytest.approx(closed, rel=1e-9)
+    assert slope * periods.kink_bias(half_width) == pytest.approx(closed, rel=1e-12)
+    far = np.abs(j - 200.0) >= half_width
+    assert np.abs(shift[far][half_width:-half_width]).max() < 1e-9
+
+
+def test_noise_is_measured_beside_kinks_and_jumps(spring_slider):
+    rng = np.random.default_rng(4)
+    turns = np.arange(200) / 200
+    for stiffness in (20e6, 1e12):
+        loops = spring_slider(turns, stiffness=stiffness)[1] + 0.5 * rng.standard_normal((400, 200))
+        assert periods.noise_sd(loops).mean() == pytest.approx(0.5, rel=0.04)
