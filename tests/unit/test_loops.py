@@ -117,3 +117,24 @@ def test_load_must_be_positive():
     x, force = jenkins_loop()
     with pytest.raises(InputError, match="normal_load"):
         read_loop(HysteresisLoop(displacement=x, force=force), 0.0)
+
+
+def test_reversal_of_a_motion_that_rests_while_the_force_turns():
+    rng = np.random.default_rng(5)
+    # The faces stay for a fifth of a period at each end, but for the spring of 300 N/um under 20 N.
+    ramp, limit, stiffness = np.linspace(-1.0, 1.0, 40, endpoint=False), 10.0, 300e6
+    slide = 5e-6 * np.cos(np.linspace(0.0, np.pi, 60, endpoint=False))
+    x = np.r_[slide, -5e-6 + limit / stiffness * (1.0 + ramp)]
+    x, force = np.r_[x, -x - (x[-1] + x[0])], np.r_[np.full(60, -limit), limit * ramp]
+    force = np.r_[force, -force]
+    x -= 0.5 * (x.max() + x.min())
+    guide = HysteresisLoop(displacement=x, force=force)
+    compliances = []
+    for draw in range(60):
+        noise = rng.standard_normal((2, 200))
+        loop = HysteresisLoop(displacement=x + 3e-8 * noise[0], force=force + 0.1 * noise[1])
+        seen = read_loop(loop, LOAD, guide if draw % 2 else None)
+        assert seen.friction_limit == pytest.approx(limit, rel=0.01)
+        assert seen.tangential_compliance is not None
+        compliances.append(seen.tangential_compliance)
+    assert np.mean(compliances) == pytest.approx(1.0 / stiffness, rel=0.15, abs=0.0)
