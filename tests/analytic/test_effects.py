@@ -113,7 +113,8 @@ def test_derivatives_are_those_of_central_differences(name, parameter):
     step = 1e-4 * max(abs(getattr(effect, parameter)), 0.01 * abs(effect.priors()[parameter].high))
     both = []
     for sign in (-1.0, 1.0):
-        varied = EffectModel.build(baseline(), [effect.changed(**{parameter: getattr(effect, parameter) + sign * step})])
+        changed = effect.changed(**{parameter: getattr(effect, parameter) + sign * step})
+        varied = EffectModel.build(baseline(), [changed])
         both.append(SOLVER.solve(varied.problem(slow), found))
     for part, own in (("rig_displacement", exact.rig_displacement[0]), ("friction_force", exact.friction_force[0])):
         difference = (getattr(both[1], part) - getattr(both[0], part)) / (2.0 * step)
@@ -132,7 +133,7 @@ def test_any_two_work_together_or_say_why_not(first):
     for second in (b for a, b in pairs() if a == first):
         effects = [modest(catalogue()[name]) for name in (first, second)]
         if second in effects[0].excludes or first in effects[1].excludes:
-            with pytest.raises(ConfigError, match="do not work together: .+"):
+            with pytest.raises(ConfigError, match=r"do not work together: .+"):
                 EffectModel.build(baseline(), effects)
             continue
         one, other = EffectModel.build(baseline(), effects), EffectModel.build(baseline(), effects[::-1])

@@ -28,6 +28,7 @@ from fretflow.effects.viscous import Viscous
 from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import QuasiStaticSolver, press
+from fretflow.harmonic.time_integration import settle
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
 
@@ -119,6 +120,18 @@ def test_integration_in_time_stays_with_the_period(name):
         assert parted > 0.015
 
 
+@pytest.mark.parametrize("name", ["velocity", "coupling", "support", "drive"])
+def test_the_check_of_runs_knows_effects(name):
+    effect, _ = CASES[name]
+    model = EffectModel.build(one_node(), [effect])
+    problem = model.problem(model.initial())
+    found = SOLVER.solve(problem)
+    history = settle(problem, found, (2, 2), 2 * SAMPLES, 0.0)
+    assert history.sliding_distance[-1] == pytest.approx(np.ptp(found.displacement[:, 0, 0]), rel=1e-3)
+    force = history.of_period(history.friction_force)[::2]
+    assert np.sqrt(np.mean((force - found.friction_force)**2)) < 1e-3 * np.ptp(force)
+
+
 def test_a_tilted_bed_of_springs_is_pressed_linearly():
     """On springs that do not know each other the pressure is linear, and zero where the tilt would pull."""
     problem = one_node(nodes=11)
@@ -153,7 +166,8 @@ def test_asperities_integrate_their_power_law(exponent):
     law = Asperities(stiffness=5e13, exponent=exponent, ratio=1.2, reference_pressure=60e6)
     pressure = np.linspace(0.0, 200e6, 100_001)
     stiffness = 5e13 * np.maximum(pressure / 60e6, 0.01)**exponent
-    expected = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / stiffness[1:] + 1.0 / stiffness[:-1]) * np.diff(pressure))])
+    slices = 0.5 * (1.0 / stiffness[1:] + 1.0 / stiffness[:-1]) * np.diff(pressure)
+    expected = np.concatenate([[0.0], np.cumsum(slices)])
     assert law.compression(pressure) == pytest.approx(expected, rel=1e-6, abs=1e-15)
 
 

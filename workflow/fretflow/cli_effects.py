@@ -76,7 +76,7 @@ def _parameters(kind: type[Effect]) -> object:
     priors = kind.priors()
     for entry in entries(kind()):
         prior = priors.get(entry.key)
-        span = "" if prior is None else " to ".join(format_quantity(value, entry.unit, 3) if entry.unit else f"{value:g}"
-                                                    for value in (prior.low, prior.high))
+        ends = () if prior is None else (prior.low, prior.high)
+        span = " to ".join(format_quantity(end, entry.unit, 3) if entry.unit else f"{end:g}" for end in ends)
         view.add_row(entry.key, escape(entry.readable), span, entry.meaning, "" if prior is None else prior.source)
     return view

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Space:
         for coordinate, at in zip(self.coordinates, z, strict=True):
             values[coordinate.effect][coordinate.field] = coordinate.value(float(at))
         built = tuple(catalogue()[name]().changed(**values[name]) for name in self.effects)
-        return replace(Hypothesis(effects=built), **values[""])
+        return Hypothesis(effects=built, **values[""])
 
     def beside(self, z: Array, step: float) -> list[Hypothesis]:
         """Return the hypotheses one step further along each coordinate, inward where a limit is near."""

@@ -95,7 +95,10 @@ def declared_priors(section: type[Section]) -> dict[str, Prior]:
 
 
 def parameter_limits(section: type[Section], field: str) -> tuple[float, float]:
-    """Return the limits of a declared parameter, infinite where it has none; an excluded end is kept clear of by a billionth of its range."""
+    """Return the limits of a declared parameter, infinite where it has none.
+
+    An excluded end is kept clear of by a billionth of the range.
+    """
     prior, marks = declared_priors(section)[field], section.model_fields[field].metadata
     clear = 1e-9 * (prior.high - prior.low)
     low, high = -np.inf if u.smallest(marks) is None else clear, np.inf

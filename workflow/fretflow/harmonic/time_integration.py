@@ -12,6 +12,8 @@ There the rig gives the arm's position as ``q_x = alpha + beta f_x``, so that th
 series: with flexibility ``G + beta B_x B_x^T`` and the position alpha, a step is one sample of `contact_sample`.
 
 A friction force that jumps within a step costs an order, so a step in which the arm turns is made in small parts.
+Further forces on the rig, and a load or friction that follow the motion, are those of the motion that is extrapolated
+from the step before.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from scipy.linalg import cho_factor, cho_solve
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.harmonic.contact_march import ContactMarch
-from fretflow.harmonic.contact_sample import STICK, Array, ContactSystem, SampleSolver, SampleState
+from fretflow.harmonic.contact_sample import STICK, Array, ContactSystem, Instant, SampleSolver, SampleState
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.rig.joint import QuasiStaticJoint
 
@@ -189,7 +191,9 @@ class _Step:
     def __init__(self, problem: PeriodicProblem, joint: QuasiStaticJoint, size: float) -> None:
         rig, h = joint.rig, size
         self.size, self.mass, self.damping = size, rig.mass, rig.damping
-        self.omega, self.excitation = problem.omega, problem.excitation
+        self.omega, self.drive = problem.omega, ((1, complex(problem.excitation)), *problem.overtones)
+        self.forces = problem.rig_forces
+        self.load, self.load_slope, self.factors = problem.normal_load, problem.load_slope, problem.motion_factors
         self.inertia = (1.0 - M) / (1.0 - L) / (B * h**2)  # d w1 / d x1
         self.flexibility = np.linalg.inv(self.inertia * rig.mass + G / (B * h) * rig.damping + rig.stiffness)
         self.response = self.flexibility[:, 1]
@@ -214,9 +218,12 @@ class _Step:
         drift = rig.v + (1.0 - G) * h * rig.a  # v1 - g h a1
         kept = (M * rig.a - L * rig.w) / (1.0 - L)
         load = self.mass @ (self.inertia * ahead - kept) + self.damping @ (G / (B * h) * ahead - drift)
-        load[0] += self.excitation * np.cos(self.omega * (time + h))
+        load[0] += sum((force * np.exp(1j * order * self.omega * (time + h))).real for order, force in self.drive)
+        x1, v1 = (rig.x + h * rig.v + 0.5 * h**2 * rig.a)[None], (rig.v + h * rig.a)[None]
+        for force in self.forces:
+            load += force(x1, v1).force[0]
         free = self.flexibility @ load
-        contact = self._press(float(free[1]), float(rig.x[1]), now)
+        contact = self._press(float(free[1]), float(rig.x[1]), now, self._instant(x1[:, 1], v1[:, 1]))
         n = len(contact.state)
         x = free + self.response * contact.force[:n].sum()
         a = (x - ahead) / (B * h**2)
@@ -224,7 +231,12 @@ class _Step:
         return _Joint(_Rig(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
                       now.work - float(contact.force[:2 * n] @ slid))
 
-    def _press(self, free: float, arm: float, now: _Joint) -> SampleState:
+    def _instant(self, position: Array, velocity: Array) -> Instant:
+        """Return load and friction factor at a position and velocity (1,) of the arm."""
+        grip = float(np.prod([factor(position, velocity).factor[0] for factor in self.factors]))
+        return Instant(self.load + self.load_slope * float(position[0]), grip)
+
+    def _press(self, free: float, arm: float, now: _Joint, instant: Instant) -> SampleState:
         """Return the contact when the arm would, without friction, go from `arm` to `free`, in m."""
         last = now.contact
         # a rigid contact knows its force no better than its stiffness times the round-off of displacements
@@ -236,7 +248,7 @@ class _Step:
             guess = _carried_on(last, self.before)
         self.before = last
         held = arm - self.response[1] * now.friction  # here the contact would stay as it is
-        return self.solver.solve(free, last.displacement, guess, held)
+        return self.solver.solve(free, last.displacement, guess, held, instant)
 
 
 def _carried_on(now: SampleState, earlier: SampleState) -> SampleState:
@@ -267,6 +279,9 @@ def _at_phase_zero(problem: PeriodicProblem, joint: QuasiStaticJoint, start: Per
 def _begin(problem: PeriodicProblem, joint: QuasiStaticJoint, motion: Array, contact: SampleState) -> _Joint:
     """Return the joint with the rig's displacement and velocity (2, 2) and accelerations from the balance of forces."""
     (x, v), rig = motion, joint.rig
-    load = np.array([problem.excitation, contact.force[:len(contact.state)].sum()])
+    drive = problem.excitation + sum(force.real for _, force in problem.overtones)
+    load = np.array([drive, contact.force[:len(contact.state)].sum()])
+    for force in problem.rig_forces:
+        load += force(x[None], v[None]).force[0]
     acceleration = (load - rig.damping @ v - rig.stiffness @ x) / rig.mass.diagonal()
     return _Joint(_Rig(x, v, acceleration, acceleration), contact)
