@@ -215,6 +215,24 @@ def test_damage_that_leaves_nothing(tmp_path, make, spoil, message):
     assert "\n" not in str(caught.value)
 
 
+def test_rows_without_a_cycle_are_left_out(tmp_path, make, exact):
+    folder = make().write(tmp_path)
+    lines = (folder / "loops.csv").read_text().splitlines()
+    lines[5] = lines[5].replace("0,0,", ",0,", 1)
+    (folder / "loops.csv").write_text("\n".join(lines) + "\n")
+    recording = read_recording(folder)
+    assert notes_about(recording, "row left out")[0].rows == ((5, 5),)
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
+
+
+def test_impossible_numbers_are_missing_ones(tmp_path, make, exact):
+    made = make()
+    made.columns["friction_force"][77] = 1e300
+    recording = read_recording(made.write(tmp_path))
+    assert notes_about(recording, "beyond 1e+15")[0].rows == ((78, 78),)
+    assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=2e-3)
+
+
 def test_one_spoilt_loop_does_not_stop_the_others(tmp_path, make, exact):
     made = make(repeats=3)
     made.columns["displacement"][200:400] = 1e-6

@@ -37,6 +37,7 @@ QUANTITIES = {
 HEADINGS = ("friction coefficient", "friction limit", "tangential stiffness", "energy per cycle", "sliding distance",
             "peak to peak")
 MOST_ROWS = 40
+WIDE = 104  # characters of a terminal in which a value and its deviation stand side by side
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ def show_loops(path: Path, options: Mapping[str, str | None], normal_load: str |
     console = Console(highlight=False)
     console.print(escape(recording.title))
     for found in sets:
-        console.print(_lumped_table(found) if recording.kind is TestKind.LUMPED else _table(found))
+        console.print(_lumped_table(found) if recording.kind is TestKind.LUMPED else _table(
+            found, "" if console.width >= WIDE else "\n"))
     _print_notes(console, notes)
     home = out / f"{name_of(path)}-loops"
     home.mkdir(parents=True, exist_ok=True)
@@ -159,7 +161,7 @@ def _read(recording: Recording, load: float | None) -> tuple[list[Read], tuple[N
     return sets, notes
 
 
-def _table(found: Read) -> Table:
+def _table(found: Read, between: str) -> Table:
     readings = found.readings
     shown = {name: heading for name, heading in zip(QUANTITIES, HEADINGS, strict=True) if np.isfinite(
         getattr(readings, name).value).any()}
@@ -179,7 +181,8 @@ def _table(found: Read) -> Table:
         *(heading for heading in ends if heading not in same))
     rows = range(len(readings.cycles))
     for k in rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS // 2], *rows[-MOST_ROWS // 2:]]:
-        view.add_row(f"{readings.cycles[k]:_}", *(_cell(readings, name, k, scales[name][1]) for name in shown),
+        view.add_row(f"{readings.cycles[k]:_}", *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
+                                                    for name in shown),
                      *(cells[k] for heading, cells in ends.items() if heading not in same))
     if len(rows) > MOST_ROWS:
         view.caption = f"the first and last of {len(rows)}; the CSV has all"

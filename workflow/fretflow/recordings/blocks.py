@@ -15,6 +15,9 @@ from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.schema import Block, DisplacementOf, LoopsBlock
 from fretflow.recordings.tables import Array, Table, read_table
 
+LARGEST = 1e15  # in any unit; what is beyond was never measured
+MOST_LOST = 0.2  # of the rows, whose index may be missing
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -40,21 +43,22 @@ class Columns:
         return tuple(name for name in self.values if name not in (*INDICES, "time"))
 
     def index(self, name: str) -> NDArray[np.int64]:
-        """Return the whole numbers of channel `name`, all zero without it.
+        """Return the whole numbers of channel `name`, all zero without it; -1 where there is none in a few rows.
 
         Raises
         ------
         UnreliableRecordingError
-            If one is missing or no whole number, naming its rows.
+            If many are missing or no whole number, naming the rows.
         """
         values = self.values.get(name)
         if values is None:
             return np.zeros(self.rows, dtype=np.int64)
-        bad = np.flatnonzero(~(np.isfinite(values) & (values == np.round(values)) & (values >= 0.0)))
-        if bad.size:
-            raise UnreliableRecordingError(f"{self.path}: {name}, {rows_in_words(row_ranges(bad))}: must be a whole "
-                                           "number from 0; repair or remove these rows")
-        return values.astype(np.int64)
+        good = np.isfinite(values) & (values == np.round(values)) & (values >= 0.0)
+        if np.mean(good) < 1.0 - MOST_LOST:
+            raise UnreliableRecordingError(
+                f"{self.path}: {name}, {rows_in_words(row_ranges(np.flatnonzero(~good)))}: must be a whole number from "
+                "0; repair or remove these rows")
+        return np.where(good, values, -1.0).astype(np.int64)
 
 
 def read_columns(name: str, block: Block, folder: Path) -> Columns:
@@ -77,17 +81,21 @@ def columns_of(table: Table, name: str, block: Block) -> Columns:
     RecordingError
         If the table lacks a column, or states another unit than the block.
     """
-    values, units = {}, {}
+    values, units, notes = {}, {}, table.notes
     for channel, spec in block.channels.items():
         heading, column = _column(table, name, channel, spec.column)
         _agree(table, name, channel, heading, spec.unit)
         size, units[channel] = unit_size(channel, spec.unit)
+        wild = np.flatnonzero(np.abs(column) > LARGEST)
+        if wild.size:
+            column = np.where(np.abs(column) > LARGEST, np.nan, column)
+            notes += (Note(name, f"beyond {LARGEST:g}, taken as missing", channel, row_ranges(wild)),)
         values[channel] = column if size == 1.0 else column * size
     return Columns(
         name, table.path, values, units,
         sd={channel: sd for channel in block.channels if (sd := block.sd_of(channel)) is not None},
         calibration_sd={channel: spec.calibration_sd for channel, spec in block.channels.items()},
-        displacement_of=block.displacement_of if isinstance(block, LoopsBlock) else None, notes=table.notes)
+        displacement_of=block.displacement_of if isinstance(block, LoopsBlock) else None, notes=notes)
 
 
 def _column(table: Table, block: str, channel: str, column: str | int) -> tuple[str, Array]:

@@ -44,7 +44,7 @@ def clean_loops(columns: Columns, frequency: Callable[[int], float], index: str 
     """
     reference = _reference(columns)
     notes = Notebook(columns.block)
-    counts, members = _gather(columns, index)
+    counts, members = _gather(columns, index, notes)
     stretches: list[tuple[int, Stretch]] = []
     reasons: list[str] = []
     time = columns.values.get("time")
@@ -78,12 +78,17 @@ def _reference(columns: Columns) -> str:
                                    "columns of displacement and force")
 
 
-def _gather(columns: Columns, index: str) -> tuple[NDArray[np.int64], list[tuple[int, NDArray[np.int64]]]]:
+def _gather(columns: Columns, index: str, notes: Notebook) -> tuple[
+        NDArray[np.int64], list[tuple[int, NDArray[np.int64]]]]:
     """Return the K values of `index`, and for each loop its place among them and its rows."""
     first, second = columns.index(index), columns.index("repeat")
     order = np.lexsort((second, first))
+    for name, values in ((index, first), ("repeat", second)):
+        if np.any(values < 0):
+            notes.add("no whole number from 0; row left out", name, np.flatnonzero(values < 0))
+    order = order[(first[order] >= 0) & (second[order] >= 0)]
     starts = np.flatnonzero(np.r_[True, (np.diff(first[order]) != 0) | (np.diff(second[order]) != 0)])
-    counts = np.unique(first)
+    counts = np.unique(first[order])
     places = np.searchsorted(counts, first[order[starts]])
     return counts, [(int(k), rows) for k, rows in zip(places, np.split(order, starts[1:]), strict=True)]
 

@@ -146,6 +146,7 @@ def _sweep(columns: Columns, file: RecordingFile) -> tuple[Sweep, tuple[Note, ..
     stated = {c.id: c.model_copy(update={key: getattr(test, key) for key in keys if getattr(c, key) is None})
               for c in file.sweep.conditions}
     there = np.unique(columns.index("condition"))
+    there = there[there >= 0]
     unknown = [int(i) for i in there if int(i) not in stated]
     if unknown:
         raise UnreliableRecordingError(f"sweep.conditions: none has the id {unknown[0]} that stands in {columns.path}; "
