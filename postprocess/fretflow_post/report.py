@@ -22,6 +22,10 @@ from fretflow_post.report_loops import loop_views
 from fretflow_post.report_maps import law_view, map_views, plausible_range, wear_views
 
 PAGE = Path(__file__).parent / "report_page"
+PROBABILITY_OF = {
+    Verdict.NONE: "that nothing is missing", Verdict.NAMED: "of this name, among all explanations tried",
+    Verdict.AMBIGUOUS: "of the set, taken together", Verdict.UNKNOWN: "that it is something the catalogue lacks",
+}
 MOST_RANKED, MOST_PLACES = 8, 10  # shown at once; the rest unfolds
 AS_GOOD_AS_REPEATED = 1.1  # times the repeatability floor
 
@@ -94,9 +98,7 @@ class Tile:
 
 def _tiles(d: Diagnosis) -> Iterator[Tile]:
     best = _accepted(d)
-    if d.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS):
-        of = "the set, taken together" if d.verdict is Verdict.AMBIGUOUS else "this name, among all explanations tried"
-        yield Tile("Probability", words.percent(d.probability), of)
+    yield Tile("Probability", words.percent(d.probability), PROBABILITY_OF[d.verdict])
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
         yield Tile("Explained", words.percent(best.explained),
@@ -160,7 +162,7 @@ def _where(d: Diagnosis) -> Iterator[tuple[str, str]]:
     place = d.location
     if d.verdict is Verdict.NONE:
         return
-    cycles = words.cycles_words(place.cycles) if len(place.cycles) == 2 else ""
+    cycles = words.cycles_words(place.cycles) if place.cycles[1] > 0 else ""
     for name, value in (("Block", place.block), ("Channel", place.channel), ("Loop phase", place.phase),
                         ("Cycles", cycles), ("Harmonic", place.harmonic), ("Parity", place.parity),
                         ("Condition", place.condition), ("Contact zone", place.zone)):

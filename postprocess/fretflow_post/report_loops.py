@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 ALIKE = 4.0  # largest over smallest extent of loops that are drawn on one scale
 SAME = 1e-9  # of the largest value: a channel that is predicted this well was given, not predicted
+READABLE = 0.1  # of a channel's unit: what is smaller is told in a unit of its own
 LOW = 230.0  # pixels, height of the differences
 SMALL_WIDTH, SMALL_HEIGHT = 120.0, 84.0
 
@@ -30,6 +31,8 @@ class Channel:
 
     name: str
     unit: str
+    size: float  # of that unit in SI
+    si: str
     measured: Array
     before: Array
     after: Array
@@ -92,9 +95,9 @@ def _channels(one: Comparison, names: Sequence[str], sizes: Sequence[tuple[str, 
     kept = thinned(len(one.displacement))
     given = ((one.displacement, one.before_displacement, one.after_displacement),
              (one.force, one.before_force, one.after_force))
-    for name, (unit, size), values in zip(names, sizes, given, strict=True):
+    for name, (unit, size), si, values in zip(names, sizes, ("m", "N"), given, strict=True):
         measured, before, after = (np.asarray(v, dtype=float)[kept] / size for v in values)
-        yield Channel(name, pretty_unit(unit), measured, before, after)
+        yield Channel(name, pretty_unit(unit), size, si, measured, before, after)
 
 
 def _one_scale(channels: Sequence[Channel], after: bool) -> Limits | None:
@@ -162,13 +165,15 @@ def _trace_chart(channel: Channel, x_axis: Axis, x: Array, after: bool) -> Marku
 
 
 def _difference_chart(channel: Channel, x_axis: Axis, x: Array, after: bool) -> Markup:
-    gaps = [channel.measured - predicted for predicted in _curves(channel, after)[1:]]
-    label = f"measured − predicted ({channel.unit})"
-    chart = Chart(x_axis, vertical(label, *extent(gaps, around_zero=True), channel.unit, LOW),
+    gaps = [(channel.measured - predicted) * channel.size for predicted in _curves(channel, after)[1:]]
+    plain, size = readable_unit(_largest(gaps), channel.si)
+    gaps, unit = [gap / size for gap in gaps], pretty_unit(plain)
+    label = f"measured − predicted ({unit})"
+    chart = Chart(x_axis, vertical(label, *extent(gaps, around_zero=True), unit, LOW),
                   f"{channel.name}, {label}, over the {x_axis.label}", height=LOW, readout="trace")
     chart.level("zero", 0.0)
     for name, values in zip(("before", "after"), gaps, strict=False):
-        chart.curve(name, name, x, values)
+        chart.curve(name, f"{name} difference", x, values)
     return chart.markup()
 
 
@@ -189,9 +194,16 @@ def _misfit(predicted: Sequence[Channel], after: bool) -> str:
     for channel in predicted:
         sizes = [_rms(channel.measured - values) for values in _curves(channel, after)[1:]]
         when = (" before", " after") if after else ("",)
-        parts = [f"{number(size)} {channel.unit}{word}" for size, word in zip(sizes, when, strict=True)]
+        parts = [f"{_quantity(size, channel)}{word}" for size, word in zip(sizes, when, strict=True)]
         texts.append(f"{channel.name} {', '.join(parts)}")
     return f"Root-mean-square difference: {'; '.join(texts)}." if texts else ""
+
+
+def _quantity(value: float, channel: Channel) -> str:
+    if not value < READABLE:
+        return f"{number(value)} {channel.unit}"
+    unit, size = readable_unit(value * channel.size, channel.si)
+    return f"{number(value * channel.size / size)} {pretty_unit(unit)}"
 
 
 def _rms(values: Array) -> float:

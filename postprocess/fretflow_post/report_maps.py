@@ -33,8 +33,8 @@ from fretflow_post.report_words import number, pretty_unit
 
 Array = NDArray[np.float64]
 
-EXPONENT = 0.5  # colours follow the square root, so that what is left after is seen beside what was there before
-SMALLEST_LIMIT = 4.0  # sd: smaller differences than this are never drawn in full colour
+LARGE = 12.0  # sd: above it colours follow the square root, so that what is left after is seen beside what was before
+SMALLEST_LIMIT = 6.0  # sd: smaller differences than this are never drawn in full colour
 LARGEST_SHARE = 0.99  # of the differences before lies within the colours
 STRIP = 46.0  # pixels, height of the loop above a map
 LONGEST_NAME = 22  # letters of a row's name
@@ -59,6 +59,7 @@ class MapViews:
     views: tuple[MapView, ...]
     scale: Markup
     limit: str
+    root: bool  # whether colours follow the square root
     with_strip: bool
 
 
@@ -78,18 +79,22 @@ def map_views(diagnosis: Diagnosis) -> MapViews | None:
         strips.append(strip is not None)
         views.append(MapView(one.channel, _map(one, one.before, "before", limit, strip),
                              _map(one, one.after, "after", limit, strip) if after else None))
-    scale = colour_bar(style.SHAPE_MAP, -1.0, 1.0, "(measured − predicted) / standard deviation", _root_marks(limit))
-    return MapViews(tuple(views), scale, f"{limit:g}", all(strips))
+    scale = colour_bar(style.SHAPE_MAP, -1.0, 1.0, "(measured − predicted) / standard deviation", _marks(limit))
+    return MapViews(tuple(views), scale, f"{limit:g}", limit > LARGE, all(strips))
 
 
-def _root_marks(limit: float) -> list[tuple[float, str]]:
+def _exponent(limit: float) -> float:
+    return 0.5 if limit > LARGE else 1.0
+
+
+def _marks(limit: float) -> list[tuple[float, str]]:
     """Return place and text of the ticks of the colours' scale, as far apart as their texts need."""
-    places = [0.0]
+    exponent, places = _exponent(limit), [0.0]
     for tick in style.root_ticks(limit)[1:]:
-        at = (tick / limit) ** EXPONENT
+        at = (tick / limit) ** exponent
         if at - places[-1] > 0.2 and (1.0 - at > 0.2 or tick == limit):
             places.append(at)
-    return [(0.5 + 0.5 * sign * at, f"{sign * limit * at ** (1.0 / EXPONENT):.3g}".replace("-", "−"))
+    return [(0.5 + 0.5 * sign * at, f"{sign * limit * at ** (1.0 / exponent):.3g}".replace("-", "−"))
             for at in places for sign in ((-1, 1) if at else (1,))]
 
 
@@ -105,7 +110,8 @@ def _map(one: ResidualMap, values: Array, when: str, limit: float, loop: Compari
     chart = Chart(horizontal("share of the period", 0.0, 1.0, left=left), Axis("", 0.0, 1.0, height - BOTTOM, top),
                   f"{one.channel} {when}: difference over its standard deviation, by loop and phase", height=height)
     box = (left, top, WIDTH - RIGHT - left, rows * row)
-    chart.image(coloured(np.sign(values) * (np.abs(values) / limit) ** EXPONENT, style.SHAPE_MAP, -1.0, 1.0), box)
+    shades = np.sign(values) * (np.abs(values) / limit) ** _exponent(limit)
+    chart.image(coloured(shades, style.SHAPE_MAP, -1.0, 1.0), box)
     chart.values(values, 0.1, box, "sd", one.rows)
     for k in range(0, rows, max(1, int(np.ceil(12.0 / row)))):
         at = top + (k + 0.5) * row + 4.0

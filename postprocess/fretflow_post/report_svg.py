@@ -22,7 +22,7 @@ from fretflow_post import style
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 460.0, 330.0  # pixels of a chart
-LEFT, RIGHT, TOP, BOTTOM = 62.0, 12.0, 12.0, 46.0  # margins
+LEFT, RIGHT, TOP, BOTTOM = 70.0, 12.0, 12.0, 46.0  # margins
 MOST_POINTS = 600  # of a curve
 NOWHERE = "M-99-99"  # keeps the place of a missing point; draws nothing
 LETTER = 6.6  # pixels a letter takes, about

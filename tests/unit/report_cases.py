@@ -35,7 +35,7 @@ def loop(amplitude: float, limit: float, stiffness: float = 28e6, shift: float =
     for _ in range(2):
         found = []
         for step, at in zip(np.diff(x, prepend=x[-1]), x, strict=True):
-            force = float(np.clip(force + stiffness * step, -limit, limit))
+            force = min(max(force + stiffness * step, -limit), limit)
             found.append(force + 2e4 * at)
     return x, np.array(found)
 

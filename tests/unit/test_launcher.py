@@ -133,6 +133,7 @@ def test_first_call_sets_up_and_hands_over(world):
     install = next(line for line in journal if line.startswith("apt-get install"))
     assert " python3-dolfinx-real" in install
     assert " gcc" not in install, "it is installed already"
+    assert " chromium" not in install, "only the tests need it"
     constraints = (world.clone / ".venv" / "constraints.txt").read_text()
     assert constraints.splitlines() == ["rich==15", "numpy==1.24.2"]
 
@@ -179,6 +180,13 @@ def test_the_test_command_adds_the_development_parts_once(world):
     assert journal[-3].endswith("-e .[dev]")
     assert journal[-1].endswith("-k wear")
     assert kinds((world.run("modes"), world.journal())[1]) == []
+
+
+def test_the_test_command_installs_what_only_tests_need(world):
+    world.run("test")
+    install = next(line for line in world.journal() if line.startswith("apt-get install"))
+    assert " python3-dolfinx-real" in install
+    assert " chromium" in install
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])

@@ -74,9 +74,9 @@ def test_what_is_printed_in_short(cases, calls, capsys):
     calls(found)
     assert cli.execute(["diagnose", "my rig", "--fast"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    for text in ("Missing physics named.", "friction-run-in 96 % 97 %", found.location.text, "friction-run-in.energy 42.1",
-                 "38.7 to 46.0 J", "error 8.40 before, 1.06 after", found.notes[0], found.separating_measurement,
-                 "p < 10⁻¹²"):
+    for text in ("Missing physics named.", "friction-run-in 96 % 97 %", found.location.text,
+                 "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after", found.notes[0],
+                 found.separating_measurement, "p < 10⁻¹²"):
         assert text in shown
     assert "velocity-dependent-friction" not in shown, "only five are shown"
     assert "step" not in shown, "the bar is for terminals"

@@ -1,0 +1,251 @@
+"""The report as text: everything that a diagnosis holds is there, escaped and drawn where the numbers say.
+
+What carries the weight: the curves' points, turned back by the axes' scales as a reader would, are the record's
+numbers; and a page holds nothing that would be fetched.
+"""
+
+import base64
+import io
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Verdict
+from fretflow_post import style
+from fretflow_post.report import render_report, write_report
+from matplotlib.image import imread
+
+HERE = Path(__file__).parent
+VOID = {"meta", "link", "input", "br"}
+
+
+@pytest.fixture
+def cases(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    import report_cases
+
+    return report_cases
+
+
+class Page(HTMLParser):
+    """A page taken apart: elements with their attributes, and its text; unbalanced elements are an error."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.open, self.elements, self.words = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join("".join(self.words).split())
+
+    @property
+    def sections(self):
+        return [a["id"] for tag, a in self.elements if tag == "section"]
+
+    def charts(self, words):
+        return [a for tag, a in self.elements if tag == "svg" and words in a.get("aria-label", "")]
+
+
+def page_of(diagnosis):
+    return Page(render_report(diagnosis))
+
+
+def curves(text, description):
+    """Return the curves (name: (2, N)) of the first chart so described, in its axes' units."""
+    start = text.index(f'aria-label="{description}')
+    chart = text[start:text.index("</svg>", start)]
+    scales = [np.array(re.search(rf'data-{axis}="([^"]*)"', chart)[1].split(), float) for axis in "xy"]
+    found = {}
+    for name, path in re.findall(r'data-name="([^"]*)" d="([^"]*)"', chart):
+        points = np.array(re.findall(r"[ML](-?[\d.]+) ?(-?[\d.]+)", path), float).T
+        points[:, points[0] < -50] = np.nan
+        found[name] = np.array([low + (p - start) / (end - start) * (high - low)
+                                for p, (low, high, start, end) in zip(points, scales, strict=True)])
+    return found
+
+
+def test_curves_lie_where_the_numbers_say(cases):
+    found = cases.named()
+    text = render_report(found)
+    one = found.comparisons[3]
+    drawn = curves(text, f"{one.label}: friction force over")
+    reach = np.ptp(cases.comparison("", 53.0, 46.0, False, 15e-6).displacement) * 1e6
+    for name, x, force in (("measured", one.displacement, one.force),
+                           ("before", one.before_displacement, one.before_force),
+                           ("after", one.after_displacement, one.after_force)):
+        assert drawn[name].shape == (2, cases.SAMPLES + 1)
+        assert drawn[name][0, :-1] == pytest.approx(x * 1e6, abs=3e-4 * reach)
+        assert drawn[name][1, :-1] == pytest.approx(force, abs=0.05)
+        assert np.array_equal(drawn[name][:, 0], drawn[name][:, -1]), "a loop is closed"
+
+
+def test_differences_are_measured_minus_predicted(cases):
+    found = cases.named()
+    one = found.comparisons[0]
+    drawn = curves(render_report(found), "friction force, measured − predicted (N), over the share of the period")
+    assert drawn["before"][1] == pytest.approx(one.force - one.before_force, abs=0.1)
+    assert drawn["after"][1] == pytest.approx(one.force - one.after_force, abs=0.1)
+    assert drawn["after"][0] == pytest.approx(np.arange(cases.SAMPLES) / cases.SAMPLES, abs=3e-4)
+
+
+def test_missing_samples_leave_gaps_in_their_places(cases):
+    found = cases.odd()
+    drawn = curves(render_report(found), "friction force, measured − predicted (N)")
+    assert np.array_equal(np.isnan(drawn["before"][1]), np.isnan(found.comparisons[0].force))
+
+
+def test_a_channel_that_is_given_has_no_difference(cases):
+    text = render_report(cases.named("imposed-displacement"))
+    assert "friction force, measured − predicted" in text
+    assert "relative displacement, measured − predicted" not in text
+    text = render_report(cases.named("lumped"))
+    assert "displacement over time" in text
+    assert "force over time" not in text
+
+
+def test_a_long_record_is_thinned_evenly(cases):
+    found = cases.named("lumped")
+    one = found.comparisons[0]
+    drawn = curves(render_report(found), "displacement over time")["measured"]
+    kept = np.linspace(0, len(one.time) - 1, drawn.shape[1]).round().astype(int)
+    assert drawn.shape[1] == 600
+    assert drawn[0] == pytest.approx(one.time[kept], abs=2e-3)
+    assert drawn[1] == pytest.approx(one.displacement[kept] * 1e3, abs=0.02)
+
+
+def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):
+    found = cases.named()
+    page = page_of(found)
+    largest = np.quantile(np.abs(np.concatenate([m.before.ravel() for m in found.residual_maps])), 0.99)
+    limit = style.round_scale(largest)[0]
+    assert f"full from {limit:g} standard deviations on" in page.text
+    for one in found.residual_maps:
+        for when, values in (("before", one.before), ("after", one.after)):
+            chart = page.charts(f"{one.channel} {when}: difference")[0]
+            read = np.array(chart["data-values"].split(","), float).reshape(values.shape) * float(chart["data-step"])
+            assert read == pytest.approx(values, abs=0.051)
+            assert chart["data-names"].split("\n") == list(one.rows)
+    images = [a["href"] for tag, a in page.elements if tag == "image"]
+    picture = imread(io.BytesIO(base64.b64decode(images[1].partition(",")[2])))
+    values = found.residual_maps[0].before
+    assert picture.shape == (*values.shape, 4)
+    above = values > 5.0
+    assert np.all(picture[above][:, 0] > picture[above][:, 2]), "orange where more was measured"
+    below = values < -5.0
+    assert np.all(picture[below][:, 2] > picture[below][:, 0]), "violet where less was measured"
+
+
+def test_wear_maps_keep_depth_and_orientation(cases):
+    found = cases.named()
+    wear = replace(found.wear_map, measured=1e-6 * (1.0 + found.wear_map.y / 1e-3 + 0.5 * found.wear_map.x / 1e-3))
+    chart = page_of(replace(found, wear_map=wear)).charts("wear depth measured")[0]
+    columns = int(chart["data-columns"])
+    read = np.array(chart["data-values"].split(","), float).reshape(-1, columns) * float(chart["data-step"])
+    assert read[0, 0] == pytest.approx(1.0 + 0.5 - 0.25, abs=0.02), "first row is on top, first column on the left"
+    assert read[-1, -1] == pytest.approx(1.0 - 0.5 + 0.25, abs=0.02)
+    assert read.mean() == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("maker", "there", "absent"), [
+    ("named", {"loops", "where", "parameters", "held-out", "wear", "next", "notes"}, {"law", "visible"}),
+    ("none", {"loops", "where", "held-out", "visible"}, {"law", "next", "notes"}),
+    ("ambiguous", {"loops", "where", "next"}, {"law", "visible"}),
+    ("unknown", {"loops", "where", "law"}, {"parameters", "visible"}),
+    ("empty", {"verdict", "sure", "origin"}, {"loops", "where", "parameters", "held-out", "wear", "law", "next"}),
+])
+def test_empty_sections_are_left_out_and_links_lead_somewhere(maker, there, absent, cases):
+    page = page_of(getattr(cases, maker)())
+    assert there <= set(page.sections)
+    assert not absent & set(page.sections)
+    links = [a["href"][1:] for tag, a in page.elements if tag == "a"]
+    assert links == [name for name in page.sections if name != "verdict"]
+
+
+@pytest.mark.parametrize("kind", ["fretting-rig", "imposed-displacement", "lumped"])
+@pytest.mark.parametrize("maker", ["named", "none", "ambiguous", "unknown"])
+def test_each_verdict_and_kind_says_what_it_is(maker, kind, cases):
+    found = getattr(cases, maker)(kind)
+    page = page_of(found)
+    assert found.sentence in page.text
+    assert all(name in page.text for name in found.effects)
+    for chart in (a for tag, a in page.elements if tag == "svg" and a.get("class") == "chart"):
+        assert chart["aria-label"]
+    assert page.text.count("How to read it") >= 3
+    held_out = sum(one.held_out for one in found.comparisons)
+    assert page.text.count("held out") >= 2 * held_out
+
+
+def test_why_a_probable_explanation_is_not_a_name(cases):
+    page = page_of(cases.unknown())
+    assert "explains 37 % of the difference: under 80 % no name is given" in page.text
+    best = cases.RANKING[0]
+    page = page_of(replace(cases.unknown(), ranking=(best,)))
+    assert f"explains {best.explained:.0%}".replace("%", " %") in page.text
+    assert "what is left is still more than noise" in page.text
+    marks = re.findall(r'<i style="left:([\d.]+)%"></i></span></td>', render_report(cases.named()))
+    assert {float(mark) for mark in marks} == {100.0 * EXPLAINED_GATE}
+
+
+@pytest.mark.parametrize(("before", "after", "floor", "words"), [
+    (8.4, 1.06, 1.0, "7.9 times smaller. The error that is left is what repeats"),
+    (8.4, 4.0, 1.0, "2.1 times smaller. The error that is left is 4 times what repeats"),
+    (2.0, 2.1, 1.0, "is not predicted better. The error that is left is 2.1 times"),
+])
+def test_the_held_out_fit_is_judged_against_repeats(before, after, floor, words, cases):
+    fit = replace(cases.named().held_out, before=before, after=after, floor=floor)
+    assert words in page_of(replace(cases.named(), held_out=fit)).text
+
+
+def test_text_is_escaped_and_what_is_not_known_is_no_number(cases):
+    found = cases.odd()
+    text = render_report(found)
+    page = Page(text)
+    assert "<b>" not in text.partition("<style>")[2].partition("</style>")[2].partition("<script>\n")[0]
+    assert text.count("</script>") == 2
+    assert page.text.count(cases.NASTY) > 10
+    assert not re.search(r"\b(nan|inf|None|NaN)\b", page.text)
+    assert "nan" not in "".join(str(v) for _, a in page.elements for v in a.values() if not str(v).startswith("data:"))
+
+
+def test_nothing_is_fetched(cases):
+    for maker in (cases.named, cases.unknown, cases.odd):
+        page = page_of(maker())
+        assert not [a for tag, a in page.elements if tag == "script" and a]
+        for _, attributes in page.elements:
+            for name in ("src", "href", "data", "srcset"):
+                assert attributes.get(name, "#").startswith(("#", "data:"))
+        assert any("default-src 'none'" in a.get("content", "") for tag, a in page.elements if tag == "meta")
+
+
+def test_the_file_is_of_reasonable_size(cases, tmp_path):
+    path = write_report(tmp_path / "report.html", cases.named())
+    assert path.stat().st_size < 1_000_000
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_what_after_was_predicted_with_can_be_said(cases):
+    assert "after: baseline + friction-run-in" in page_of(cases.named()).text
+    found = replace(cases.unknown(), after_model="baseline + the law from the data")
+    assert "after: baseline + the law from the data" in page_of(found).text
+    assert "after:" not in page_of(replace(cases.none(), verdict=Verdict.NONE)).text
