@@ -25,8 +25,10 @@ class EdgeForce:
     """Force on the arm that pushes it back from both ends of the scar (a `rig.forces.RigForce`).
 
     Over the last `width` before the end at `end` (m) the floor of the scar rises, with a slope that starts smoothly as
-    e^2 with the distance e into the rise, and goes on so beyond the end. Climbing it under the held load N takes the
-    force ``N dz/dx``: here ``-sign(x) peak (e / width)^2``. It has the potential N z: the way back returns it.
+    e^2 with the distance e into the rise, and keeps its last value beyond the end. Climbing it under the held load N
+    takes the force ``N dz/dx``: here ``-sign(x) peak min(1, e / width)^2``. It has the potential N z: the way back
+    returns it. A force that grew on beyond the end would leave no period near: the rig is driven above its resonance,
+    which such a spring raises to the drive.
     """
 
     between_specimens: ClassVar[bool] = True  # a force sensor sees it
@@ -40,8 +42,8 @@ class EdgeForce:
         force, slope = np.zeros_like(displacement), np.zeros((len(displacement), 2, 2))
         arm = displacement[:, 1]
         into = np.maximum(np.abs(arm) - (self.end - self.width), 0.0) / self.width
-        force[:, 1] = -np.sign(arm) * self.peak * into**2
-        slope[:, 1, 1] = -2.0 * self.peak / self.width * into
+        force[:, 1] = -np.sign(arm) * self.peak * np.minimum(into, 1.0)**2
+        slope[:, 1, 1] = np.where(into < 1.0, -2.0 * self.peak / self.width * into, 0.0)
         return ForceAndSlopes(force, slope, np.zeros_like(slope))
 
 
@@ -60,7 +62,8 @@ class ScarEdge(Effect):
     id: ClassVar[str] = "scar-edge"
     title: ClassVar[str] = "ends of the stroke that harden as the scar deepens"
     block: ClassVar[Block] = Block.GEOMETRY
-    equation: ClassVar[str] = "F = -sign(x) F_p (1 - exp(-h / h_s)) (max(0, |x| - (1 - w) X) / (w X))^2"
+    equation: ClassVar[str] = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^2, e = (|x| - (1 - w) X) / (w X) "
+                               "kept within 0 and 1; T_meas = T - F")
     source: ClassVar[str] = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
                              "802-816, wear-scar interaction; the shape of the rise is an assumption")
     observables: ClassVar[tuple[str, ...]] = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
