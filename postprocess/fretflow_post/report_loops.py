@@ -65,6 +65,7 @@ class LoopViews:
     """All loops, whether they share one scale, and whether there is a prediction after."""
 
     views: tuple[LoopView, ...]
+    word: str  # what they are: loops, or stretches of a long record
     one_scale: bool
     with_after: bool
 
@@ -81,7 +82,7 @@ def loop_views(diagnosis: Diagnosis) -> LoopViews:
     common = None not in shared
     views = tuple(_view(one, pair, after, tuple(shared) if common else None)
                   for one, pair in zip(loops, channels, strict=True))
-    return LoopViews(views, common, after)
+    return LoopViews(views, "stretch" if any(one.time is not None for one in loops) else "loop", common, after)
 
 
 def has_after(loops: Sequence[Comparison]) -> bool:
