@@ -80,6 +80,8 @@ def test_a_lumped_record_tells_work_but_no_friction_law(make, tmp_path, capsys):
     assert "work of the force" in shown
     assert "friction coefficient" not in shown
     # Work 2 mu N s over twice the stroke 2 A: 36 N times 12.4 / 16.
+    with (tmp_path / "a-loops" / "series_readings.csv").open(newline="") as file:
+        assert {row["friction_limit_N"] for row in csv.DictReader(file)} == {"nan"}
     row = next(line for line in shown.splitlines() if line.startswith(" 1 "))
     mean = row.split()[-1].partition("±")[0]
     assert float(mean) == pytest.approx(27.9, rel=1e-3)

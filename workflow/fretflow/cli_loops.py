@@ -22,7 +22,7 @@ from fretflow.core.units import parse_quantity, readable_unit
 from fretflow.recordings.bare import Wanted, read_bare
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.notes import Note
-from fretflow.recordings.readings import Estimate, RecordedReadings, read_recorded_loops
+from fretflow.recordings.readings import Estimate, RecordedReadings, read_recorded_loops, without_friction
 from fretflow.recordings.recording import Recording, read_recording
 from fretflow.recordings.repeatability import repeatability
 from fretflow.recordings.schema import FILE, TestKind, name_of
@@ -142,7 +142,9 @@ def _read(recording: Recording, load: float | None) -> tuple[list[Read], tuple[N
 
     def add(name: str, index: str, loops: LoopSet, loads: Sequence[float | None], consecutive: bool = False) -> None:
         known = np.array([np.nan if value is None else value for value in loads])
-        sets.append(Read(name, index, loops, read_recorded_loops(loops, known, relative, consecutive)))
+        readings = read_recorded_loops(loops, known, relative, consecutive)
+        lumped = recording.kind is TestKind.LUMPED
+        sets.append(Read(name, index, loops, without_friction(readings) if lumped else readings))
 
     if recording.loops is not None:
         add("loops", "cycles", recording.loops, [load] * len(recording.loops.cycles))

@@ -104,7 +104,7 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None, guide: Hysteresis
     compliance = tangential_compliance(there, back)
     stiffness = 1.0 / compliance if compliance is not None and compliance > 0.0 else None
     sliding = sliding_distance(guide)
-    peak_to_peak = float(np.ptp(guide.displacement))
+    peak_to_peak = float(np.ptp(loop.displacement))
     limit = friction_limit(there, back, stiffness)
     if limit is not None:
         regime = SlidingRegime.GROSS_SLIP

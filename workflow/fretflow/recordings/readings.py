@@ -9,6 +9,7 @@ nearly normal; where that is not clearly above zero, only a lower bound is given
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from zlib import crc32
 
@@ -130,6 +131,17 @@ def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: floa
     stiffness, least = _stiffness(compliance)
     return RecordedReadings(cycles=loops.cycles[kept], regime=tuple(str(r.regime) for r in seen),
                             tangential_stiffness=stiffness, stiffness_at_least=least, **estimates)
+
+
+def without_friction(readings: RecordedReadings) -> RecordedReadings:
+    """Return only what holds for any force: peak to peak and the energy that it brings in each cycle.
+
+    The force on a lumped system holds its inertia, so that neither plateaus nor slopes of its loops are friction.
+    """
+    none = np.full(len(readings.cycles), np.nan)
+    unknown = Estimate(value=none, noise=none, repeats=none, calibration=none)
+    return replace(readings, regime=("unknown",) * len(none), friction_coefficient=unknown, friction_limit=unknown,
+                   tangential_stiffness=unknown, stiffness_at_least=none, sliding_distance=unknown)
 
 
 def _read(loops: LoopSet, k: int, x: Array, force: Array, load: float) -> LoopReadings:
