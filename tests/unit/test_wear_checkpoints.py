@@ -4,14 +4,14 @@ The weight lies on resumption: a run that is broken at any of its writes goes on
 joint whose period depends on the state it starts from, so that a lost or stale state would show.
 """
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from fretflow.core.config import WearScheme
 from fretflow.core.errors import InputError, NonConvergenceError, StoreError
 from fretflow.core.records import quantity, record
-from fretflow.core.store import write_record
+from fretflow.core.store import read_record, write_record
 from fretflow.wear import checkpoint
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.cycle import CycleResponse, WearAlone
@@ -56,6 +56,23 @@ class Joint(WearAlone):
             dissipated_energy=1e-3 * float(pressure.sum())), state
 
 
+class Remembering(Joint):
+    """The same with laws over cycles: a film that slows wear, which also follows energy and cycles."""
+
+    has_laws = True
+
+    def initial(self):
+        return replace(super().initial(), memory={"film.layer_m": np.zeros(3), "film.made_m3": np.asarray(0.0)})
+
+    def evolve(self, before, cycles, worn, energy, response):
+        layer = before.memory["film.layer_m"] * np.exp(-cycles / 3e3) + 0.3 * worn
+        made = before.memory["film.made_m3"] + AREAS @ worn
+        return before.after(cycles, worn, energy, {"film.layer_m": layer, "film.made_m3": made})
+
+    def wear_factor(self, response, slow):
+        return np.exp(-slow.memory["film.layer_m"] / 1e-7 - slow.energy / 1e10 - slow.cycles / 1e5)
+
+
 def settings(scheme, **changes):
     given = {"coefficient": 2e-14, "cycles": 12_000, "stops": (5_000,), "scheme": scheme}
     return WearSettings(**{**given, **changes})
@@ -63,7 +80,11 @@ def settings(scheme, **changes):
 
 def assert_same(found, expected):
     for f in fields(WearHistory):
-        np.testing.assert_array_equal(getattr(found, f.name), getattr(expected, f.name), err_msg=f.name)
+        one, other = getattr(found, f.name), getattr(expected, f.name)
+        if f.name == "memory":
+            assert list(one) == list(other)
+            one, other = (np.concatenate([np.zeros(0), *map(np.ravel, part.values())]) for part in (one, other))
+        np.testing.assert_array_equal(one, other, err_msg=f.name)
 
 
 def break_at(monkeypatch, write):
@@ -81,17 +102,20 @@ def break_at(monkeypatch, write):
     monkeypatch.setattr(checkpoint, "write_record", failing)
 
 
+@pytest.mark.parametrize(("joint", "changes"), [
+    (Joint, {}), (Remembering, {"tolerance": 0.3, "cycles": 1_500, "stops": (400,)})])
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_run_broken_at_any_write_goes_on_to_the_same_bits(tmp_path, monkeypatch, scheme):
-    expected = run_history(Joint(), settings(scheme))
+def test_a_run_broken_at_any_write_goes_on_to_the_same_bits(tmp_path, monkeypatch, scheme, joint, changes):
+    asked = settings(scheme, **changes)
+    expected = run_history(joint(), asked)
     writes = 1 + 2 * len(expected.cycles)
     for write in range(1, writes + 1):
         break_at(monkeypatch, write)
         folder = tmp_path / str(write)
         with pytest.raises(StoreError, match="No space"):
-            run_history(Joint(), settings(scheme), folder)
+            run_history(joint(), asked, folder)
         monkeypatch.undo()
-        assert_same(run_history(Joint(), settings(scheme), folder), expected)
+        assert_same(run_history(joint(), asked, folder), expected)
         assert not list(folder.glob(".*"))
 
 
@@ -113,6 +137,19 @@ def test_states_at_asked_counts_are_kept_and_no_others(tmp_path):
     states = kept_states(tmp_path, Memory)
     assert sorted(states) == [0, 5_000, 12_000]
     assert states[5_000].count == 1 + history.cycles.tolist().index(5_000)
+
+
+def test_a_history_holds_the_slow_state_of_every_step(tmp_path):
+    history = run_history(Remembering(), settings(WearScheme.IMPLICIT), tmp_path)
+    stored = read_record(write_record(tmp_path / "history.h5", history), WearHistory)
+    assert_same(stored, history)
+    assert stored.memory["film.layer_m"].shape == (len(history.cycles), 3)
+    np.testing.assert_allclose(stored.memory["film.made_m3"], history.volume, rtol=1e-12)
+    end = stored.slow(-1)
+    assert (end.cycles, end.energy) == (12_000.0, history.energy[-1])
+    np.testing.assert_array_equal(end.memory["film.layer_m"], history.memory["film.layer_m"][-1])
+    trapezoid = np.sum(0.5 * np.diff(history.cycles) * (history.dissipated_energy[1:] + history.dissipated_energy[:-1]))
+    assert end.energy == pytest.approx(trapezoid, rel=1e-3)
 
 
 def test_progress_is_told(tmp_path):
