@@ -119,7 +119,7 @@ def test_derivatives_are_those_of_central_differences(name, parameter):
     for part, own in (("rig_displacement", exact.rig_displacement[0]), ("friction_force", exact.friction_force[0])):
         difference = (getattr(both[1], part) - getattr(both[0], part)) / (2.0 * step)
         # what a step of the size of the parameter's range would change, against what the period itself is
-        visible = 1e-8 * np.abs(getattr(found, part)).max() / effect.priors()[parameter].high
+        visible = 1e-7 * np.abs(getattr(found, part)).max() / effect.priors()[parameter].high
         assert np.abs(own - difference).max() < max(1e-5 * np.abs(difference).max(), abs(visible)), part
 
 

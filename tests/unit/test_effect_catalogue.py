@@ -1,0 +1,100 @@
+"""How effects are found, read and described.
+
+What carries the weight: a user's file in a folder takes part like any other, and what is wrong with a file, an id or a
+parameter is said in one line that names it.
+"""
+
+import pytest
+from fretflow.core.errors import ConfigError, InputError
+from fretflow.effects.catalogue import catalogue, parse_effects, tables
+
+OWN = '''
+from dataclasses import replace
+from typing import ClassVar
+import numpy as np
+from fretflow.core import units as u
+from fretflow.effects.effect import Block, Effect, Sketch, parameter
+
+
+class Heavier(Effect):
+    """A weight on the arm."""
+
+    id: ClassVar[str] = "{id}"
+    title: ClassVar[str] = "a weight on the arm"
+    block: ClassVar[Block] = Block.CONTACT
+    equation: ClassVar[str] = "N + W"
+    source: ClassVar[str] = "the scales"
+    observables: ClassVar[tuple[str, ...]] = ("normal force",)
+
+    weight: u.SignedForce = parameter(5.0, "W: the weight", 1.0, 20.0)
+
+    @classmethod
+    def neutral(cls, case=None):
+        return cls().changed(weight=0.0)
+
+    def period(self, problem, slow):
+        return replace(problem, normal_load=problem.normal_load + self.weight)
+
+    def sketch(self):
+        return Sketch("weight in N", "load in N", {{"": (np.arange(3.0), np.arange(3.0))}})
+'''
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("FRETFLOW_EFFECTS", str(tmp_path))
+    return tmp_path
+
+
+def test_a_file_in_a_folder_takes_part(folder):
+    (folder / "heavier.py").write_text(OWN.format(id="heavier"))
+    assert "heavier" in catalogue()
+    assert "friction-run-in" in catalogue()
+    (effect,) = parse_effects({"heavier": {"weight": "7 N"}})
+    assert effect.weight == 7.0
+    assert tables([effect]) == {"heavier": {"weight": "7.0 N"}}
+    assert catalogue()["heavier"].priors()["weight"].high == 20.0
+
+
+def test_an_id_may_come_once(folder):
+    (folder / "mine.py").write_text(OWN.format(id="third-body"))
+    with pytest.raises(InputError, match=r"mine\.py: effect 'third-body' is already that of .*third_body\.py"):
+        catalogue()
+
+
+def test_a_file_that_fails_is_named(folder):
+    (folder / "broken.py").write_text("import nothing_of_that_name\n")
+    with pytest.raises(InputError, match=r"broken\.py: ModuleNotFoundError: .*nothing_of_that_name"):
+        catalogue()
+
+
+def test_a_sheet_that_lacks_something_is_named(folder):
+    text = "from fretflow.effects.effect import Effect\n\n\nclass Bare(Effect):\n    id = 'bare'\n"
+    (folder / "bare.py").write_text(text)
+    with pytest.raises(InputError, match=r"bare\.py: effect Bare lacks title, block, equation, source, observables"):
+        catalogue()
+
+
+def test_an_empty_folder_is_named(folder):
+    with pytest.raises(InputError, match=r"FRETFLOW_EFFECTS: no \.py file in"):
+        catalogue()
+
+
+@pytest.mark.parametrize(("table", "words"), [
+    ({"thrid-body": {}}, r"effects\.thrid-body: there is no such effect; `fretflow effects` lists them"),
+    ({"third-body": {"retaind": 0.5}}, r"effects\.third-body\.retaind: unknown key"),
+    ({"viscous": {"damping": "3 N"}}, r"effects\.viscous\.damping: '3 N' has the wrong dimension"),
+    ({"viscous": {"damping": 3.0}}, r"effects\.viscous\.damping: 3\.0 is not text with a number and its unit"),
+    ({"load-dependent-friction": {"exponent": 1.5}}, r"effects\.load-dependent-friction\.exponent: .*less than 1")])
+def test_what_is_wrong_is_named(table, words):
+    with pytest.raises(ConfigError, match=words):
+        parse_effects(table, "my.toml")
+
+
+def test_the_catalogue_holds_every_effect_that_was_asked_for():
+    asked = """friction-run-in contact-stiffness contact-stiffness-evolution third-body velocity-dependent-friction
+        load-dependent-friction directional-friction normal-load-coupling normal-load-drift scar-edge initial-gap
+        wear-coefficient-evolution wear-threshold wear-power-law sensor-path-compliance sensor-inertia channel-delay
+        sensor-drift excitation-distortion extra-mode parallel-stiffness viscous support-nonlinearity backlash
+        coulomb-friction force-offset distributed-micro-slip""".split()
+    assert sorted(catalogue()) == sorted(asked)
