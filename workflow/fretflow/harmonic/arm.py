@@ -10,7 +10,7 @@ the block follows the arm, harmonic by harmonic where F = 0, else by Newton with
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,7 @@ class RigBalance:
 
     `residual` (2 H + 1,) N, of the arm, and its `jacobian` by the arm's motion; `block` (2 H + 1,) m; with the block
     eliminated it moves by ``block_by_arm da + block_by_load dg_b``, and dg_b acts on the arm as ``carried dg_b``.
+    `imbalance` (2 H + 1,) N is what is left of the block's own equation; None where the block follows the arm.
     """
 
     residual: Array
@@ -42,6 +43,22 @@ class RigBalance:
     block_by_arm: Array
     block_by_load: Array
     carried: Array
+    imbalance: Array | None = None
+
+    @property
+    def reduced(self) -> Array:
+        """Return the arm's residual (2 H + 1,) N once the block has moved to its balance, to first order."""
+        return self.residual if self.imbalance is None else self.residual + self.carried @ self.imbalance
+
+    def block_step(self, step: Array) -> Array:
+        """Return how the block moves (2 H + 1,) m with a step of the arm, and to its balance, to first order."""
+        moved: Array = self.block_by_arm @ step
+        return moved if self.imbalance is None else moved - self.block_by_load @ self.imbalance
+
+    @property
+    def size(self) -> float:
+        """Return the norm of what is left of the block's equation, N."""
+        return 0.0 if self.imbalance is None else float(np.linalg.norm(self.imbalance))
 
 
 @dataclass(frozen=True)
@@ -98,14 +115,24 @@ class ArmEquations:
         if not self.forces:
             return RigBalance(self.impedance @ arm - self.load, self.impedance, self._free_block(arm),
                               *self._linear_transfer)
+        found, at = self._follow(arm, self._free_block(arm) if block is None else block, self._block_load)
+        return self._linearised(arm, found, at)
+
+    def beside_balance(self, arm: Array, block: Array) -> RigBalance:
+        """Return the rig at the coefficients (2 H + 1,) of arm and block, whether or not the block is in balance."""
+        if not self.forces:
+            return self.balance(arm)
+        at, z = self._forces(block, arm), self._blocks
+        left = z[0, 0] @ block + z[0, 1] @ arm - self._block_load - self.analysis @ at.force[:, 0]
+        return replace(self._linearised(arm, block, at), imbalance=left)
+
+    def _linearised(self, arm: Array, block: Array, at: ForceAndSlopes) -> RigBalance:
         z = self._blocks
-        load = z[0, 0] @ to_real(self.block[1])
-        found, at = self._follow(arm, self._free_block(arm) if block is None else block, load)
         jacobian = z - self._slopes(at)
         by_load = np.linalg.inv(jacobian[0, 0])
         by_arm, carried = -by_load @ jacobian[0, 1], -jacobian[1, 0] @ by_load
-        residual = z[1, 0] @ found + z[1, 1] @ arm - self.analysis @ at.force[:, 1]
-        return RigBalance(residual, jacobian[1, 1] + jacobian[1, 0] @ by_arm, found, by_arm, by_load, carried)
+        residual = z[1, 0] @ block + z[1, 1] @ arm - self.analysis @ at.force[:, 1]
+        return RigBalance(residual, jacobian[1, 1] + jacobian[1, 0] @ by_arm, block, by_arm, by_load, carried)
 
     def _follow(self, arm: Array, block: Array, load: Array) -> tuple[Array, ForceAndSlopes]:
         """Find the block's coefficients by Newton with halved steps."""
@@ -158,6 +185,11 @@ class ArmEquations:
 
     def _free_block(self, arm: Array) -> Array:
         return to_real(self.block[0] * to_complex(arm) + self.block[1])
+
+    @cached_property
+    def _block_load(self) -> Array:
+        load: Array = self._blocks[0, 0] @ to_real(self.block[1])
+        return load
 
     @cached_property
     def _rates(self) -> Array:

@@ -6,15 +6,19 @@ The element has the stuck joint's tangential stiffness and the friction limit mu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.rig.forces import RigForce
 from fretflow.rig.lumped import LumpedRig
 
 MAX_PERIODS = 200
+MAX_EXPLICIT_PERIODS = 20
+ROUGHLY = 1e-3  # how well an explicit march must repeat
 REPEATS_TO = 1e-4
 
 
@@ -79,3 +83,40 @@ def jenkins_arm_motion(rig: LumpedRig, stiffness: float, limit: float, excitatio
 def _entries(matrix: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return the entries 11, 12 and 22 of a symmetric matrix as floats, which are faster than NumPy's."""
     return float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1])
+
+
+def jenkins_rig_motion(rig: LumpedRig, forces: Sequence[RigForce], stiffness: float, limit: float,
+                       excitation: Sequence[float], frequency: float) -> NDArray[np.float64]:
+    """Return one period of block and arm (steps, 2) in m, close to periodic, under further forces on them.
+
+    Parameters
+    ----------
+    rig, stiffness, limit, frequency
+        As for `jenkins_arm_motion`.
+    forces : sequence of RigForce
+    excitation : sequence of float
+        Force on the block in N at each step; a step must be a small part of the rig's fastest oscillation.
+
+    Notes
+    -----
+    Explicit (symplectic Euler): forces that set in suddenly need small steps anyway.
+    """
+    h = 1.0 / (frequency * len(excitation))
+    (kb, kc, ka), (cb, cc, ca) = _entries(rig.stiffness), _entries(rig.damping)
+    x, v, slider = np.zeros((1, 2)), np.zeros((1, 2)), 0.0
+    before: NDArray[np.float64] = np.full((len(excitation), 2), np.inf)
+    for _ in range(MAX_EXPLICIT_PERIODS):
+        after = np.empty_like(before)
+        for j, push in enumerate(excitation):
+            after[j] = x[0]
+            beside = sum((force(x, v).force[0] for force in forces), np.zeros(2))
+            (xb, xa), (vb, va) = x[0], v[0]
+            friction = min(max(stiffness * (xa - slider), -limit), limit)
+            slider = xa - friction / stiffness
+            v[0, 0] += h / rig.moving_mass * (push + beside[0] - kb * xb - kc * xa - cb * vb - cc * va)
+            v[0, 1] += h / rig.arm_mass * (beside[1] - friction - kc * xb - ka * xa - cc * vb - ca * va)
+            x += h * v
+        if np.abs(after - before).max() < ROUGHLY * np.ptp(after[:, 1]):
+            break
+        before = after
+    return after

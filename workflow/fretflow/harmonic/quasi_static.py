@@ -25,7 +25,7 @@ from fretflow.harmonic.arm import ArmEquations, RigBalance
 from fretflow.harmonic.backbone import Backbone, find_arm
 from fretflow.harmonic.contact_march import ContactMarch, PeriodicMarch, Trajectory
 from fretflow.harmonic.contact_sample import Array, ContactSystem, SampleState
-from fretflow.harmonic.jenkins_start import jenkins_arm_motion
+from fretflow.harmonic.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.harmonic.reach import extend_solution, penetrating, restrict, restrict_solution, within_reach
 from fretflow.rig.forces import ShareOfForce
@@ -34,6 +34,7 @@ from fretflow.rig.joint import QuasiStaticJoint
 SMALLEST_STEP = 1e-3
 SMALLEST_SHARE = 0.05  # step in which further forces on the rig are raised
 REPEATS = 0.02  # how well a period must repeat, relative to the residual before it
+STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with forces on the rig
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
 
 
@@ -88,6 +89,11 @@ class QuasiStaticSolver:
         return self._solve_all(replace(problem, joint=joint), samples, start)
 
     def _solve_all(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        if start is None and problem.rig_forces:
+            try:
+                return self._find(problem, samples, None, marched=True)
+            except NonConvergenceError:
+                pass  # partial slip, where one element is no good guess
         try:
             return self._find(problem, samples, start)
         except NonConvergenceError:
@@ -107,19 +113,25 @@ class QuasiStaticSolver:
             share, step = target, 2.0 * step
         return found
 
-    def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+    def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
+              marched: bool = False) -> PeriodicSolution:
         joint = problem.joint.quasi_static()
         harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
         equations = ArmEquations.of(problem, harmonics, samples)
         march = ContactMarch.of(problem)
-        if start is None:
-            contact, guess = march.preloaded(problem.frictional_preload), None
-            arm = _first_arm(problem, equations, march, contact)
-        else:
+        guess, block = None, None
+        if start is not None:
             guess = _as_trajectory(start, march.system, samples)
             contact, arm = guess.sample(samples - 1), equations.analysis @ guess.arm
+            block = equations.analysis @ _resample(start.rig_displacement[:, 0], samples)
+        else:
+            contact = march.preloaded(problem.frictional_preload)
+            if marched:
+                block, arm = (equations.analysis @ _marched(problem, march, samples)).T
+            else:
+                arm = _first_arm(problem, equations, march, contact)
         newton = _ArmNewton(equations, march, problem.excitation, self.settings.tolerance)
-        found, history = newton.solve(arm, contact, guess, self.settings.max_iterations)
+        found, history = newton.solve(arm, contact, guess, self.settings.max_iterations, block)
         return _solution(problem, joint, equations, found, history)
 
 
@@ -128,22 +140,37 @@ def _first_arm(problem: PeriodicProblem, equations: ArmEquations, march: Contact
     try:
         return find_arm(problem, equations, Backbone.of(march, contact))
     except NonConvergenceError:
-        contact_system = march.system
-        limit = float(contact_system.friction.mean()) * contact_system.load
-        stuck = float(march.solver.kbx[:contact_system.size].sum())
         return equations.analysis @ jenkins_arm_motion(
-            problem.joint.quasi_static().rig, stuck, limit, problem.excitation, problem.frequency,
+            problem.joint.quasi_static().rig, *_one_element(march), problem.excitation, problem.frequency,
             len(equations.synthesis))
+
+
+def _marched(problem: PeriodicProblem, march: ContactMarch, samples: int) -> Array:
+    """Return the motion (samples, 2) in m of block and arm on one Jenkins element, with all forces on the rig."""
+    rig, (stuck, limit) = problem.joint.quasi_static().rig, _one_element(march)
+    stiffest = rig.stiffness + np.diag([0.0, stuck])
+    fastest = float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(rig.mass, stiffest))))))
+    per_sample = -(-int(fastest / (problem.frequency * STEP_ANGLE)) // samples) or 1
+    phase = 2.0 * np.pi * np.arange(samples * per_sample) / (samples * per_sample)
+    drive = problem.excitation * np.cos(phase)
+    for order, amplitude in problem.overtones:
+        drive = drive + (amplitude * np.exp(1j * order * phase)).real
+    return jenkins_rig_motion(rig, problem.rig_forces, stuck, limit, drive.tolist(), problem.frequency)[::per_sample]
+
+
+def _one_element(march: ContactMarch) -> tuple[float, float]:
+    """Return the stiffness (N/m) of the stuck contact and the limit (N) of the whole."""
+    system = march.system
+    return float(march.solver.kbx[:system.size].sum()), float(system.friction.mean()) * system.load
 
 
 @dataclass(frozen=True)
 class _Iterate:
-    """The arm's coefficients, the period they make, the residual and its norm relative to the excitation."""
+    """The arm's coefficients, the period they make, the rig's balance with it and its norm over the excitation."""
 
     arm: Array
     period: PeriodicMarch
     rig: RigBalance
-    residual: Array
     norm: float
 
 
@@ -158,18 +185,22 @@ class _ArmNewton:
 
     def evaluate(self, arm: Array, before: SampleState, near: Trajectory | None, last: float,
                  block: Array | None = None) -> _Iterate:
-        """March the period of `arm`; `last` is the norm before, for the contact's accuracy, `block` a guess."""
+        """March the period of `arm`; `last` is the norm before, for the contact's accuracy.
+
+        With a `block` beside it both are unknowns; without, the block follows the arm.
+        """
         e = self.equations
-        rig = e.balance(arm, block)
+        rig = e.balance(arm) if block is None else e.beside_balance(arm, block)
         # the contact need not be solved much closer than the residual that Newton is about to reach
         accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
         repeat = min(REPEATS * last, 10.0 * last**2)
         period = self.march.period(e.synthesis @ arm, e.synthesis, before, near, accuracy, repeat)
         residual = rig.residual - e.analysis @ period.trajectory.friction
-        return _Iterate(arm, period, rig, residual, float(np.linalg.norm(residual)) / self.scale)
+        return _Iterate(arm, period, replace(rig, residual=residual),
+                        float(np.hypot(np.linalg.norm(residual), rig.size)) / self.scale)
 
     def solve(self, arm: Array, before: SampleState, near: Trajectory | None,
-              max_iterations: int) -> tuple[_Iterate, tuple[float, ...]]:
+              max_iterations: int, block: Array | None = None) -> tuple[_Iterate, tuple[float, ...]]:
         """Return the root and the residual history.
 
         Raises
@@ -177,7 +208,7 @@ class _ArmNewton:
         NonConvergenceError
             With the residual history.
         """
-        now = self.evaluate(arm, before, near, 1.0)
+        now = self.evaluate(arm, before, near, 1.0, block)
         history = [now.norm]
         while not now.norm <= self.tolerance:  # nan included
             following = self._step(now) if len(history) <= max_iterations else None
@@ -191,14 +222,15 @@ class _ArmNewton:
 
     def _step(self, now: _Iterate) -> _Iterate | None:
         jacobian = now.rig.jacobian - self.equations.analysis @ now.period.tangent
-        step = np.linalg.solve(jacobian, -now.residual)
+        step = np.linalg.solve(jacobian, -now.rig.reduced)
+        moved = now.rig.block_step(step)
         trajectory, length = now.period.trajectory, 1.0
         following: _Iterate | None
         while length > SMALLEST_STEP:
             near = trajectory if length == 1.0 and now.norm < NEAR else None
             try:
                 following = self.evaluate(now.arm + length * step, trajectory.sample(-1), near, now.norm,
-                                          now.rig.block + length * (now.rig.block_by_arm @ step))
+                                          now.rig.block + length * moved)
             except NonConvergenceError:  # of the contact, too far from where it was
                 following = None
             if following is not None and following.norm < (1.0 - 1e-3 * length) * now.norm:

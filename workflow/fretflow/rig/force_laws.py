@@ -11,6 +11,7 @@ from fretflow.rig.forces import ForceAndSlopes
 
 Array = NDArray[np.float64]
 BLOCK, ARM = 0, 1
+ROUND = 0.1  # of the half play, to either side of its end, over which the hinge takes hold
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class HingePlay:
     """What play of `play` (m) from end to end takes off a linear hinge of `stiffness` (N/m).
 
     The hinge carries ``k d(delta)``, delta the arm's motion relative to the block and d zero within the play, delta
-    less half the play beyond; so ``k (delta - d(delta))`` is taken off. Its damping stays.
+    less half the play beyond; so ``k (delta - d(delta))`` is taken off. Its damping stays. The stiffness comes in
+    linearly about the end of the play, as that of faces that come into touch; a jump would stall Newton's method.
     """
 
     stiffness: float
@@ -58,13 +60,20 @@ class HingePlay:
         found = _nothing(len(displacement))
         apart = displacement[:, ARM] - displacement[:, BLOCK]
         half = 0.5 * self.play
-        on_arm = self.stiffness * np.clip(apart, -half, half)
-        slope = np.where(np.abs(apart) < half, self.stiffness, 0.0)
+        taken, share = _clipped(apart / half) if half > 0.0 else (np.zeros_like(apart), np.zeros_like(apart))
+        on_arm, slope = self.stiffness * half * taken, self.stiffness * share
         for i, sign in ((ARM, 1.0), (BLOCK, -1.0)):
             found.force[:, i] = sign * on_arm
             found.by_displacement[:, i, ARM] = sign * slope
             found.by_displacement[:, i, BLOCK] = -sign * slope
         return found
+
+
+def _clipped(value: Array) -> tuple[Array, Array]:
+    """Return `value` (N,) clipped to -1 and 1 with corners rounded by parabolas, and its slope."""
+    slope = np.clip((1.0 + ROUND - np.abs(value)) / (2.0 * ROUND), 0.0, 1.0)
+    size = np.minimum(np.abs(value), 1.0 - ROUND) + ROUND * (1.0 - slope**2)
+    return np.sign(value) * size, slope
 
 
 def _nothing(samples: int) -> ForceAndSlopes:

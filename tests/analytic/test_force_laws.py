@@ -1,0 +1,74 @@
+"""Forces beside the contact: their slopes, and a period under play of a hinge as stiff as the rig's.
+
+What carries the weight: slopes against differences, the hinge's force against the dead zone it rounds, and a period
+found from nothing where the play is crossed at a stiffness a hundred times that of the ground.
+"""
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.core.config import Solver
+from fretflow.effects.backlash import Backlash
+from fretflow.effects.model import EffectModel
+from fretflow.harmonic.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.rig.force_laws import ROUND, ArmSupport, BlockPull, HingePlay
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+
+
+@pytest.mark.parametrize("force", [ArmSupport(2e5, 300.0), BlockPull(4.0), HingePlay(1e8, 2e-6)])
+def test_slopes_are_those_of_differences(force):
+    random = np.random.default_rng(3)
+    x, v = 2e-6 * random.normal(size=(60, 2)), 1e-3 * random.normal(size=(60, 2))
+    found, step = force(x, v), 1e-11
+    for place in range(2):
+        dx = step * np.eye(2)[place]
+        by_x = (force(x + dx, v).force - force(x - dx, v).force) / (2.0 * step)
+        by_v = (force(x, v + 1e8 * dx).force - force(x, v - 1e8 * dx).force) / (2e8 * step)
+        assert by_x == pytest.approx(found.by_displacement[:, :, place], rel=1e-4, abs=1e-4 * 1e8)
+        assert by_v == pytest.approx(found.by_velocity[:, :, place], rel=1e-4, abs=1e-4)
+
+
+def test_a_hinge_carries_nothing_within_its_play_and_all_but_the_play_beyond():
+    k, half = 1e8, 1e-6
+    apart = np.linspace(-4.0, 4.0, 801) * half
+    x = np.column_stack([0.3e-6 + 0.0 * apart, 0.3e-6 + apart])
+    taken = HingePlay(k, 2.0 * half)(x, np.zeros_like(x)).force
+    carried = k * apart - taken[:, 1]
+    dead = np.sign(apart) * k * np.maximum(np.abs(apart) - half, 0.0)
+    outside = np.abs(np.abs(apart) / half - 1.0) > ROUND
+    assert carried[outside] == pytest.approx(dead[outside], abs=1e-9)
+    assert np.abs(carried - dead).max() == pytest.approx(k * half * ROUND / 4.0, rel=0.01)
+    assert np.all(np.diff(carried) >= -1e-9)
+    assert taken.sum(axis=1) == pytest.approx(np.zeros(801), abs=1e-12)
+    assert np.all(HingePlay(k, 0.0)(x, x).force == 0.0)
+
+
+def test_a_rig_marched_in_small_steps_is_that_of_the_implicit_march():
+    steps = 2000
+    drive = 70.0 * np.cos(2.0 * np.pi * np.arange(steps) / steps)
+    marched = jenkins_rig_motion(RIG, [], 20e6, 48.0, drive.tolist(), 100.0)
+    implicit = jenkins_arm_motion(RIG, 20e6, 48.0, 70.0, 100.0, steps)
+    assert marched[:, 1] == pytest.approx(implicit, abs=3e-3 * np.ptp(implicit))
+
+
+@pytest.mark.parametrize("play", [1e-6])
+def test_a_period_is_found_across_the_play_of_a_stiff_hinge(play):
+    """Arm and block are unknowns together: the arm alone does not tell where in the play the block is."""
+    joint = QuasiStaticJoint.from_stiffness(np.diag([20e6, 20e6, 40e6]), RIG)
+    bare = PeriodicProblem(joint=joint, interface=Interface(nodes=np.zeros((1, 2)), areas=np.full(1, 1e-6),
+                           gap=np.zeros(1)), friction_coefficient=0.8, frequency=100.0, excitation=70.0,
+                           normal_load=60.0)
+    model = EffectModel.build(bare, [Backlash().changed(play=play)])
+    problem = model.problem(model.initial())
+    found = QuasiStaticSolver(Solver(harmonics=40, samples=256, estimate_error=False)).solve(problem)
+    assert len(found.residual_history) < 12
+    drive = 70.0 * np.cos(2.0 * np.pi * np.arange(2048) / 2048)
+    marched = jenkins_rig_motion(RIG, problem.rig_forces, 20e6, 48.0, drive.tolist(), 100.0)[::8]
+    for own, other in zip(found.rig_displacement.T, marched.T, strict=True):
+        assert np.sqrt(np.mean((own - other)**2)) < 0.01 * np.ptp(other)
+    assert np.ptp(np.diff(found.rig_displacement, axis=1)) > play
