@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from fretflow.effects.model import EffectModel
 from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.rig.forces import force_beside_friction
+from fretflow.rig.joint import JointModel
 from fretflow.rig.sensors import Signals
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
 from fretflow.wear.slow import SlowState
@@ -42,7 +44,12 @@ class PeriodicCycle:
 
     def normal_flexibility(self, slow: SlowState) -> NDArray[np.float64]:
         """Return the static normal flexibility of the faces, back faces held, (nodes, nodes), m/N."""
-        return self.model.problem(slow).joint.quasi_static().flexibility[2::3, 2::3]
+        joint = self.model.problem(slow).joint
+        return self._bare_flexibility if joint is self.model.baseline.joint else _normal_flexibility(joint)
+
+    @cached_property
+    def _bare_flexibility(self) -> NDArray[np.float64]:
+        return _normal_flexibility(self.model.baseline.joint)
 
     def cycle(self, slow: SlowState, start: PeriodicSolution | None) -> tuple[CycleResponse, PeriodicSolution]:
         """Return the steady period of the joint in the state `slow`."""
@@ -62,6 +69,10 @@ class PeriodicCycle:
     def opening_share(self, slow: SlowState, cycles: float) -> NDArray[np.float64]:
         """Return the share of the wear of a jump of `cycles` that opens the gap, (nodes,)."""
         return self.model.opening_share(slow, cycles)
+
+
+def _normal_flexibility(joint: JointModel) -> NDArray[np.float64]:
+    return joint.quasi_static().flexibility[2::3, 2::3]
 
 
 def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
