@@ -1,4 +1,4 @@
-"""A test on the rig from the first cycle to the last: wear, loops at chosen cycle counts, other conditions at the end."""
+"""A test on the rig from first cycle to last: wear, loops at chosen cycle counts, other conditions at the end."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from fretflow_trial.hidden import CATALOGUE, Draw, Facts, Hidden, decades, even
 from fretflow_trial.joint import specimens
 from fretflow_trial.physics import Condition, Physics
 from fretflow_trial.rig import Rig
-from fretflow_trial.signal import Noise, Signal, Slopes, signal, slopes
+from fretflow_trial.signal import Noise, Signal, Slopes, signal_of, slopes
 
 LISTED: Mapping[str, Draw] = {**listed_contact.DRAWS, **listed_wear.DRAWS, **listed_rig.DRAWS}
 UNLISTED: Mapping[str, Draw] = unlisted.DRAWS
@@ -43,6 +43,11 @@ class Case:
     repeats: int
     seed: SeedSequence  # of the noise
 
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Return all channels in which an effect may be seen."""
+        return (*self.channels, "excitation")
+
     def with_effects(self) -> Physics:
         """Return the physics with what is hidden."""
         physics = self.physics
@@ -57,7 +62,7 @@ class Simulated:
 
     case: Case
     outcome: Outcome
-    rates: Slopes  # of the case without what is hidden
+    rates: Slopes  # of the case without (one of) what is hidden
     signals: Mapping[str, Signal]  # by effect; of a pair, what each adds to the other
 
 
@@ -130,8 +135,10 @@ def _plan(rng: Generator, main: Condition, cycles: int) -> Plan:
 def _noise(rng: Generator, main: Condition) -> Noise:
     level = even(rng, 0.01, 0.02)
     sample = {"displacement": level * 12e-6, "friction_force": level * 0.85 * main.load,
-              "normal_force": 0.5 * level * main.load, "approach": 0.05e-6}
-    offset = {"displacement": 0.3e-6, "friction_force": 0.3, "normal_force": 0.1, "approach": 0.03e-6}
+              "normal_force": 0.5 * level * main.load, "approach": 0.05e-6,
+              "excitation": 0.003 * main.amplitude}
+    offset = {"displacement": 0.3e-6, "friction_force": 0.3, "normal_force": 0.1, "approach": 0.03e-6,
+              "excitation": 0.001}
     return Noise(sample, 0.004, offset, even(rng, 0.002, 0.004), even(rng, 0.001, 0.003), 0.05e-6, 0.01)
 
 
@@ -139,13 +146,12 @@ def simulate(case: Case) -> Simulated:
     """Run the test of `case`, and what it would be without each hidden effect."""
     joint = specimens()
     outcome = Test(joint, case.with_effects(), case.plan).run()
-    bare = Test(joint, case.physics, case.plan).run() if case.hidden else outcome
-    rates = slopes(joint, case.physics, case.plan, bare, case.channels)
-    found = {}
+    found, rates = {}, None
     for one in case.hidden:
-        rest = tuple(other for other in case.hidden if other is not one)
-        without = Test(joint, replace(case, hidden=rest).with_effects(), case.plan).run() if rest else bare
-        found[one.id] = signal(joint, outcome, without, rates, case.noise, case.repeats)
+        rest = replace(case, hidden=tuple(other for other in case.hidden if other is not one)).with_effects()
+        found[one.id], rates = signal_of(joint, outcome, rest, case.plan, case.noise, case.seen, case.repeats)
+    if rates is None:
+        rates = slopes(joint, case.physics, case.plan, outcome, case.seen)
     return Simulated(case, outcome, rates, found)
 
 

@@ -7,6 +7,7 @@ nodes, denser at the edges. ``python -m fretflow_trial.elasticity`` writes ``spe
 
 from __future__ import annotations
 
+import itertools
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,7 @@ def grid(bounds: tuple[float, ...]) -> Grid:
     """Return the nodes of elements between `bounds` in mm."""
     edges = MM * np.array(bounds)
     points = lobatto()[0]
-    inner = [a + 0.5 * (b - a) * (1.0 + points[:-1]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    inner = [a + 0.5 * (b - a) * (1.0 + points[:-1]) for a, b in itertools.pairwise(edges)]
     members = ORDER * np.arange(len(edges) - 1)[:, None] + np.arange(ORDER + 1)
     return Grid(np.append(np.concatenate(inner), edges[-1]), np.diff(edges), members)
 
@@ -92,37 +93,41 @@ def specimen_compliance(along: tuple[float, ...] = ALONG, across: tuple[float, .
 
     The compliance (3 n, 3 n), 1/m, has x along the ridge, y across it and z up; the top is clamped.
     """
-    gx, gy, gz = grid(along), grid(across), grid(upwards)
-    shape = (len(gx.nodes), len(gy.nodes), len(gz.nodes))
+    grids = grid(along), grid(across), grid(upwards)
+    shape = tuple(len(one.nodes) for one in grids)
     number = np.arange(np.prod(shape)).reshape(shape)
-    rows, columns, values = [], [], []
-    y_middle = np.array([gy.nodes[m].mean() for m in gy.members])
-    z_middle = np.array([gz.nodes[m].mean() for m in gz.members])
-    for j, in_y in enumerate(gy.members):
-        for k, in_z in enumerate(gz.members):
-            if z_middle[k] < RIDGE_TOP * MM and abs(y_middle[j]) > HALF:
-                continue
-            for i, in_x in enumerate(gx.members):
-                nodes = number[np.ix_(in_x, in_y, in_z)].ravel()
-                dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-                stiffness = element_stiffness(np.array([gx.sizes[i], gy.sizes[j], gz.sizes[k]]), 1.0, poisson)
-                rows.append(np.repeat(dofs, len(dofs)))
-                columns.append(np.tile(dofs, len(dofs)))
-                values.append(stiffness.ravel())
-    size = 3 * number.size
-    whole = csc_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (size, size))
-    used = np.unique(np.concatenate(rows))
+    whole, used = _assemble(grids, number, poisson)
     clamped = (3 * number[:, :, -1].ravel()[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(used, clamped)
-    inside = np.ix_(np.abs(gx.nodes) < HALF * 1.001, np.abs(gy.nodes) < HALF * 1.001, [True] + [False] * (shape[2] - 1))
-    touching = number[inside].ravel()
+    inside = [np.abs(one.nodes) < HALF * 1.001 for one in grids[:2]]
+    touching = number[np.ix_(*inside)][:, :, 0].ravel()
     contact = np.searchsorted(free, (3 * touching[:, None] + np.arange(3)).ravel())
     forces = np.zeros((len(free), len(contact)))
     forces[contact, np.arange(len(contact))] = 1.0
     found = splu(whole[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(forces)
     x, y, _ = np.unravel_index(touching, shape)
     compliance = found[contact]
-    return np.stack([gx.nodes[x], gy.nodes[y]], axis=1), 0.5 * (compliance + compliance.T)
+    return np.stack([grids[0].nodes[x], grids[1].nodes[y]], axis=1), 0.5 * (compliance + compliance.T)
+
+
+def _assemble(grids: tuple[Grid, Grid, Grid], number: Index, poisson: float) -> tuple[csc_matrix, Index]:
+    """Return the stiffness for E = 1 over all DOFs of the grid, and those DOFs that are in body or ridge."""
+    places, values = [], []
+    along, across, upwards = grids
+    for j, in_y in enumerate(across.members):
+        for k, in_z in enumerate(upwards.members):
+            beside = abs(across.nodes[in_y].mean()) > HALF
+            if beside and upwards.nodes[in_z].mean() < RIDGE_TOP * MM:
+                continue
+            for i, in_x in enumerate(along.members):
+                nodes = number[np.ix_(in_x, in_y, in_z)].ravel()
+                places.append((3 * nodes[:, None] + np.arange(3)).ravel())
+                size = np.array([along.sizes[i], across.sizes[j], upwards.sizes[k]])
+                values.append(element_stiffness(size, 1.0, poisson).ravel())
+    dofs = np.array(places)
+    rows, columns = np.repeat(dofs, dofs.shape[1], axis=1), np.tile(dofs, (1, dofs.shape[1]))
+    count = 3 * number.size
+    return csc_matrix((np.concatenate(values), (rows.ravel(), columns.ravel())), (count, count)), np.unique(dofs)
 
 
 def write(path: Path = FILE) -> None:

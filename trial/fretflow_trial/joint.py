@@ -41,7 +41,7 @@ class Joint:
     @property
     def share(self) -> Array:
         """Return each node's share of the area, (n,)."""
-        return self.areas / self.areas.sum()
+        return np.asarray(self.areas / self.areas.sum())
 
 
 def node_areas(nodes: Array) -> Array:

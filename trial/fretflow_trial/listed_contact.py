@@ -19,7 +19,7 @@ REFERENCE_PRESSURE = 60e6
 
 
 def friction_run_in(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """mu from mu_0 to mu_inf with the dissipated energy; otherwise with cycles."""
+    """Draw mu from mu_0 to mu_inf with the dissipated energy; otherwise with cycles."""
     initial, final, energy = even(rng, 0.2, 0.5), even(rng, 0.6, 0.9), decades(rng, 5.0, 150.0)
     cycles = decades(rng, 0.03, 0.4) * facts.cycles
 
@@ -36,14 +36,14 @@ def friction_run_in(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def contact_stiffness(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Asperity springs k (p / p_0)^m; otherwise 2 k p / (p + p_0), which saturates."""
+    """Draw asperity springs k (p / p_0)^m; otherwise 2 k p / (p + p_0), which saturates."""
     springs, parameters = _springs(rng, other, lambda slow: 1.0)
     return Hidden("contact-stiffness", True, "saturates with pressure" if other else CATALOGUE, ("contact",),
                   parameters, springs)
 
 
 def contact_stiffness_evolution(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Those springs, stiffer with the dissipated energy; otherwise with the logarithm of cycles."""
+    """Draw those springs, stiffer with the dissipated energy; otherwise with the logarithm of cycles."""
     gain, energy = decades(rng, 0.5, 4.0), decades(rng, 5.0, 150.0)
 
     def growth(slow: Slow) -> float:
@@ -74,7 +74,7 @@ def _springs(rng: Generator, saturates: bool, growth: Callable[[Slow], float]
 
 
 def velocity_dependent_friction(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """mu (1 + a exp(-|v| / v_s)); otherwise a rational or a Gaussian fall with the speed of the block."""
+    """Draw mu (1 + a exp(-|v| / v_s)); otherwise a rational or a Gaussian fall with the speed of the block."""
     strength, scale = even(rng, 0.05, 0.5), decades(rng, 0.5e-3, 8e-3)
     gaussian = bool(rng.random() < 0.5)
 
@@ -90,7 +90,7 @@ def velocity_dependent_friction(rng: Generator, other: bool, facts: Facts) -> Hi
 
 
 def load_dependent_friction(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """mu (p / p_0)^-b at each node; otherwise mu (1 - c ln(1 + p / p_0)), at p_0 as steep."""
+    """Draw mu (p / p_0)^-b at each node; otherwise mu (1 - c ln(1 + p / p_0)), at p_0 as steep."""
     exponent = even(rng, 0.06, 0.33)
 
     def factor(instant: Instant) -> Array:
@@ -104,7 +104,7 @@ def load_dependent_friction(rng: Generator, other: bool, facts: Facts) -> Hidden
 
 
 def directional_friction(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """mu (1 + d) one way and mu (1 - d) the other."""
+    """Draw mu (1 + d) one way and mu (1 - d) the other."""
     difference = either(rng, even(rng, 0.01, 0.1))
 
     def over(instant: Instant) -> Array:
@@ -114,7 +114,7 @@ def directional_friction(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def distributed_micro_slip(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Friction that differs from node to node as 1 - w + w (1 + b) q^b; otherwise log-normal."""
+    """Draw friction that differs from node to node as 1 - w + w (1 + b) q^b; otherwise log-normal."""
     joint = specimens()
     spread, power = even(rng, 0.2, 1.0), decades(rng, 0.5, 4.0)
     quantile = (rng.permutation(joint.size) + 0.5) / joint.size
@@ -128,7 +128,7 @@ def distributed_micro_slip(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def normal_load_coupling(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """N_0 + s x; otherwise N_0 + s x + s_2 x^2, a curved guide."""
+    """Draw N_0 + s x; otherwise N_0 + s x + s_2 x^2, a curved guide."""
     slope = either(rng, decades(rng, 0.05e6, 1.5e6))
     curve = 0.3 * slope / 10e-6 if other else 0.0
 
@@ -140,7 +140,7 @@ def normal_load_coupling(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def normal_load_drift(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """N_0 (1 - a (1 - exp(-n / n_T))); otherwise linear in the cycles."""
+    """Draw N_0 (1 - a (1 - exp(-n / n_T))); otherwise linear in the cycles."""
     loss, settling = even(rng, 0.04, 0.3), decades(rng, 1e4, 1.5e5)
 
     def share(slow: Slow) -> float:

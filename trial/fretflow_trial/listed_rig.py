@@ -20,7 +20,7 @@ IN_PATH, IN_CHANNEL = 1, 2
 
 
 def parallel_stiffness(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A spring k x beside the contact; otherwise k x (1 + (x / x_0)^2) that hardens."""
+    """Draw a spring k x beside the contact; otherwise k x (1 + (x / x_0)^2) that hardens."""
     stiffness = decades(rng, 0.05e6, 0.4e6)
 
     def hardening(arm: float | Array) -> float | Array:
@@ -42,7 +42,7 @@ def parallel_stiffness(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def viscous(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A dashpot c v beside the contact; otherwise c v_0 |v / v_0|^0.7 sign(v)."""
+    """Draw a dashpot c v beside the contact; otherwise c v_0 |v / v_0|^0.7 sign(v)."""
     damping = decades(rng, 50.0, 3e3)
 
     def thick(velocity: Array) -> Array:
@@ -65,7 +65,7 @@ def viscous(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def support_nonlinearity(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """k_3 x^3 between block and ground; otherwise with |x|^1.5 x."""
+    """Draw k_3 x^3 between block and ground; otherwise with |x|^1.5 x."""
     stiffness = decades(rng, 2e14, 1e16)
 
     def force(rig: Array, slow: Slow) -> tuple[float, float]:
@@ -76,13 +76,13 @@ def support_nonlinearity(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def force_offset(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A constant force on the block."""
+    """Draw a constant force on the block."""
     size = either(rng, decades(rng, 1.0, 30.0))
     return _pull("force-offset", CATALOGUE, {"force_offset": size}, lambda rig, slow: (size, 0.0))
 
 
 def backlash(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A hinge that carries nothing within the play; otherwise with softened flanks."""
+    """Draw a hinge that carries nothing within the play; otherwise with softened flanks."""
     play = decades(rng, 0.5e-6, 10e-6)
 
     def missing(rig: Array, slow: Slow) -> tuple[float, float]:
@@ -100,7 +100,7 @@ def _pull(name: str, law: str, parameters: dict[str, float],
 
 
 def excitation_distortion(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Second and third harmonic of the drive."""
+    """Draw second and third harmonic of the drive."""
     second, third = decades(rng, 0.01, 0.25), decades(rng, 0.01, 0.25)
     turns = even(rng, -np.pi, np.pi), even(rng, -np.pi, np.pi)
 
@@ -113,7 +113,7 @@ def excitation_distortion(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def sensor_path_compliance(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """x + c T; otherwise softer towards larger forces."""
+    """Draw x + c T; otherwise softer towards larger forces."""
     compliance = decades(rng, 6e-9, 6e-8)
 
     def sense(channels: Channels, slow: Slow) -> Channels:
@@ -126,14 +126,14 @@ def sensor_path_compliance(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def sensor_inertia(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """T + m a."""
+    """Draw T + m a."""
     mass = decades(rng, 0.1, 3.0)
     return _sensor("sensor-inertia", CATALOGUE, {"mass": mass}, lambda channels, slow: replace(
         channels, friction_force=channels.friction_force + mass * channels.acceleration), IN_PATH)
 
 
 def extra_mode(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """The force through one resonance."""
+    """Draw the force through one resonance."""
     natural, damping = 2.0 * np.pi * decades(rng, 250.0, 900.0), decades(rng, 0.01, 0.1)
 
     def response(omega: Array) -> NDArray[np.complex128]:
@@ -145,7 +145,7 @@ def extra_mode(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def channel_delay(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """T(t - tau); otherwise a low-pass of first order with that delay."""
+    """Draw T(t - tau); otherwise a low-pass of first order with that delay."""
     delay = decades(rng, 20e-6, 300e-6)
 
     def response(omega: Array) -> NDArray[np.complex128]:
@@ -156,7 +156,7 @@ def channel_delay(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def sensor_drift(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """T + d s, s the elapsed share of the test; otherwise settling within a third of it."""
+    """Draw T + d s, s the elapsed share of the test; otherwise settling within a third of it."""
     drift = either(rng, decades(rng, 0.1, 3.0))
 
     def sense(channels: Channels, slow: Slow) -> Channels:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fretflow_trial.elasticity import HALF
 from fretflow_trial.hidden import CATALOGUE, Draw, Facts, Hidden, decades, either, even
 from fretflow_trial.joint import specimens
-from fretflow_trial.physics import Layer, Physics, Slow, Worn
+from fretflow_trial.physics import Layer, Slow, Worn
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ TYPICAL_POWER = 130e3  # W/m^2
 
 
 def third_body(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Debris that closes the gap, slows wear and leaves soonest at the edges; otherwise leaves alike everywhere."""
+    """Draw debris that closes the gap, slows wear and leaves soonest at the edges; otherwise alike everywhere."""
     retained, scale, residence = even(rng, 0.3, 0.95), decades(rng, 0.5e-6, 5e-6), decades(rng, 1e3, 1e6)
     edge = decades(rng, 0.02, 0.5)
 
@@ -37,7 +37,7 @@ def third_body(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def scar_edge(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Ends of the stroke that harden with the square of the way into them; otherwise with its cube."""
+    """Draw ends of the stroke that harden with the square of the way into them; otherwise with its cube."""
     peak, width, scale = decades(rng, 3.0, 25.0), even(rng, 0.1, 0.6), decades(rng, 0.2e-6, 5e-6)
     share, power = specimens().share, 3 if other else 2
 
@@ -54,7 +54,7 @@ def scar_edge(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def initial_gap(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Tilt, crown or cylinder; otherwise waviness."""
+    """Draw tilt, crown or cylinder; otherwise waviness."""
     sizes = dict.fromkeys(("tilt_x", "tilt_y", "crown", "cylinder"), 0.0)
     for name in rng.choice(list(sizes), size=int(rng.integers(1, 3)), replace=False):
         size = decades(rng, 0.3e-6, 4e-6)
@@ -74,7 +74,7 @@ def initial_gap(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def wear_coefficient_evolution(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """K_w (x + (1 - x) exp(-n / n_K)); otherwise 1 / (1 + n / n_K) in place of the exponential."""
+    """Draw K_w (x + (1 - x) exp(-n / n_K)); otherwise 1 / (1 + n / n_K) in place of the exponential."""
     final, settling = decades(rng, 0.2, 4.0), decades(rng, 0.03, 1.0) * facts.cycles
 
     def factor(worn: Worn, slow: Slow) -> Array:
@@ -87,7 +87,7 @@ def wear_coefficient_evolution(rng: Generator, other: bool, facts: Facts) -> Hid
 
 
 def wear_threshold(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """K_w sum p |du| (1 - q_th / q), q the frictional power; otherwise a threshold of pressure."""
+    """Draw K_w sum p |du| (1 - q_th / q), q the frictional power; otherwise a threshold of pressure."""
     threshold = even(rng, 0.1, 0.6)
 
     def factor(worn: Worn, slow: Slow) -> Array:
@@ -102,7 +102,7 @@ def wear_threshold(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def wear_power_law(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c."""
+    """Draw K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c."""
     a, b, c = even(rng, -0.5, 0.5), even(rng, -0.5, 0.5), even(rng, -0.5, 0.2)
 
     def factor(worn: Worn, slow: Slow) -> Array:

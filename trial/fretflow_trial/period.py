@@ -31,8 +31,8 @@ class State:
     pressing_before: Array  # (n,), N
     closed: Flags
     velocity_before: float  # of the block
-    since_reversal: float
-    direction: float
+    since_reversal: float  # mean slip of the faces, m
+    direction: float  # of the block
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,7 @@ class March:
         if physics.friction_at_instant:
             velocity = 2.0 * state.rig[2 + BLOCK] - state.velocity_before
             heading = 1.0 if velocity > 0.0 else -1.0
-            since = abs(velocity) * self.duration + (since if heading == direction else 0.0)
-            direction = heading
+            since, direction = (since if heading == direction else 0.0), heading
             instant = Instant((k + 1) * self.duration, velocity, since, expected / self.joint.areas,
                               state.friction)
             for factor in physics.friction_at_instant:
@@ -176,7 +175,7 @@ class March:
         pressing, approach, closed = contact.press(max(load, 0.0), self.joint.cross.T @ friction - self.gap,
                                                    state.closed)
         new = State(rig, (0.0, total), state.slip + moved, friction, sliding, pressing, state.pressing, closed,
-                    float(state.rig[2 + BLOCK]), since, direction)
+                    float(state.rig[2 + BLOCK]), since + float(np.abs(moved) @ self.joint.share), direction)
         return new, friction, moved, load, approach
 
     def settle(self, state: State | None = None, tolerance: float = 2e-4, least: int = 2, most: int = 60) -> Settled:

@@ -41,7 +41,7 @@ class Instant:
 
     time: float
     block_velocity: float
-    since_reversal: float  # path of the arm since its motion last reversed, m
+    since_reversal: float  # mean slip of the faces since the motion last reversed, m
     pressure: Array  # (n,) Pa
     friction: Array  # (n,) N, of the upper face on the lower
 

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from fretflow_trial.case import Simulated
+from fretflow_trial.case import BASIC, Simulated
 from fretflow_trial.joint import DENSITY, Joint, specimens
 from fretflow_trial.physics import Channels
 
@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 
 UNITS = {"displacement": ("displacement_um", "um", 1e6, 5), "friction_force": ("friction_force_N", "N", 1.0, 4),
          "normal_force": ("normal_force_N", "N", 1.0, 4), "approach": ("approach_um", "um", 1e6, 5)}
-EXCITATION_NOISE = 0.003
 GRID = 9  # points of the wear map a side
 
 
@@ -55,10 +54,10 @@ def _loop_rows(simulated: Simulated, rng: Generator, loop: Channels, mark: str, 
         begin = (first + repeat) % loop.periods * samples
         part = slice(begin, begin + samples)
         friction = noise.repeat_friction * rng.standard_normal()
-        columns = [loop.time[:samples], loop.excitation[part] + EXCITATION_NOISE * case.plan.main.amplitude
-                   * rng.standard_normal(samples)]
+        columns = [loop.time[:samples],
+                   loop.excitation[part] + noise.sample["excitation"] * rng.standard_normal(samples)]
         for name in case.channels:
-            scatter = gains[name] * (1.0 + noise.repeat_gain * rng.standard_normal() * (name in BASIC_GAINS))
+            scatter = gains[name] * (1.0 + noise.repeat_gain * rng.standard_normal() * (name in BASIC))
             ideal = getattr(loop, name)[part] + friction * simulated.rates.friction[name][row]
             columns.append(UNITS[name][2] * (scatter * ideal + offsets[name]
                                              + noise.sample[name] * rng.standard_normal(samples)))
@@ -66,9 +65,6 @@ def _loop_rows(simulated: Simulated, rng: Generator, loop: Channels, mark: str, 
         lines += [f"{mark},{repeat}," + ",".join(f"{value:.{digits}f}" for value, digits in zip(
             values, places, strict=True)) for values in zip(*columns, strict=True)]
     return lines
-
-
-BASIC_GAINS = ("displacement", "friction_force")
 
 
 def _map(simulated: Simulated, rng: Generator, joint: Joint) -> str:

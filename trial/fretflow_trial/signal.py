@@ -1,7 +1,8 @@
 """How much of a hidden effect a recording shows once the baseline's own parameters are refitted, over the noise.
 
 The change that the effect makes is projected, in least squares weighted by the noise, onto what friction
-coefficient, wear coefficient, moving mass, an offset of every loop and the gains within their calibration can absorb.
+coefficient, wear coefficient, moving mass and the gains within their calibration can absorb: a
+refit by two Gauss-Newton steps.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lstsq
+from scipy.linalg import block_diag, lstsq
 
 from fretflow_trial.campaign import Outcome, Plan, Test
 from fretflow_trial.joint import Joint
@@ -20,6 +21,8 @@ from fretflow_trial.physics import Channels, Physics
 Array = NDArray[np.float64]
 
 NUDGE = 0.02
+LINEAR = 0.02  # relative change of a parameter up to which one step will do
+LARGEST_STEP = 0.5
 
 
 @dataclass(frozen=True)
@@ -45,16 +48,19 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Signal:
-    """`rms`: of the change after the refit over the noise of a sample, in the channel where it is largest.
+    """How much of an effect is left.
 
-    `by_channel` has it for each; `total` is the square root of the sum over all samples and repeats. `explained` is
-    the share of the change that the refit absorbs.
+    `rms`: root mean square of the change after the refit over the noise of one sample, sensor and offset, in the
+    channel where it is largest; `by_channel` has it for each. `total`: the distance of recordings with and without
+    the effect, over all samples and repeats, in standard deviations (Mahalanobis), after the refit; noise, offsets
+    and scatter are its covariance. `absorbed`: share of the change, squared, that the refit takes.
     """
 
     rms: float
     total: float
     absorbed: float
     by_channel: Mapping[str, float]
+    refit: tuple[float, float, float]  # relative changes of friction, mass and wear coefficient
 
 
 def stacked(loops: tuple[Channels, ...], name: str) -> Array:
@@ -84,43 +90,81 @@ def signal(joint: Joint, with_effect: Outcome, without: Outcome, rates: Slopes, 
     """Return how much of the difference between two outcomes is left after the refit."""
     names = tuple(rates.friction)
     loops = {name: stacked((*without.loops, *without.sweep), name) for name in names}
-    change = {name: stacked((*with_effect.loops, *with_effect.sweep), name) - loops[name] for name in names}
-    parts = [change[name].ravel() / noise.sample[name] for name in names]
-    parts.append((with_effect.depth - without.depth) / noise.depth)
-    columns = _columns(joint, without, loops, rates, noise)
-    target = np.concatenate([*parts, np.zeros(columns.shape[0] - sum(map(len, parts)))])
+    parts = {name: (stacked((*with_effect.loops, *with_effect.sweep), name) - loops[name]).ravel() for name in names}
+    parts["wear_depth"] = with_effect.depth - without.depth
+    change = np.concatenate(list(parts.values()))
+    level = {name: np.hypot(noise.sample[name], noise.offset[name]) for name in names}
+    place = np.repeat(np.arange(len(parts)), [len(part) for part in parts.values()])
+    overall = np.array([*level.values(), noise.depth])[place]
+    refit = _refit(joint, without, loops, rates)
+    gains = _gains(joint, loops)
+    left, found = _left(change / overall, refit / overall[:, None], noise.calibration * gains / overall[:, None])
+    rms = {name: float(np.sqrt(np.mean(left[:len(change)][place == k]**2))) for k, name in enumerate(parts)}
+    kept = float(np.sum(left[:len(change)]**2))
+    sample = np.array([*(noise.sample[name] / np.sqrt(repeats) for name in names), noise.depth])[place]
+    scatter = np.hstack([noise.calibration * gains, _each_loop(joint, loops, rates, noise, repeats)])
+    apart, _ = _left(change / sample, refit / sample[:, None], scatter / sample[:, None])
+    whole = max(float(np.sum((change / overall)**2)), 1e-300)
+    return Signal(max(rms.values()), float(np.linalg.norm(apart)), 1.0 - kept / whole, rms,
+                  (float(found[0]), float(found[1]), float(found[2])))
+
+
+def _left(change: Array, free: Array, scattered: Array) -> tuple[Array, Array]:
+    """Return what is left of `change` after a fit of `free` columns and of `scattered` ones of unit prior, and the fit.
+
+    The last rows are the priors' residuals, so that the sum of squares is the distance in standard deviations.
+    """
+    count = scattered.shape[1]
+    size = np.linalg.norm(free, axis=0)
+    columns = np.block([[free / np.where(size > 0.0, size, 1.0), scattered],
+                        [np.zeros((count, free.shape[1])), np.eye(count)]])
+    target = np.concatenate([change, np.zeros(count)])
     found = lstsq(columns, target, lapack_driver="gelsy")[0]
-    left = target - columns @ found
-    rms, start = {}, 0
-    for name, part in zip((*names, "wear_depth"), parts, strict=True):
-        rms[name] = float(np.sqrt(np.mean(left[start:start + len(part)]**2)))
-        start += len(part)
-    whole, kept = float(np.sum(target[:start]**2)), float(np.sum(left[:start]**2))
-    return Signal(max(rms.values()), float(np.sqrt(kept * repeats)), 1.0 - kept / max(whole, 1e-300), rms)
+    return target - columns @ found, found[:free.shape[1]] / np.where(size > 0.0, size, 1.0)
 
 
-def _columns(joint: Joint, without: Outcome, loops: Mapping[str, Array], rates: Slopes, noise: Noise) -> Array:
-    """Return what the refit can change over the noise, one column a parameter; the last rows are its priors."""
-    names = tuple(loops)
-    sizes = [loops[name].size for name in names]
-    begin = np.cumsum([0, *sizes])
-    rows, count = begin[-1] + joint.size, len(next(iter(loops.values())))
-    free = np.zeros((rows, 3))
-    for name, start, stop in zip(names, begin[:-1], begin[1:], strict=True):
-        free[start:stop, 0] = rates.friction[name].ravel() / noise.sample[name]
-        free[start:stop, 1] = rates.mass[name].ravel() / noise.sample[name]
-    free[begin[-1]:, 2] = without.depth / noise.depth
-    if "approach" in names:
-        worn = loops["approach"] - loops["approach"][:1]
-        start = begin[names.index("approach")]
-        free[start:start + worn.size, 2] = worn.ravel() / noise.sample["approach"]
-    gains = np.zeros((rows, len(names)))
-    offsets = np.zeros((rows, len(names) * count))
-    for k, name in enumerate(names):
-        gains[begin[k]:begin[k + 1], k] = loops[name].ravel() / noise.sample[name] * noise.calibration
-        width = loops[name].shape[1]
-        for loop in range(count):
-            start = begin[k] + loop * width
-            offsets[start:start + width, k * count + loop] = noise.offset[name] / noise.sample[name]
-    priors = np.hstack([np.zeros((len(names) * (count + 1), 3)), np.eye(len(names) * (count + 1))])
-    return np.vstack([np.hstack([free, gains, offsets]), priors])
+def _refit(joint: Joint, without: Outcome, loops: Mapping[str, Array], rates: Slopes) -> Array:
+    """Return how all samples follow friction, mass and wear coefficient, (samples, 3)."""
+    friction = np.concatenate([*(rates.friction[name].ravel() for name in loops), np.zeros(joint.size)])
+    mass = np.concatenate([*(rates.mass[name].ravel() for name in loops), np.zeros(joint.size)])
+    worn = [((values - values[:1]).mean(axis=1, keepdims=True) if name == "approach" else 0.0) * np.ones_like(values)
+            for name, values in loops.items()]
+    wear = np.concatenate([*(part.ravel() for part in worn), without.depth])
+    return np.stack([friction, mass, wear], axis=1)
+
+
+def _gains(joint: Joint, loops: Mapping[str, Array]) -> Array:
+    """Return how all samples follow the gain of each channel, (samples, channels)."""
+    return np.asarray(block_diag(*(values.reshape(-1, 1) for values in loops.values()), np.zeros((joint.size, 0))))
+
+
+def _each_loop(joint: Joint, loops: Mapping[str, Array], rates: Slopes, noise: Noise, repeats: int) -> Array:
+    """Return the scatter of every loop, one column a source and one standard deviation high: offset, gain, friction."""
+    offsets = [np.full((values.shape[1], 1), noise.offset[name]) for name, values in loops.items() for _ in values]
+    gains = [noise.repeat_gain / np.sqrt(repeats) * row[:, None] for values in loops.values() for row in values]
+    count = len(next(iter(loops.values())))
+    friction = [noise.repeat_friction / np.sqrt(repeats) * block_diag(*(row[:, None] for row in rates.friction[name]))
+                for name in loops]
+    wear = np.zeros((joint.size, 0))
+    return np.hstack([block_diag(*offsets, wear), block_diag(*gains, wear),
+                      np.vstack([*friction, np.zeros((joint.size, count))])])
+
+
+def signal_of(joint: Joint, with_effect: Outcome, physics: Physics, plan: Plan, noise: Noise, names: tuple[str, ...],
+              repeats: int) -> tuple[Signal, Slopes]:
+    """Return how much of an outcome `physics`, without the effect, cannot explain after its refit, and its slopes.
+
+    The slopes are those about `physics` as it is given.
+    """
+    without = Test(joint, physics, plan).run()
+    first = rates = slopes(joint, physics, plan, without, names)
+    found = signal(joint, with_effect, without, rates, noise, repeats)
+    if max(map(abs, found.refit)) < LINEAR:
+        return found, first
+    friction, mass, wear = (1.0 + min(max(change, -LARGEST_STEP), LARGEST_STEP) for change in found.refit)
+    refitted = replace(physics, friction=physics.friction * friction, wear=physics.wear * wear,
+                       rig=replace(physics.rig, block_mass=physics.rig.block_mass * mass))
+    without = Test(joint, refitted, plan).run()
+    rates = slopes(joint, refitted, plan, without, names)
+    again = signal(joint, with_effect, without, rates, noise, repeats)
+    return (again if again.total < found.total else found), first

@@ -15,7 +15,7 @@ TYPICAL_STROKE = 12e-6
 
 
 def thermal_swing(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Friction that follows the room's temperature, several swings over the test, through a thermal lag."""
+    """Draw friction that follows the room's temperature, several swings over the test, through a thermal lag."""
     size, turns, lag = even(rng, 0.05, 0.2), even(rng, 1.3, 3.5), even(rng, 0.0, 2.0 * np.pi)
 
     def factor(slow: Slow) -> float:
@@ -26,7 +26,7 @@ def thermal_swing(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def friction_jump(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Friction that changes at once at some cycle, as when a coating breaks through."""
+    """Draw friction that changes at once at some cycle, as when a coating breaks through."""
     size, when = either(rng, even(rng, 0.08, 0.25)), even(rng, 0.1, 0.7) * facts.cycles
 
     def factor(slow: Slow) -> float:
@@ -37,7 +37,7 @@ def friction_jump(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def slip_weakening(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Contacts that age at each rest: friction is higher until the faces have slid a memory length."""
+    """Draw contacts that age at each rest: friction is higher until the faces have slid a memory length."""
     size, length = even(rng, 0.08, 0.35), decades(rng, 0.5e-6, 4e-6)
 
     def factor(instant: Instant) -> float:
@@ -49,7 +49,7 @@ def slip_weakening(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def subharmonic_load(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A normal load that swings at half the frequency of the drive; repeats are of either kind."""
+    """Draw a normal load that swings at half the frequency of the drive; repeats are of either kind."""
     size, lag = even(rng, 0.05, 0.25), even(rng, 0.0, np.pi)
 
     def beside(load: float, turns: float, arm: float) -> float:
@@ -63,7 +63,7 @@ def subharmonic_load(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def quadratic_displacement(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A displacement sensor whose gain depends on the place, as of an eddy-current probe near magnetic steel."""
+    """Draw a displacement sensor whose gain depends on the place, as an eddy-current probe near magnetic steel."""
     size = either(rng, even(rng, 0.03, 0.2))
 
     def sense(channels: Channels, slow: Slow) -> Channels:
@@ -74,7 +74,7 @@ def quadratic_displacement(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def gain_drift(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A displacement sensor whose gain drifts over the test."""
+    """Draw a displacement sensor whose gain drifts over the test."""
     size = either(rng, even(rng, 0.02, 0.12))
 
     def sense(channels: Channels, slow: Slow) -> Channels:
@@ -84,7 +84,7 @@ def gain_drift(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def drive_crosstalk(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """The shaker's current in the cable of the displacement sensor, a quarter of a period apart."""
+    """Draw crosstalk: the shaker's current in the cable of the displacement sensor, a quarter of a period apart."""
     size, turn = even(rng, 0.02, 0.12), even(rng, 0.25, 0.75) * np.pi
 
     def sense(channels: Channels, slow: Slow) -> Channels:
@@ -95,7 +95,7 @@ def drive_crosstalk(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def loosening_holder(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """A sensor's holder that comes loose at some cycle: from then on the force bends it."""
+    """Draw a sensor's holder that comes loose at some cycle: from then on the force bends it."""
     compliance, when = decades(rng, 1e-8, 6e-8), even(rng, 0.15, 0.75) * facts.cycles
 
     def sense(channels: Channels, slow: Slow) -> Channels:

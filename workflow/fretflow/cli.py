@@ -290,6 +290,35 @@ def diagnose(
 
 
 @app.command
+def trial(
+    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial")
+) -> None:
+    """Try `diagnose` on recordings whose hidden physics it cannot know, and write the scoreboard.
+
+    The recordings come from a second simulator that shares nothing with the rest. Their answers are sealed (a salted
+    hash is printed first, salt and key in the end), every diagnosis is a process of its own that sees one recording
+    only, and OUT holds trial.html, trial.json and all answers. A trial that is stopped goes on with the same command.
+
+    Parameters
+    ----------
+    cases
+        number of recordings: a fifth with nothing hidden, a fifth with physics beyond the catalogue, a fifth with two
+        effects, the rest with one
+    seed
+        which recordings
+    fast
+        diagnose with --fast
+    jobs
+        recordings made or diagnosed at a time
+    out
+        folder of the trial
+    """
+    from fretflow.cli_trial import show_trial
+
+    show_trial(cases, seed, fast, jobs, out)
+
+
+@app.command
 def init(path: Path = Path("case.toml"), /) -> None:
     """Write a commented case file to start from.
 
