@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fretflow.core.config import WearScheme
 from fretflow.effects.catalogue import catalogue
+from fretflow.effects.model import EffectModel
 from fretflow.effects.wear_threshold import frictional_power
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
@@ -221,6 +222,23 @@ def test_wear_may_begin_late_and_pause(dragged, winkler):
     expected = RATE * np.sum(1.0 - 0.4 / friction)
     assert history.depth[-1] == pytest.approx(expected, rel=1e-2, abs=0.0)
     assert history.stopped_by == "cycles"
+
+
+def test_asperities_feel_the_load_and_the_gap_that_other_effects_leave(winkler):
+    """At half the load the springs are those of half the pressure; a gap from elsewhere counts as one of the case."""
+    problem = winkler(foundation=1e14)
+    asperities = make("contact-stiffness", stiffness=40e6, exponent=0.5, reference_pressure=60e6)
+    late = replace(SlowState.unworn(9), cycles=1e9)
+    lighter = EffectModel.build(problem, [asperities, make("normal-load-drift", loss=0.5)]).problem(late)
+    springs = lighter.joint.flexibility - problem.joint.flexibility
+    expected = np.repeat(1.0 / (40e12 * np.sqrt(0.5) * problem.interface.areas), 3)
+    np.testing.assert_allclose(np.diag(springs)[0::3], expected[0::3], rtol=1e-9)
+    tilt = make("initial-gap", tilt_x=3e-7)
+    tilted = tilt.period(problem, late)
+    found, own = (EffectModel.build(*given).problem(late) for given in ((problem, [asperities, tilt]),
+                                                                         (tilted, [asperities])))
+    np.testing.assert_allclose(found.interface.gap, own.interface.gap, rtol=1e-12)
+    np.testing.assert_allclose(found.joint.flexibility, own.joint.flexibility, rtol=1e-12)
 
 
 def test_stiffening_springs_end_as_those_of_the_stiffer_contact(winkler):

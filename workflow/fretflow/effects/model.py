@@ -46,7 +46,7 @@ class EffectModel:
         problem = self.baseline
         if np.any(slow.depth):
             problem = replace(problem, interface=replace(face, gap=face.gap + slow.depth))
-        for effect in self.effects:
+        for effect in sorted(self.effects, key=lambda effect: (effect.acts_at, effect.id)):
             problem = effect.period(problem, slow)
         return problem
 
