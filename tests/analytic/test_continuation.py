@@ -5,12 +5,14 @@ those of the linear rig; where one node slides the first harmonics are those of 
 the derivative by the frequency is that of central differences.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.harmonic.backbone import Backbone
 from fretflow.harmonic.continuation import Sweep, respond
 from fretflow.harmonic.continuation_curve import (
     CHANNELS,
@@ -19,7 +21,8 @@ from fretflow.harmonic.continuation_curve import (
     label_branches,
     read_peak,
 )
-from fretflow.harmonic.continuation_system import ArmSystem, arm_rates
+from fretflow.harmonic.continuation_model import arm_rates
+from fretflow.harmonic.continuation_system import ArmSystem
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import ArmEquations
 from fretflow.rig.joint import QuasiStaticJoint
@@ -46,8 +49,8 @@ def linear(frequency, force):
 
 @cache
 def sticking(start=40.0, stop=120.0):
-    return respond(problem(2.0, 100.0), Sweep(start=start, stop=stop, harmonics=5, samples=32, fine_harmonics=7,
-                                              fine_samples=48), lambda frequency: None)
+    sweep = Sweep(start=start, stop=stop, harmonics=5, samples=24, fine_harmonics=7, fine_samples=32, tolerance=1e-7)
+    return respond(problem(2.0, 100.0), sweep, lambda direction, frequency: None)
 
 
 def test_a_sticking_contact_gives_the_linear_response_in_both_directions():
@@ -84,6 +87,98 @@ def test_peak_and_half_power_damping_are_those_of_the_linear_rig():
         assert peak.upper_half_power == pytest.approx(high, rel=2e-4)
         assert peak.damping_ratio == pytest.approx((high - low) / (high + low), rel=0.01)
         assert peak.reason == ""
+
+
+def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
+    """A stuck joint under one mass: ``f_0 sqrt(1 - 2 zeta^2)``, ``F / (2 k zeta sqrt(1 - zeta^2))`` and zeta."""
+    zeta, mass = 0.02, 10.0
+    frequency = np.sqrt(STIFFNESS / mass) / (2 * np.pi)
+    rig = LumpedRig(moving_mass=mass, arm_mass=1e-6, ground_stiffness=0.0, hinge_stiffness=1e13,
+                    ground_damping=2 * zeta * np.sqrt(STIFFNESS * mass), hinge_damping=0.0)
+    given = problem(2.0, 100.0)
+    oscillator = replace(given, joint=replace(given.joint, rig=rig))
+    sweep = Sweep(start=50.0, stop=75.0, harmonics=3, samples=16, fine_harmonics=3, fine_samples=24, tolerance=1e-7,
+                  directions=(Direction.UP,))
+    peak = read_peak(respond(oscillator, sweep, lambda direction, frequency: None))
+    assert peak.frequency == pytest.approx(frequency * np.sqrt(1 - 2 * zeta**2), rel=2e-4)
+    assert peak.amplitude == pytest.approx(2.0 / (2 * STIFFNESS * zeta * np.sqrt(1 - zeta**2)), rel=1e-3)
+    assert peak.damping_ratio == pytest.approx(zeta, rel=5e-3)
+
+
+def test_the_load_is_raised_step_by_step_where_rest_leads_nowhere(monkeypatch):
+    solve, asked = ArmSystem.at_frequency, []
+
+    def fail_first(system, omega, arm, start, known=None):
+        asked.append(system.problem.excitation)
+        if len(asked) == 1:
+            raise NonConvergenceError("no", [1.0])
+        return solve(system, omega, arm, start, known)
+
+    monkeypatch.setattr(ArmSystem, "at_frequency", fail_first)
+    sweep = Sweep(start=55.0, stop=57.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64,
+                  directions=(Direction.UP,))
+    found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
+    np.testing.assert_allclose(asked[1:11], 20.0 * np.arange(1, 11) / 10)
+    direct = respond_directly(sweep, 55.0)
+    assert found.first_harmonic[0, 0] == pytest.approx(direct, rel=1e-4)
+    assert not found.bridged.any()
+
+
+def respond_directly(sweep, frequency):
+    system = ArmSystem(problem(20.0, 0.3), sweep.harmonics, sweep.samples, 1e-8, 20)
+    omega = 2 * np.pi * frequency
+    point = system.at_frequency(omega, system.guess(omega), system.march.preloaded())
+    return 2.0 * np.fft.rfft(system.block_motion(point))[1] / sweep.samples
+
+
+def gap_between(monkeypatch, low, high):
+    """Make every point between two frequencies fail."""
+    solve = ArmSystem.correct
+
+    def fail_between(system, plane, start, known=None):
+        if low < plane.unknowns[-1] / (2 * np.pi) < high:
+            raise NonConvergenceError(f"no period at {plane.unknowns[-1] / (2 * np.pi):.6g} Hz", [1.0])
+        return solve(system, plane, start, known)
+
+    monkeypatch.setattr(ArmSystem, "correct", fail_between)
+
+
+SHORT = Sweep(start=85.0, stop=110.0, harmonics=3, samples=16, fine_harmonics=3, fine_samples=16, tolerance=1e-7,
+              longest_step=0.004)  # of a linear rig beyond its resonance
+
+
+def test_a_gap_is_bridged_and_said(monkeypatch):
+    gap_between(monkeypatch, 95.0, 95.3)
+    found = respond(problem(2.0, 100.0), SHORT, lambda direction, frequency: None)
+    for direction in Direction:
+        own = found.along(direction)
+        assert np.sum(found.bridged[own]) == 1
+        (place,) = np.flatnonzero(found.bridged[own])
+        before, after = found.frequency[own[place - 1]], found.frequency[own[place]]
+        assert sorted([before, after])[0] <= 95.0
+        assert sorted([before, after])[1] >= 95.3
+        assert abs(after - before) < 0.011 * before
+    np.testing.assert_allclose(found.first_harmonic[:, :2], linear(found.frequency, 2.0), rtol=1e-5)
+
+
+def test_a_gap_too_wide_is_an_error_that_names_the_frequency(monkeypatch):
+    gap_between(monkeypatch, 90.0, 100.0)
+    words = r"forced response near (89|90)\.\d+ Hz: the curve has a gap"
+    with pytest.raises(NonConvergenceError, match=words) as caught:
+        respond(problem(2.0, 100.0), SHORT, lambda direction, frequency: None)
+    assert caught.value.history == (1.0,)
+
+
+def test_the_defect_of_a_model_is_corrected_to_the_true_root_whatever_the_model():
+    """A backbone off by a third must not show in the result."""
+    omega, results = 2 * np.pi * 55.0, []
+    for share in (1.0, 1.3):
+        backbone = Backbone(np.array([share * STIFFNESS]), np.array([share * 0.3 * LOAD]))
+        system = ArmSystem(problem(20.0, 0.3), 15, 64, 1e-8, 20, backbone)
+        point = system.at_frequency(omega, system.guess(omega), system.march.preloaded())
+        assert point.norm <= 1e-8
+        results.append(point.arm)
+    np.testing.assert_allclose(results[1], results[0], rtol=0.0, atol=1e-6 * np.linalg.norm(results[0]))
 
 
 def test_what_the_range_does_not_show_is_said():
@@ -128,15 +223,15 @@ def jenkins(frequencies, force, limit, steps=1200, periods=100):
 
 @cache
 def sliding():
-    sweep = Sweep(start=30.0, stop=90.0, harmonics=25, samples=128, fine_harmonics=25, fine_samples=128,
-                  directions=(Direction.UP,))
-    return respond(problem(20.0, 0.3), sweep, lambda frequency: None)
+    sweep = Sweep(start=35.0, stop=90.0, harmonics=25, samples=96, fine_harmonics=25, fine_samples=128,
+                  longest_step=0.08, directions=(Direction.UP,))
+    return respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
 
 
 def test_a_sliding_node_is_the_jenkins_element_marched_in_time():
     found = sliding()
     own = found.along(Direction.UP)
-    chosen = own[np.unique(np.searchsorted(found.frequency[own], np.geomspace(31.0, 89.0, 14)))]
+    chosen = own[np.unique(np.searchsorted(found.frequency[own], np.geomspace(36.0, 89.5, 14)))]
     expected = jenkins(found.frequency[chosen], 20.0, 0.3 * LOAD)
     stroke = found.peak_to_peak[chosen, CHANNELS.index("relative")]
     assert np.sum(stroke > 5e-6) >= 4  # gross slip, and stick
@@ -160,7 +255,7 @@ def test_derivative_by_the_frequency_is_that_of_central_differences(omega):
     point = system.evaluate(np.append(motion, omega), rest, None, 1e-6)
     sides = [system.evaluate(np.append(motion, omega + s), rest, None, 1e-6).residual for s in (h, -h)]
     rate = (sides[0] - sides[1]) / (2 * h)
-    np.testing.assert_allclose(point.rate, rate, rtol=1e-5, atol=1e-6 * np.abs(rate).max())
+    np.testing.assert_allclose(system.derivative(point)[:, -1], rate, rtol=1e-5, atol=1e-6 * np.abs(rate).max())
 
 
 def test_branches_are_stretches_between_turning_points_and_shared_by_both_directions():

@@ -19,7 +19,7 @@ RIG = LumpedRig(moving_mass=10.0, arm_mass=0.5, ground_stiffness=6e5, hinge_stif
                 hinge_damping=20.0)
 SOFT, OWN, COUPLED, NORMAL = 1e-6, 1e-2, 0.7e-6, 1e-6  # m/N
 GAP, LOAD, FORCE = 1.4e-6, 60.0, 0.2
-START, STOP = 52.0, 80.0
+START, STOP = 58.0, 64.0
 
 
 def problem():
@@ -43,8 +43,8 @@ def springs():
 
 @cache
 def curve():
-    sweep = Sweep(start=START, stop=STOP, harmonics=9, samples=64, fine_harmonics=15, fine_samples=128)
-    return respond(problem(), sweep, lambda frequency: None)
+    sweep = Sweep(start=START, stop=STOP, harmonics=9, samples=48, fine_harmonics=12, fine_samples=96)
+    return respond(problem(), sweep, lambda direction, frequency: None)
 
 
 def integrate(frequencies, steps=160, periods=80):
@@ -89,6 +89,21 @@ def test_the_curve_folds_and_its_middle_branch_is_unstable():
     assert np.sum(inner & (found.branch == 1)) >= 3
     assert read_peak(found).damping_ratio is None
     assert "turns back" in read_peak(found).reason
+
+
+def test_all_periods_at_a_frequency_are_kept_under_their_own_labels():
+    found = curve()
+    turns = found.frequency[found.turning_points(Direction.UP)]
+    between = float(turns.mean())
+    assert found.branches_at(between, Direction.UP) == found.branches_at(between, Direction.DOWN) == {0, 1, 2}
+    assert found.branches_at(START + 0.1, Direction.UP) == {0}
+    assert found.branches_at(STOP - 0.1, Direction.UP) == {2}
+    amplitudes = []
+    for branch in range(3):
+        own = np.flatnonzero(found.branch == branch)
+        nearest = own[np.argmin(np.abs(found.frequency[own] - between))]
+        amplitudes.append(abs(found.first_harmonic[nearest, 0]))
+    assert amplitudes[0] > 1.2 * amplitudes[1] > 1.2 * 1.2 * amplitudes[2]
 
 
 def test_stepped_time_integration_jumps_where_the_curve_turns():

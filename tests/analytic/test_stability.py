@@ -5,14 +5,18 @@ damped or driven unstable by a negative dashpot; on a contact that slides, the m
 differences between two nonlinear marches of rig and contact.
 """
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
-from fretflow.harmonic.contact_march import Trajectory
-from fretflow.harmonic.contact_sample import STICK, SampleSolver, SampleState
+from fretflow.contact.law import FactorAndSlopes
+from fretflow.harmonic.contact_march import ContactMarch, Trajectory
+from fretflow.harmonic.contact_sample import STICK, Instant, SampleSolver, SampleState
 from fretflow.harmonic.continuation_system import ArmSystem
+from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.stability import RIG_STATES, floquet_multipliers, is_stable, monodromy_matrix
+from fretflow.harmonic.stability import RIG_STATES, Around, floquet_multipliers, is_stable, monodromy_matrix
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
 
@@ -44,8 +48,8 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
     errors = []
     for samples in (128, 256):
         system, point = converged(1.0, frequency, samples, own)
-        assert np.all(point.period.trajectory.state == STICK)
-        found = floquet_multipliers(own, system.march.system, point.period.trajectory, frequency)
+        assert np.all(point.trajectory.state == STICK)
+        found = floquet_multipliers(own, system.march.system, point.trajectory, frequency)
         stiffness = own.stiffness + np.diag([0.0, STIFFNESS])
         companion = np.block([[np.zeros((2, 2)), np.eye(2)],
                               [-np.linalg.solve(own.mass, stiffness), -np.linalg.solve(own.mass, own.damping)]])
@@ -62,7 +66,7 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
 def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
     own, frequency, samples = rig(), 45.0, 96
     system, point = converged(force, frequency, samples, own, nodes)
-    period, contact = point.period.trajectory, system.march.system
+    period, contact = point.trajectory, system.march.system
     # begin where nodes stick that slip later: there the contact remembers
     stuck = np.all(period.state == STICK, axis=1) & np.all(np.roll(period.state, 1, axis=0) == STICK, axis=1)
     assert 0 < np.sum(stuck) < samples
@@ -105,10 +109,84 @@ def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
     assert np.all(np.abs(differences - expected) < 1e-6 * size + 1e-9 * np.abs(scales))
 
 
+def test_forces_on_the_rig_take_part():
+    """A negative dashpot given as a force is one of the rig's own; a spring likewise."""
+    samples, frequency = 96, 45.0
+    system, point = converged(60.0, frequency, samples, rig(60.0))
+    contact, period = system.march.system, point.trajectory
+    more = np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([[100.0, 0.0], [0.0, 0.0]])
+    around = Around.nothing(contact.load, samples)
+    forced = replace(around, force_by_position=np.broadcast_to(more[0], (samples, 2, 2)),
+                     force_by_velocity=np.broadcast_to(more[1], (samples, 2, 2)))
+    found = monodromy_matrix(rig(60.0), contact, period, frequency, forced)
+    own = monodromy_matrix(rig(-40.0), contact, period, frequency)
+    np.testing.assert_allclose(found, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
+    assert not np.allclose(found, monodromy_matrix(rig(60.0), contact, period, frequency), rtol=1e-3)
+
+
+@dataclass(frozen=True)
+class Weakening:
+    """Friction that falls with speed and rises along x."""
+
+    def __call__(self, position, velocity):
+        share = 0.3 * np.exp(-np.abs(velocity) / 5e-3)
+        return FactorAndSlopes(1.0 + share + 2e3 * position, np.full_like(position, 2e3),
+                               -np.sign(velocity) * share / 5e-3)
+
+
+def test_friction_and_load_that_follow_the_motion_take_part():
+    """Against differences of marches in which both follow the perturbed motion."""
+    own, frequency, samples = rig(), 45.0, 96
+    system, point = converged(60.0, frequency, samples, own)
+    problem = replace(system.problem, motion_factors=(Weakening(),), load_slope=4e4, frequency=frequency)
+    contact, period = system.march.system, point.trajectory
+    motion = np.column_stack([system.block_motion(point), period.arm])
+    speed = time_derivative(period.arm, problem.omega)
+    # a period of its own under these laws: the arm's motion as it is, the contact marched until it repeats
+    march = ContactMarch.of(problem)
+    period = march.period(period.arm, np.zeros((samples, 0)), march.preloaded(), None, 1e-13).trajectory
+    n, h = contact.size, 1.0 / (frequency * samples)
+    moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
+    memory = np.concatenate([moving, n + moving])
+    inert = own.mass * 4.0 / h**2 + own.damping * 2.0 / h
+
+    def differences(perturbation):
+        x, v, phi = perturbation[:2].copy(), perturbation[2:4].copy(), perturbation[4]
+        before = period.sample(-1)
+        before = SampleState(before.displacement.copy(), before.force, before.approach, before.state)
+        before.displacement[memory] += perturbation[RIG_STATES:]
+        solver = SampleSolver(contact)
+        solver.tolerance = 1e-14 * contact.load
+        for j in range(samples):
+            push = inert @ x + 4.0 / h * own.mass @ v - own.stiffness @ x + np.array([0.0, phi])
+            after, new, x1 = before, phi, x
+            for _ in range(60):
+                x1 = np.linalg.solve(inert + own.stiffness, push + np.array([0.0, new]))
+                v1 = 2.0 / h * (x1 - x) - v
+                arm = period.arm[j] + x1[1]
+                at = Instant(contact.load + 4e4 * arm, Weakening()(arm, speed[j] + v1[1]).factor)
+                after = solver.solve(arm, before.displacement, period.sample(j), period.arm[j - 1], at)
+                last, new = new, after.force[:n].sum() - period.force[j, :n].sum()
+                if abs(new - last) < 1e-13:
+                    break
+            x, v, phi, before = x1, v1, new, after
+        return np.concatenate([x, v, [phi], (before.displacement - period.displacement[-1])[memory]])
+
+    matrix = monodromy_matrix(own, contact, period, frequency, Around.of(problem, motion))
+    scales = np.concatenate([[1e-6, 1e-6, 1e-3, 1e-3, 1.0], np.full(len(memory), 1e-6)])
+    direction = np.random.default_rng(3).normal(size=len(matrix)) * scales * 1e-5
+    expected = matrix @ direction
+    found = 0.5 * (differences(direction) - differences(-direction))
+    size = np.abs(matrix) @ np.abs(direction)
+    assert np.all(np.abs(found - expected) < 1e-5 * size + 1e-9 * np.abs(scales))
+    plain = monodromy_matrix(own, contact, period, frequency)
+    assert np.abs((plain - matrix) @ direction / size).max() > 1e-3  # they matter
+
+
 def test_sliding_damps():
     own = rig(3.0)
     moduli = {}
     for force in (1.0, 60.0):
         system, point = converged(force, 45.0, 96, own)
-        moduli[force] = np.abs(floquet_multipliers(own, system.march.system, point.period.trajectory, 45.0)[0])
+        moduli[force] = np.abs(floquet_multipliers(own, system.march.system, point.trajectory, 45.0)[0])
     assert moduli[60.0] < 0.9 * moduli[1.0] < 0.9

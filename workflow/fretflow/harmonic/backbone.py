@@ -11,6 +11,7 @@ approximation for many frequencies and as a start for the full solution, not as 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,26 +98,39 @@ class Backbone:
         """
         scale = float(np.linalg.norm(equations.load))
 
-        def evaluate(x: Array) -> tuple[Array, Array, float]:
+        def evaluate(x: Array) -> tuple[Array, Array]:
             force, tangent = self.friction(equations.synthesis @ x, equations.synthesis)
             residual = equations.impedance @ x - equations.load - equations.analysis @ force
-            return residual, equations.impedance - equations.analysis @ tangent, float(np.linalg.norm(residual))
+            return residual / scale, (equations.impedance - equations.analysis @ tangent) / scale
 
-        residual, jacobian, norm = evaluate(arm)
-        history = [norm / scale]
-        while not history[-1] <= tolerance:  # nan included
-            step, tried = np.linalg.solve(jacobian, -residual), []
-            for length in STEP_LENGTHS:
-                tried.append((arm + length * step, *evaluate(arm + length * step)))
-                if tried[-1][3] < (1.0 - 1e-3 * length) * norm:
-                    break
-            else:  # across a kink: samples begin to stick one by one
-                tried = tried[:1]
-            if len(history) > MAX_ITERATIONS:
-                raise NonConvergenceError("the rig on the contact's backbone did not converge", history)
-            arm, residual, jacobian, norm = tried[-1]
-            history.append(norm / scale)
-        return arm
+        return newton_across_kinks(evaluate, arm, tolerance)
+
+
+def newton_across_kinks(evaluate: Callable[[Array], tuple[Array, Array]], x: Array, tolerance: float) -> Array:
+    """Return the root of a function with kinks, from the guess `x`; `evaluate` gives residual and Jacobian.
+
+    Samples that begin to stick one by one put kinks into the residual, across which it may have to grow.
+
+    Raises
+    ------
+    NonConvergenceError
+        With the residual history.
+    """
+    residual, jacobian = evaluate(x)
+    history = [float(np.linalg.norm(residual))]
+    while not history[-1] <= tolerance:  # nan included
+        if len(history) > MAX_ITERATIONS:
+            raise NonConvergenceError("the rig on the contact's backbone did not converge", history)
+        step, tried = np.linalg.solve(jacobian, -residual), []
+        for length in STEP_LENGTHS:
+            tried.append((x + length * step, *evaluate(x + length * step)))
+            if np.linalg.norm(tried[-1][1]) < (1.0 - 1e-3 * length) * history[-1]:
+                break
+        else:
+            tried = tried[:1]
+        x, residual, jacobian = tried[-1]
+        history.append(float(np.linalg.norm(residual)))
+    return x
 
 
 def find_arm(problem: PeriodicProblem, equations: ArmEquations, backbone: Backbone, guess: Array | None = None

@@ -1,11 +1,14 @@
 """Forced response by pseudo-arc-length continuation.
 
 From each end of the frequency range the curve of periods is followed to where it leaves the range, around turning
-points, so that several periods at one frequency are all found. A step's length is measured relative to the motion and
-the frequency themselves and set by the effort of Newton and by how far the curve bent. At the peak and its half-power
-points more periods are solved, with finer settings. Where a curve cannot be followed (samples that begin to stick
-make it jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
+points, so that several periods at one frequency are all found. Each step is tried at a frequency, and where there is
+no period near, across the last chord. Its length is measured relative to the motion and the frequency themselves and
+set by how far the point found is from where the chord led, and by the effort. At the peak and its half-power points
+more periods are solved, with finer settings. Where a curve cannot be followed (samples that begin to stick make it
+jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
 Equations: `continuation_system`.
+
+Stability is found at some points, and between any two that differ, at all: see `_judge`.
 """
 
 from __future__ import annotations
@@ -13,12 +16,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
 from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.backbone import Backbone
+from fretflow.harmonic.contact_march import ContactMarch
 from fretflow.harmonic.continuation_curve import (
     Direction,
     Parabola,
@@ -28,19 +35,24 @@ from fretflow.harmonic.continuation_curve import (
     half_power_bracket,
     label_branches,
 )
+from fretflow.harmonic.continuation_model import Plane
 from fretflow.harmonic.continuation_system import ArmSystem, Point
 from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.stability import floquet_multipliers, is_stable
+from fretflow.harmonic.stability import Around, floquet_multipliers, is_stable
 
 Array = NDArray[np.float64]
-EFFORT = 4  # Newton steps of a good arc
-BEND = 0.4  # rad between good arcs
+EFFORT = 8  # iterations of a good arc
+OFF = 0.03  # distance of a good point from where the last chord led
 FAR = 2.0  # arcs; a root beyond is on another part of the curve
+BACK = -0.3  # cosine of the bend beyond which a root lies on the part behind
+STEEP = 0.03  # share of the frequency in a chord; across a steeper one there may be no period at a frequency
+SHORTER = 0.4
 PEAK_CHANGE = 1e-3
 MAX_INSERTIONS = 10
 BRIDGES = (0.002, 0.005, 0.01, 0.02, 0.05)  # of the frequency
 LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
-MAX_POINTS = 600
+MAX_POINTS = 1000
+JUDGED = 10  # of so many points one has its stability found by itself
 
 
 @dataclass(frozen=True)
@@ -53,14 +65,15 @@ class Sweep:
 
     start: float  # Hz
     stop: float  # Hz
-    harmonics: int = 15
-    samples: int = 64
-    fine_harmonics: int = 25
+    harmonics: int = 40
+    samples: int = 128
+    fine_harmonics: int = 40
     fine_samples: int = 256
-    tolerance: float = 1e-6
+    tolerance: float = 1e-5  # of the residual, relative to the excitation
     max_iterations: int = 8
     first_arc: float = 0.05
     longest_arc: float = 0.2
+    longest_step: float = 0.04  # of the frequency
     shortest_arc: float = 2e-3
     channel: str = "block"  # whose peak is refined
     directions: tuple[Direction, ...] = field(default=(Direction.UP, Direction.DOWN))
@@ -70,11 +83,10 @@ class Sweep:
 class _Found:
     """A point of the curve with what is kept of it."""
 
+    system: ArmSystem
     point: Point
     first_harmonic: NDArray[np.complex128]
     peak_to_peak: Array
-    multiplier: float
-    stable: bool
     bridged: bool
 
     @property
@@ -82,18 +94,29 @@ class _Found:
         return self.point.omega / (2.0 * pi)
 
 
-def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[float], None]) -> ResponseCurve:
-    """Return the forced response of `problem` over the range of `sweep`; `note` is told each frequency solved.
+@dataclass(frozen=True)
+class _Run:
+    """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
+
+    found: list[_Found]
+    multiplier: Array
+    stable: NDArray[np.bool_]
+    change: float  # of the largest first harmonics with the finer settings, relative
+
+
+def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, float], None]) -> ResponseCurve:
+    """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
 
     Raises
     ------
     NonConvergenceError
         Naming the frequency, with the residual history of the last attempt.
     """
-    runs: dict[Direction, list[_Found]] = {}
+    runs: dict[Direction, _Run] = {}
     for direction in sweep.directions:
-        runs[direction] = _Follower(problem, sweep, note).follow(direction, [r[-1].point for r in runs.values()])
-    return _curve(problem, sweep, runs)
+        follower = _Follower(problem, sweep, partial(note, direction))
+        runs[direction] = follower.follow(direction, [run.found[-1].point for run in runs.values()])
+    return _curve(problem, runs)
 
 
 class _Follower:
@@ -101,16 +124,17 @@ class _Follower:
 
     def __init__(self, problem: PeriodicProblem, sweep: Sweep, note: Callable[[float], None]) -> None:
         self.problem, self.sweep, self.note = problem, sweep, note
-        self.system = ArmSystem(problem, sweep.harmonics, sweep.samples, sweep.tolerance, sweep.max_iterations)
-        self.fine = ArmSystem(problem, sweep.fine_harmonics, sweep.fine_samples, sweep.tolerance,
-                              sweep.max_iterations)
+        self.channel = channel_index(sweep.channel)
+        backbone, s = _backbone(problem), sweep
+        self.system = ArmSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
+        self.fine = ArmSystem(problem, s.fine_harmonics, s.fine_samples, s.tolerance, s.max_iterations, backbone)
 
-    def follow(self, direction: Direction, reached: list[Point]) -> list[_Found]:
+    def follow(self, direction: Direction, reached: list[Point]) -> _Run:
         """Return the points in order; `reached` are ends of other curves, from which to start if nothing serves."""
         found = [self._keep(self.system, self._start(direction, reached))]
         self._trace(found, direction)
-        self._refine(found)
-        return found
+        change = self._refine(found)
+        return _Run(found, *self._judge(found), change)
 
     def _start(self, direction: Direction, reached: list[Point]) -> Point:
         """Solve at the end of the range where `direction` begins, from rest if possible."""
@@ -130,7 +154,7 @@ class _Follower:
         arm: Array = np.zeros(2 * self.sweep.harmonics + 1)
         start, before = self.system.march.preloaded(self.problem.frictional_preload), 0.0
         for share in LOAD_STEPS:
-            part = _with_excitation(self.system, self.problem.excitation * share)
+            part = self.system.under(self.problem.excitation * share)
             try:
                 point = part.at_frequency(omega, arm * (share / before if before else 1.0), start)
             except NonConvergenceError:
@@ -147,36 +171,46 @@ class _Follower:
             try:
                 new, arc = self._arc(now, along, arc)
             except NonConvergenceError as error:
-                new, arc = self._bridge(now, np.sign(along[-1]), error), self.sweep.first_arc
+                way = float(np.sign(along[-1]))
+                new, arc = self._bridge(now, way, error), self.sweep.first_arc
                 if low < new.omega < high:
                     found.append(self._keep(s, new, bridged=True))
-                    along, now = s.tangent(new, np.append(np.zeros(len(new.arm)), np.sign(along[-1]))), new
+                    along, now = s.tangent(new, np.append(np.zeros(len(new.arm)), way)), new
                     continue
             if not low < new.omega < high:
                 found.append(self._keep(s, self._end(now, new, low if new.omega <= low else high)))
                 return
             found.append(self._keep(s, new))
-            chord = (new.unknowns - now.unknowns) / new.scales
-            chord /= np.linalg.norm(chord)
-            bend = float(np.arccos(np.clip(chord @ along / np.linalg.norm(along), -1.0, 1.0)))
-            arc *= float(np.clip(min(2.0 ** (0.5 * (EFFORT - new.iterations)), BEND / max(bend, 1e-3)), 0.5, 1.6))
-            arc, along, now = min(arc, self.sweep.longest_arc), chord, new
+            chord = (new.unknowns - now.unknowns) / now.scales
+            arc, along, now = self._next_arc(new, chord, arc * along), chord / np.linalg.norm(chord), new
         raise NonConvergenceError(f"forced response: not out of the frequency range after {MAX_POINTS} points, near "
                                   f"{now.omega / (2.0 * pi):.6g} Hz; take a smaller range")
 
+    def _next_arc(self, new: Point, chord: Array, predicted: Array) -> float:
+        length, off = float(np.linalg.norm(chord)), float(np.linalg.norm(chord - predicted))
+        growth = min(2.0 ** (0.5 * (EFFORT - new.iterations)), sqrt(OFF / max(off, 1e-6)))
+        share = max(abs(float(chord[-1])) / length, 1e-9)  # of the frequency in the chord
+        arc = length * float(np.clip(growth, 0.5, 2.0))
+        return min(arc, self.sweep.longest_arc, self.sweep.longest_step / share)
+
     def _arc(self, now: Point, along: Array, arc: float) -> tuple[Point, float]:
-        """Return the next point and the arc that led there."""
-        while True:
-            try:
-                new = self.system.correct(now.unknowns + arc * along * now.scales, along, now.scales, now.end)
-                if np.linalg.norm((new.unknowns - now.unknowns) / now.scales) < FAR * arc:
+        """Return the next point and the arc that led there; `along` has the length one."""
+        history: tuple[float, ...] = ()
+        while arc >= self.sweep.shortest_arc:
+            ahead = now.unknowns + arc * along * now.scales
+            planes = (Plane.of_frequency(float(ahead[-1]), ahead[:-1]), Plane(ahead, along, now.scales))
+            for plane in planes if abs(along[-1]) > STEEP else planes[::-1]:
+                try:
+                    new = self.system.correct(plane, now.end, now)
+                except NonConvergenceError as error:
+                    history = error.history
+                    continue
+                chord = (new.unknowns - now.unknowns) / now.scales
+                length = float(np.linalg.norm(chord))
+                if length < FAR * arc and chord @ along > BACK * length:
                     return new, arc
-                raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap")
-            except NonConvergenceError:
-                if arc < self.sweep.shortest_arc:
-                    raise
-            # the last chord leads on smoothly over kinks, the tangent where the curve bends much
-            arc, along = 0.4 * arc, self.system.tangent(now, along)
+            arc *= SHORTER
+        raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap", history)
 
     def _bridge(self, now: Point, way: float, error: NonConvergenceError) -> Point:
         """Go on at a frequency further on, where the curve cannot be followed."""
@@ -184,46 +218,49 @@ class _Follower:
             omega = now.omega * (1.0 + way * relative)
             for guess in (now.arm, self.system.guess(omega)):
                 with suppress(NonConvergenceError):
-                    return self.system.at_frequency(omega, guess, now.end)
+                    return self.system.at_frequency(omega, guess, now.end, now)
         raise error
 
     def _end(self, inside: Point, outside: Point, omega: float) -> Point:
         """Return the point at the end of the range, `omega`, between two points."""
         share = (omega - inside.omega) / (outside.omega - inside.omega)
-        return self.system.at_frequency(omega, inside.arm + share * (outside.arm - inside.arm), inside.end)
+        return self.system.at_frequency(omega, inside.arm + share * (outside.arm - inside.arm), inside.end, inside)
 
-    def _refine(self, found: list[_Found]) -> None:
-        """Insert points at the peak and at half its power."""
-        channel = channel_index(self.sweep.channel)
-        top = _top(found, channel)
+    def _refine(self, found: list[_Found]) -> float:
+        """Insert points at the peak and at half its power; return how much the finer settings change its top."""
+        top = self._top(found)
         if top in (0, len(found) - 1):
-            return
+            return float("nan")
+        coarse = found[top - 1:top + 2]
         for k in (top - 1, top, top + 1):
             found[k] = self._keep(self.fine, self._finer(found[k].point))
-        self._refine_peak(found, channel)
+        change = max(abs(a.first_harmonic[self.channel] / b.first_harmonic[self.channel] - 1.0)
+                     for a, b in zip(coarse, found[top - 1:top + 2], strict=True))
+        self._refine_peak(found)
         for step in (-1, 1):
-            self._refine_half_power(found, channel, step)
+            self._refine_half_power(found, step)
+        return float(change)
 
-    def _refine_peak(self, found: list[_Found], channel: int) -> None:
+    def _refine_peak(self, found: list[_Found]) -> None:
         for _ in range(MAX_INSERTIONS):
-            top = _top(found, channel)
+            top = self._top(found)
             if top in (0, len(found) - 1):
                 return
             around = found[top - 1:top + 2]
-            arc = arc_lengths(np.array([p.frequency for p in around]),
-                              np.array([p.first_harmonic[channel] for p in around]))
-            fitted = Parabola.through(arc, np.array([abs(p.first_harmonic[channel]) for p in around]))
+            motion = np.array([p.first_harmonic[self.channel] for p in around])
+            arc = arc_lengths(np.array([p.frequency for p in around]), motion)
+            fitted = Parabola.through(arc, np.abs(motion))
             first = top - 1 if fitted.vertex < arc[1] else top
             left, right = arc[first - top + 1], arc[first - top + 2]
             share = float(np.clip((fitted.vertex - left) / (right - left), 0.02, 0.98))
             found.insert(first + 1, self._between(found[first], found[first + 1], share))
-            new = abs(found[first + 1].first_harmonic[channel])
+            new = abs(found[first + 1].first_harmonic[self.channel])
             if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
                 return
 
-    def _refine_half_power(self, found: list[_Found], channel: int, step: int) -> None:
+    def _refine_half_power(self, found: list[_Found], step: int) -> None:
         for _ in range(MAX_INSERTIONS):
-            amplitude = np.array([abs(p.first_harmonic[channel]) for p in found])
+            amplitude = np.array([abs(p.first_harmonic[self.channel]) for p in found])
             top = int(np.argmax(amplitude))
             bracket = half_power_bracket(amplitude, top, step)
             if bracket is None:
@@ -232,7 +269,7 @@ class _Follower:
             target = amplitude[top] / sqrt(2.0)
             share = (target - amplitude[first]) / (amplitude[last] - amplitude[first])
             found.insert(last, self._between(found[first], found[last], float(np.clip(share, 0.02, 0.98))))
-            if abs(abs(found[last].first_harmonic[channel]) / target - 1.0) < PEAK_CHANGE:
+            if abs(abs(found[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
                 return
 
     def _between(self, a: _Found, b: _Found, share: float) -> _Found:
@@ -242,32 +279,64 @@ class _Follower:
         unknowns = start + share * (end - start)
         scales = np.append(np.full(len(arms[0]), np.linalg.norm(unknowns[:-1])), unknowns[-1])
         chord = (end - start) / scales
-        near = a if share < 0.5 else b
-        return self._keep(self.fine, self.fine.correct(unknowns, chord / np.linalg.norm(chord), scales,
-                                                       near.point.end))
+        near = (a if share < 0.5 else b).point
+        plane = Plane(unknowns, chord / np.linalg.norm(chord), scales)
+        known = near if len(near.trajectory.arm) == self.sweep.fine_samples else None
+        return self._keep(self.fine, self.fine.correct(plane, near.end, known))
 
     def _finer(self, point: Point) -> Point:
         """Solve `point` again with the fine settings, at its frequency."""
-        return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics),
-                                      point.end)
+        return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics), point.end)
+
+    def _top(self, found: list[_Found]) -> int:
+        return int(np.argmax([abs(p.first_harmonic[self.channel]) for p in found]))
 
     def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> _Found:
-        equations, trajectory = system.equations(point.omega), point.period.trajectory
+        trajectory = point.trajectory
         n, weights = trajectory.state.shape[1], self.problem.interface.areas
         forces = trajectory.force.reshape(-1, 3, n).transpose(0, 2, 1).reshape(-1, 3 * n)
         upper, lower = system.joint.observe(np.column_stack([trajectory.arm, trajectory.approach]), forces)
-        motion = np.column_stack([equations.block_motion(point.arm), trajectory.arm,
+        motion = np.column_stack([system.block_motion(point), trajectory.arm,
                                   trajectory.displacement[:, :n] @ weights / weights.sum(), upper[:, 0], lower[:, 0]])
-        multipliers = floquet_multipliers(system.joint.rig, system.march.system, trajectory,
-                                          point.omega / (2.0 * pi))
         self.note(point.omega / (2.0 * pi))
-        return _Found(point, 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion), np.ptp(motion, axis=0),
-                      float(abs(multipliers[0])), is_stable(multipliers), bridged)
+        first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
+        return _Found(system, point, first_harmonic, np.ptp(motion, axis=0), bridged)
+
+    def _judge(self, found: list[_Found]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the largest Floquet multipliers, nan where not found, and which points are stable.
+
+        Found are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
+        ever more between points that differ. All others lie between two that agree.
+        """
+        last = len(found) - 1
+        turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff([p.frequency for p in found]))) != 0)
+        special = [*turns, self._top(found), *(k for k, p in enumerate(found) if p.bridged)]
+        todo = {*range(0, last, JUDGED), last, *(int(k + s) for k in special for s in (-1, 0, 1) if 0 <= k + s <= last)}
+        judged: dict[int, tuple[float, bool]] = {}
+        while todo:
+            judged |= {k: _judge_one(found[k]) for k in todo}
+            known = sorted(judged)
+            todo = {(a + b) // 2 for a, b in pairwise(known) if b - a > 1 and judged[a][1] != judged[b][1]}
+        nearest = [max(k for k in known if k <= i) for i in range(last + 1)]
+        return (np.array([judged[k][0] if k == i else np.nan for i, k in enumerate(nearest)]),
+                np.array([judged[k][1] for k in nearest]))
 
 
-def _with_excitation(system: ArmSystem, excitation: float) -> ArmSystem:
-    problem = PeriodicProblem(**{**vars(system.problem), "excitation": excitation})
-    return ArmSystem(problem, system.harmonics, system.samples, system.tolerance, system.max_iterations)
+def _judge_one(found: _Found) -> tuple[float, bool]:
+    """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
+    system, point = found.system, found.point
+    motion = np.column_stack([system.block_motion(point), point.trajectory.arm])
+    multipliers = floquet_multipliers(system.joint.rig, system.march.system, point.trajectory, found.frequency,
+                                      Around.of(system.at(point.omega), motion))
+    return float(abs(multipliers[0])), is_stable(multipliers)
+
+
+def _backbone(problem: PeriodicProblem) -> Backbone | None:
+    """Return the contact's backbone, or None where it does not slide however far it is pushed."""
+    march = ContactMarch.of(problem)
+    with suppress(NonConvergenceError):
+        return Backbone.of(march, march.preloaded(problem.frictional_preload))
+    return None
 
 
 def _resized(arm: Array, harmonics: int) -> Array:
@@ -276,21 +345,18 @@ def _resized(arm: Array, harmonics: int) -> Array:
     return np.concatenate([arm[:size], np.zeros(max(0, size - len(arm)))])
 
 
-def _top(found: list[_Found], channel: int) -> int:
-    return int(np.argmax([abs(p.first_harmonic[channel]) for p in found]))
-
-
-def _curve(problem: PeriodicProblem, sweep: Sweep, runs: dict[Direction, list[_Found]]) -> ResponseCurve:
-    labels = label_branches([(np.array([p.frequency for p in run]), np.array([p.first_harmonic for p in run]))
-                             for run in runs.values()])
-    found = [p for run in runs.values() for p in run]
+def _curve(problem: PeriodicProblem, runs: dict[Direction, _Run]) -> ResponseCurve:
+    labels = label_branches([(np.array([p.frequency for p in run.found]),
+                              np.array([p.first_harmonic for p in run.found])) for run in runs.values()])
+    found = [p for run in runs.values() for p in run.found]
     return ResponseCurve(
         excitation=problem.excitation, frequency=np.array([p.frequency for p in found]),
         first_harmonic=np.array([p.first_harmonic for p in found]),
         peak_to_peak=np.array([p.peak_to_peak for p in found]),
-        direction=np.concatenate([np.full(len(run), d, dtype=np.int8) for d, run in runs.items()]),
-        branch=np.concatenate(labels), multiplier=np.array([p.multiplier for p in found]),
-        stable=np.array([p.stable for p in found]),
-        bridged=np.array([p.bridged for p in found]),
+        direction=np.concatenate([np.full(len(run.found), d, dtype=np.int8) for d, run in runs.items()]),
+        branch=np.concatenate(labels), multiplier=np.concatenate([run.multiplier for run in runs.values()]),
+        stable=np.concatenate([run.stable for run in runs.values()]), bridged=np.array([p.bridged for p in found]),
         iterations=np.array([p.point.iterations for p in found]),
-        samples=np.array([len(p.point.period.trajectory.arm) for p in found]))
+        residual=np.array([p.point.norm for p in found]),
+        samples=np.array([len(p.point.trajectory.arm) for p in found]),
+        sampling_error=float(max(run.change for run in runs.values())))

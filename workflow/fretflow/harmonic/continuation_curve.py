@@ -39,11 +39,14 @@ class ResponseCurve:
     peak_to_peak: NDArray[np.float64] = quantity("m", "(P, 5), by channel")
     direction: NDArray[np.int8] = quantity("1", "(P,), 1 up, -1 down")
     branch: NDArray[np.int64] = quantity("1", "(P,)")
-    multiplier: NDArray[np.float64] = quantity("1", "(P,), largest modulus of the Floquet multipliers")
+    multiplier: NDArray[np.float64] = quantity("1", "(P,), largest modulus of the Floquet multipliers, nan where "
+                                               "stability follows from that of the points around")
     stable: NDArray[np.bool_] = quantity("1", "(P,)")
     bridged: NDArray[np.bool_] = quantity("1", "(P,), the curve could not be followed from the point before")
-    iterations: NDArray[np.int64] = quantity("1", "(P,), Newton steps")
+    iterations: NDArray[np.int64] = quantity("1", "(P,)")
+    residual: NDArray[np.float64] = quantity("1", "(P,), of the rig's equations, relative to the excitation")
     samples: NDArray[np.int64] = quantity("1", "(P,), per period")
+    sampling_error: float = quantity("1")  # change of the first harmonic near the peak with finer samples; nan: no peak
 
     def receptance(self, channel: str = "block") -> NDArray[np.float64]:
         """Return first-harmonic amplitude per unit force (P,) in m/N.
@@ -58,6 +61,13 @@ class ResponseCurve:
     def along(self, direction: Direction) -> NDArray[np.int64]:
         """Return the indices of the points of one direction, in order."""
         return np.flatnonzero(self.direction == direction)
+
+    def branches_at(self, frequency: float, direction: Direction) -> set[int]:
+        """Return the numbers of the branches that have a period at `frequency` (Hz), on the curve of `direction`."""
+        own = self.along(direction)
+        f = self.frequency[own]
+        there = (np.minimum(f[1:], f[:-1]) <= frequency) & (frequency <= np.maximum(f[1:], f[:-1]))
+        return {int(branch) for branch in self.branch[own[:-1]][there]}
 
     def turning_points(self, direction: Direction) -> NDArray[np.int64]:
         """Return the indices at which the curve of `direction` turns back: there a sweep jumps."""
