@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fretflow.core.config import WearScheme
 from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import Kind
 from fretflow.effects.model import EffectModel
 from fretflow.effects.wear_threshold import frictional_power
 from fretflow.wear.history import WearSettings
@@ -254,3 +255,27 @@ def test_stiffening_springs_end_as_those_of_the_stiffer_contact(winkler):
     assert together == pytest.approx(1.0 / (1.0 / 100e6 + 1.0 / grown), rel=1e-9)
     start = effect.period(problem, replace(slow, energy=0.0)).joint
     np.testing.assert_allclose(start.flexibility, soft.period(problem, slow).joint.flexibility, rtol=1e-12)
+
+
+def data_of(problem):
+    """Return what a period depends on, as one vector; forces at some motion."""
+    motion = 1e-5 * np.stack([np.linspace(-1.0, 1.0, 7), np.linspace(1.1, -0.9, 7)], axis=1)
+    forces = [np.ravel(force(motion, 30.0 * motion).force) for force in problem.rig_forces]
+    factors = [np.ravel(factor(motion[:, 1], 30.0 * motion[:, 1]).factor) for factor in problem.motion_factors]
+    return np.concatenate([
+        np.ravel(problem.friction_coefficient), problem.interface.gap, problem.joint.quasi_static().flexibility.ravel(),
+        [problem.normal_load, problem.load_slope, problem.friction_exponent, problem.friction_asymmetry,
+         problem.excitation, len(forces), len(problem.overtones)], *forces, *factors])
+
+
+@pytest.mark.parametrize("name", [name for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds])
+def test_effects_that_follow_cycles_say_so(winkler, name):
+    """Those that say nothing march by the baseline's error control, so that none may be forgotten."""
+    model = EffectModel.build(winkler(foundation=1e14), [catalogue()[name]()])
+    start = replace(model.initial(), depth=np.full(9, 1e-6))
+    memory = {key: value + 1e-7 if key.startswith(name) and value.shape in ((), (9,)) else value
+              for key, value in start.memory.items()}
+    later = replace(start, cycles=5e4, energy=30.0, memory=memory)
+    one, other = data_of(model.problem(start)), data_of(model.problem(later))
+    changed = len(one) != len(other) or bool(np.any(one != other))
+    assert changed == catalogue()[name].over_cycles

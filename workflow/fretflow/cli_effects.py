@@ -64,7 +64,8 @@ def _acts(kind: type[Effect]) -> str:
              "evolve": "over cycles (memory)", "wear_factor": "over cycles (wear rate)",
              "sense": "in the sensors", "limit": "on driven joints (friction limit)",
              "force": "on driven joints (force)", "moved": "on driven joints (motion)"}
-    return "; ".join(text for method, text in where.items() if getattr(kind, method) is not getattr(Effect, method))
+    acts = [text for method, text in where.items() if getattr(kind, method) is not getattr(Effect, method)]
+    return "; ".join([*acts, *(["over cycles (what acts within the period)"] if kind.over_cycles else [])])
 
 
 def _excluded(kind: type[Effect]) -> str:

@@ -36,7 +36,7 @@ class PeriodicCycle:
         self.solver = solver
         self.model = EffectModel.build(problem, effects)
         self.areas: NDArray[np.float64] = problem.interface.areas
-        self.has_laws = any(_acts_on_period_or_wear(effect) for effect in self.model.effects)
+        self.has_laws = any(_acts_over_cycles(effect) for effect in self.model.effects)
 
     def initial(self) -> SlowState:
         """Return the start of the test."""
@@ -110,6 +110,7 @@ def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacem
                    excitation=drive[::thin], normal_force=solution.force[::thin, :, 2].sum(axis=1), elapsed=elapsed)
 
 
-def _acts_on_period_or_wear(effect: Effect) -> bool:
-    """Return whether `effect` may change over cycles; what only the sensors show does not."""
-    return any(getattr(type(effect), name) is not getattr(Effect, name) for name in ("period", "evolve", "wear_factor"))
+def _acts_over_cycles(effect: Effect) -> bool:
+    """Return whether `effect` changes the period over cycles, or the wear rate."""
+    kind = type(effect)
+    return kind.over_cycles or kind.evolve is not Effect.evolve or kind.wear_factor is not Effect.wear_factor

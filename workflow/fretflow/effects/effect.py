@@ -130,6 +130,7 @@ class Effect(Section):
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
     kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
     excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
+    over_cycles: ClassVar[bool] = False  # whether `period` follows cycles, energy or memory
     acts_at: ClassVar[int] = 0  # when `period` acts: 1 after those that change gap, load or layers, which it depends on
     sensed_at: ClassVar[int] = 0  # where `sense` acts: 0 at the joint, 1 in the force path, 2 in the channels
 

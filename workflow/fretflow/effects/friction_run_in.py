@@ -28,6 +28,7 @@ class FrictionRunIn(Effect):
     equation: ClassVar[str] = "mu = mu_inf - (mu_inf - mu_0) exp(-E / E_0)"
     source: ClassVar[str] = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
                              "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
+    over_cycles: ClassVar[bool] = True
     observables: ClassVar[tuple[str, ...]] = ("friction force on the plateau over cycles", "sliding over cycles",
                                               "dissipated energy over cycles")
 

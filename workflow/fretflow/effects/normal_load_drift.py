@@ -22,6 +22,7 @@ class NormalLoadDrift(Effect):
     equation: ClassVar[str] = "N = N_0 (1 - a (1 - exp(-n / n_T)))"
     source: ClassVar[str] = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
                              "vibration; here of first order in the cycles")
+    over_cycles: ClassVar[bool] = True
     observables: ClassVar[tuple[str, ...]] = ("normal force over cycles", "friction force over cycles",
                                               "sliding over cycles")
 

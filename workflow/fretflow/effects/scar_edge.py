@@ -66,6 +66,7 @@ class ScarEdge(Effect):
                                "kept within 0 and 1; T_meas = T - F")
     source: ClassVar[str] = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
                              "802-816, wear-scar interaction; the shape of the rise is an assumption")
+    over_cycles: ClassVar[bool] = True
     observables: ClassVar[tuple[str, ...]] = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
 
     peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of a deep scar", 3.0, 25.0, ge=0.0)

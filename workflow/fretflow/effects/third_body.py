@@ -85,6 +85,7 @@ class ThirdBody(Effect):
                                "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
     source: ClassVar[str] = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
                              "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
+    over_cycles: ClassVar[bool] = True
     observables: ClassVar[tuple[str, ...]] = ("wear map: U instead of W", "approach against worn volume",
                                               "approach over cycles")
 
