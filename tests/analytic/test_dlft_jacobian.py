@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import CoulombLaw
 from fretflow.harmonic.dlft_equations import DlftEquations
+from fretflow.harmonic.dlft_stiffness import DenseStiffness
 from fretflow.harmonic.fourier import to_complex, to_real
 
 HARMONICS, SAMPLES, PENALTY = 2, 64, 3.0
@@ -58,7 +59,8 @@ def equations_and_point(drives, seed, gap=None):
     shifted = stiffness - PENALTY * np.eye(size)
     amplitudes = np.array([np.linalg.solve(z, w + g) for z, w, g in
                            zip(shifted, to_complex(drive), load, strict=True)])
-    equations = DlftEquations(stiffness=stiffness, load=load, gap=np.zeros(nodes) if gap is None else gap,
+    equations = DlftEquations(stiffness=DenseStiffness(stiffness), load=load,
+                              gap=np.zeros(nodes) if gap is None else gap,
                               law=CoulombLaw(friction_coefficient=0.5), penalty=PENALTY, samples=SAMPLES)
     return equations, to_real(amplitudes)
 

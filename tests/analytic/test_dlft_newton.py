@@ -4,6 +4,8 @@ What carries the weight: the dense Jacobian, formed column by column, gives the 
 (from sliding, from rest, by raising the load) end in one root.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
@@ -63,7 +65,9 @@ def test_all_routes_lead_to_one_root(equations):
 def test_convergence_at_the_end_is_quadratic(equations):
     history = dlft.solve_equations(equations, None, 1e-11, 60).history
     assert history[-1] < 1e-11
-    assert history[-1] < 1e3 * history[-2]**1.7
+    last = [(before, after) for before, after in pairwise(history) if before < 1e-2]
+    assert all(after < max(10.0 * before**2, 0.3 * 1e-11) for before, after in last)  # the linear solver's limit
+    assert len(last) >= 2
 
 
 def test_a_node_with_a_large_gap_never_touches(problem):
@@ -99,4 +103,4 @@ def test_samples_must_tell_the_harmonics_apart(problem):
 
 
 def test_default_penalty_is_the_largest_eigenvalue(equations):
-    assert equations.penalty == pytest.approx(np.linalg.eigvalsh(equations.stiffness[0].real)[-1], rel=1e-10)
+    assert equations.penalty == pytest.approx(np.linalg.eigvalsh(equations.stiffness.real_part(0))[-1], rel=1e-10)

@@ -14,6 +14,7 @@ from fretflow.contact.coulomb import CoulombLaw
 from fretflow.harmonic.dlft import solve_equations
 from fretflow.harmonic.dlft_equations import DlftEquations
 from fretflow.harmonic.dlft_march import march_period
+from fretflow.harmonic.dlft_stiffness import DenseStiffness
 
 PEERS = Path(__file__).parents[1] / "data" / "peers"
 CASES = [c for c in json.loads((PEERS / "coupled_dlft_3d.json").read_text())["B_dlft3d"] if c["N"] in (1, 10)]
@@ -31,7 +32,7 @@ def equations_of(case):
     stiffness = np.array([k - (h * OMEGA)**2 * m + 1j * h * OMEGA * c for h in range(HARMONICS + 1)])
     load = np.zeros((HARMONICS + 1, len(k)), dtype=complex)
     load[0], load[1] = p @ data["F0"], p @ (data["Fc"] - 1j * data["Fs"])
-    return DlftEquations(stiffness=stiffness, load=load, gap=np.zeros(case["N"]), samples=128,
+    return DlftEquations(stiffness=DenseStiffness(stiffness), load=load, gap=np.zeros(case["N"]), samples=128,
                          law=CoulombLaw(friction_coefficient=0.3), penalty=case["eps"])
 
 

@@ -7,6 +7,7 @@ harmonics the sliding distance depends on the penalty. Every solution therefore 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,16 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import eigsh
 
-from fretflow.contact.coulomb import CoulombLaw, audit_contact
+from fretflow.contact.coulomb import audit_contact
 from fretflow.core.config import Solver
 from fretflow.core.errors import NonConvergenceError
 from fretflow.harmonic.dlft_equations import DlftEquations, Evaluation
+from fretflow.harmonic.dlft_stiffness import DenseStiffness, Stiffness
 from fretflow.harmonic.fourier import analysis_matrix, to_complex, to_real
 from fretflow.harmonic.newton import NewtonResult, solve_newton
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem, PeriodicSolution
+from fretflow.rig.condensed import CondensedJoint, condensed
+from fretflow.rig.joint import JointModel
 
 FIRST_LOAD_STEP, SMALLEST_LOAD_STEP = 0.25, 1e-3
 SMALLER_PENALTY = 0.1
+FEW_HARMONICS, COARSE_TOLERANCE = 3, 1e-4
+SLIDING_SHARE = 1.15  # of friction, above which a load slides: between 1 and 4 / pi, that of a square wave; measured
 NO_SLIDING = 1e-15  # m, round-off of a stuck contact
 
 
@@ -44,6 +50,7 @@ class DlftSolver:
 
     def __init__(self, settings: Solver) -> None:
         self.settings = settings
+        self._joint: tuple[JointModel, CondensedJoint | None] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period.
@@ -58,16 +65,23 @@ class DlftSolver:
         settings = self.settings
         variant = Variant(settings.resolved_harmonics, settings.resolved_samples, settings.penalty)
         first = None if start is None else _coefficients(start.displacement, variant.harmonics)
-        equations = build_equations(problem, variant)
+        joint = self._condensed(problem.joint)
+        equations = build_equations(problem, variant, joint)
         root = solve_equations(equations, first, settings.tolerance, settings.max_iterations)
         _audit(equations, root.state)
-        solution = _solution(problem, equations, root)
+        solution = _solution(problem, equations, root, joint)
         if not settings.estimate_error:
             return solution
-        return replace(solution, error_estimate=self._error(problem, variant, equations, root.unknowns))
+        return replace(solution, error_estimate=self._error(problem, variant, equations, root.unknowns, joint))
+
+    def _condensed(self, joint: JointModel) -> CondensedJoint | None:
+        """Return `joint` condensed; kept, because from one period to the next only loads and gaps change."""
+        if self._joint is None or self._joint[0] is not joint:
+            self._joint = (joint, condensed(joint))
+        return self._joint[1]
 
     def _error(self, problem: PeriodicProblem, variant: Variant, equations: DlftEquations,
-               unknowns: NDArray[np.float64]) -> float:
+               unknowns: NDArray[np.float64], joint: CondensedJoint | None) -> float:
         """Return the larger change of the sliding distance, or nan if a finer solution is out of reach."""
         finer = 2 * variant.harmonics + 1
         variants = (variant._replace(harmonics=finer, samples=max(variant.samples, 4 * finer),
@@ -76,11 +90,10 @@ class DlftSolver:
         areas = problem.interface.areas
         base, changes = _sliding(equations, unknowns, areas), []
         for other in variants:
-            beside = build_equations(problem, other)
-            padded = np.zeros((2 * other.harmonics + 1, unknowns.shape[1]))
-            padded[:len(unknowns)] = unknowns
+            beside = build_equations(problem, other, joint)
             try:
-                root = solve_equations(beside, padded, self.settings.tolerance, self.settings.max_iterations)
+                root = solve_equations(beside, padded(unknowns, other.harmonics), self.settings.tolerance,
+                                       self.settings.max_iterations)
             except NonConvergenceError:
                 return float("nan")
             sliding = _sliding(beside, root.unknowns, areas)
@@ -94,28 +107,39 @@ def spectral_radius(stiffness: NDArray[np.float64]) -> float:
     return float(eigsh(stiffness, k=1, which="LM", v0=first, return_eigenvectors=False)[0])
 
 
-def build_equations(problem: PeriodicProblem, variant: Variant) -> DlftEquations:
-    """Return the DLFT equations; the penalty is by default the spectral radius of the static stiffness."""
-    relative = problem.joint.dynamic_stiffness(problem.frequency, variant.harmonics, problem.excitation,
-                                               problem.normal_load)
-    penalty = variant.penalty if variant.penalty is not None else spectral_radius(relative.stiffness[0].real)
-    law = CoulombLaw(friction_coefficient=np.asarray(problem.friction_coefficient))
-    return DlftEquations(stiffness=relative.stiffness, load=relative.load, gap=problem.interface.gap, law=law,
-                         penalty=penalty, samples=variant.samples)
+def build_equations(problem: PeriodicProblem, variant: Variant,
+                    joint: CondensedJoint | None = None) -> DlftEquations:
+    """Return the DLFT equations; the penalty is by default the spectral radius of the static stiffness.
+
+    `joint` is the problem's in its condensed form, if at hand; otherwise it is made where there is one.
+    """
+    stiffness, load = _stiffness(problem, variant.harmonics, joint or condensed(problem.joint))
+    penalty = variant.penalty if variant.penalty is not None else spectral_radius(stiffness.real_part(0))
+    problem.refuse_beyond('solver.method = "dlft"', "friction_exponent")
+    return DlftEquations(stiffness=stiffness, load=load, gap=problem.interface.gap, law=problem.law, penalty=penalty,
+                         samples=variant.samples)
+
+
+def _stiffness(problem: PeriodicProblem, harmonics: int,
+               joint: CondensedJoint | None) -> tuple[Stiffness, NDArray[np.complex128]]:
+    given = (problem.frequency, harmonics, problem.excitation, problem.normal_load)
+    if joint is not None and joint.reaches(problem.frequency, harmonics):
+        relative = joint.relative(*given)
+        return relative, relative.load
+    dense = problem.joint.dynamic_stiffness(*given)
+    return DenseStiffness(dense.stiffness), dense.load
 
 
 def solve_equations(equations: DlftEquations, start: NDArray[np.float64] | None, tolerance: float,
                     max_iterations: int) -> NewtonResult[Evaluation]:
-    """Solve from `start` (2 H + 1, 3 n) if given, else from sliding or from rest, else by raising the load.
+    """Solve from `start` (2 H + 1, 3 n) if given, else from half the harmonics, sliding or rest, else in steps of load.
 
     Raises
     ------
     NonConvergenceError
         If none of these leads to a root; with the history of the last one.
     """
-    rest, sliding = np.zeros((2 * equations.harmonics + 1, equations.load.shape[1])), free_sliding(equations)
-    guesses = [sliding, rest] if _slides(equations) else [rest, sliding]
-    for guess in ([] if start is None else [start]) + guesses:
+    for guess in _guesses(equations, start, max_iterations):
         try:
             return solve_newton(equations, guess, equations.scale, tolerance, max_iterations)
         except NonConvergenceError:
@@ -123,20 +147,45 @@ def solve_equations(equations: DlftEquations, start: NDArray[np.float64] | None,
     return _raise_load(equations, tolerance, max_iterations)
 
 
+def _guesses(equations: DlftEquations, start: NDArray[np.float64] | None,
+             max_iterations: int) -> Iterator[NDArray[np.float64]]:
+    """Yield first iterates, the most promising first."""
+    if start is not None:
+        yield start
+    elif equations.harmonics > FEW_HARMONICS:  # costs little there, and takes most of the steps
+        try:
+            root = solve_equations(equations.up_to((equations.harmonics - 1) // 2), None, COARSE_TOLERANCE,
+                                   max_iterations)
+            yield padded(root.unknowns, equations.harmonics)
+        except NonConvergenceError:
+            pass
+    rest, sliding = np.zeros((2 * equations.harmonics + 1, equations.load.shape[1])), free_sliding(equations)
+    yield from [sliding, rest] if _slides(equations) else [rest, sliding]
+
+
+def padded(unknowns: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
+    """Return coefficients (2 `harmonics` + 1, 3 n) that begin with `unknowns`, the rest being zero."""
+    more = np.zeros((2 * harmonics + 1, unknowns.shape[1]))
+    more[:len(unknowns)] = unknowns
+    return more
+
+
 def free_sliding(equations: DlftEquations) -> NDArray[np.float64]:
     """Return the rigid sliding (2 H + 1, 3 n) in m that the load would cause without friction."""
     rigid = np.tile(np.eye(3)[:, :2], (equations.load.shape[1] // 3, 1))
     amplitudes = np.zeros_like(equations.load)
-    impedance = rigid.T @ equations.stiffness[1] @ rigid
+    motions = np.zeros((2, *amplitudes.shape), dtype=complex)
+    motions[:, 1] = rigid.T
+    impedance = np.array([rigid.T @ equations.stiffness.apply(motion)[1] for motion in motions]).T
     amplitudes[1] = rigid @ np.linalg.solve(impedance, rigid.T @ equations.load[1])
     return to_real(amplitudes)
 
 
 def _slides(equations: DlftEquations) -> bool:
-    """Return whether sticking would need more friction in all than the static normal load provides."""
+    """Return whether sticking would need clearly more friction in all than the static normal load provides."""
     amplitude = np.abs(equations.load[1:].reshape(equations.harmonics, -1, 3).sum(axis=1)[:, :2]).sum()
     normal = np.maximum(-equations.load[0].real[2::3], 0.0)
-    return bool(amplitude > equations.law.slip_limit(normal[None]).sum())
+    return bool(amplitude > SLIDING_SHARE * equations.law.slip_limit(normal[None]).sum())
 
 
 def _raise_load(equations: DlftEquations, tolerance: float, max_iterations: int) -> NewtonResult[Evaluation]:
@@ -184,11 +233,13 @@ def _coefficients(displacement: NDArray[np.float64], harmonics: int) -> NDArray[
 
 
 def _solution(problem: PeriodicProblem, equations: DlftEquations,
-              root: NewtonResult[Evaluation]) -> PeriodicSolution:
+              root: NewtonResult[Evaluation], joint: CondensedJoint | None) -> PeriodicSolution:
     """Return the period in time: displacement from the retained harmonics, forces from the contact law."""
     state, synthesis = root.state, equations.synthesis
-    motion = problem.joint.motion_amplitudes(problem.frequency, to_complex(root.unknowns), problem.excitation,
-                                             problem.normal_load)
+    reached = joint is not None and joint.reaches(problem.frequency, equations.harmonics)
+    model = joint if joint is not None and reached else problem.joint
+    motion = model.motion_amplitudes(problem.frequency, to_complex(root.unknowns), problem.excitation,
+                                     problem.normal_load)
     slips = np.abs(state.friction.trial) > state.limit
     label = np.where(state.trial_normal > 0.0, np.where(slips, ContactState.SLIP, ContactState.STICK),
                      ContactState.OPEN)

@@ -8,17 +8,19 @@ the correction ``eps x``.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lu_factor, lu_solve
 
 from fretflow.contact.law import ContactLaw
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.harmonic.dlft_march import PeriodicFriction, friction_derivative, periodic_friction
+from fretflow.harmonic.dlft_preconditioner import NodePreconditioner
+from fretflow.harmonic.dlft_stiffness import Stiffness
 from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex, to_real
 from fretflow.harmonic.newton import Operator
 
@@ -54,7 +56,7 @@ class Evaluation(NamedTuple):
 class DlftEquations:
     """One joint at one frequency; the unknowns are u (2 H + 1, 3 n) in m, real coefficients."""
 
-    stiffness: NDArray[np.complex128] = quantity("N/m", "(H + 1, 3 n, 3 n)")
+    stiffness: Stiffness
     load: NDArray[np.complex128] = quantity("N", "(H + 1, 3 n)")
     gap: NDArray[np.float64] = quantity("m", "(nodes,)")
     law: ContactLaw
@@ -96,12 +98,16 @@ class DlftEquations:
         return analysis_matrix(self.harmonics, self.samples)
 
     @cached_property
-    def _single_stiffness(self) -> NDArray[np.float32]:
-        return self.stiffness.real.astype(np.float32)
+    def _single_stiffness(self) -> tuple[NDArray[np.float32], ...]:
+        return tuple(self.stiffness.real_part(k).astype(np.float32) for k in range(self.harmonics + 1))
+
+    def up_to(self, harmonics: int) -> DlftEquations:
+        """Return the equations that keep only the first harmonics, 0..`harmonics`."""
+        return replace(self, stiffness=self.stiffness.up_to(harmonics), load=self.load[:harmonics + 1])
 
     def apply_stiffness(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return Z u, real coefficients (2 H + 1, 3 n) in N."""
-        return to_real((self.stiffness @ to_complex(u)[:, :, None])[:, :, 0])
+        return to_real(self.stiffness.apply(to_complex(u)))
 
     def evaluate(self, u: NDArray[np.float64]) -> Evaluation:
         """Return the residual and the contact forces at `u`."""
@@ -144,26 +150,4 @@ class DlftEquations:
             force = blocks @ drive.reshape(nodes, 3 * q, 1)
             return np.asarray((zv - force.reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, -1)).ravel())
 
-        diagonal = np.einsum("nqcqc->qnc", derivative).reshape(q, -1)
-        return apply, self._preconditioner(diagonal)
-
-    def _preconditioner(self, diagonal: NDArray[np.float64]) -> Operator:
-        """Return the inverse of a real Jacobian without coupling of harmonics, D being its diagonal (q, 3 n).
-
-        What is left out (damping, the phase of friction, x with y) and single precision cost a few
-        iterations; factors cost an eighth of complex ones in double precision.
-        """
-        q, size = len(self.analysis), self.load.shape[1]
-        weights = np.vstack([diagonal[:1], 0.5 * (diagonal[1::2] + diagonal[2::2])]).astype(np.float32)
-        matrices = (1 - weights)[:, :, None] * self._single_stiffness
-        matrices[:, np.arange(size), np.arange(size)] += np.float32(self.penalty) * weights
-        factors = [lu_factor(m, overwrite_a=True, check_finite=False) for m in matrices]
-
-        def precondition(flat: NDArray[np.float64]) -> NDArray[np.float64]:
-            v = flat.reshape(q, size).astype(np.float32)
-            parts = [lu_solve(factors[0], v[0], check_finite=False)[None]]
-            parts += [lu_solve(f, v[2 * k - 1:2 * k + 1].T, check_finite=False).T
-                      for k, f in enumerate(factors) if k > 0]
-            return np.asarray(np.concatenate(parts).ravel(), dtype=float)
-
-        return precondition
+        return apply, NodePreconditioner(derivative, self._single_stiffness, self.penalty)

@@ -122,7 +122,7 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
             raise NonConvergenceError(f"Newton: residual {history[-1]:.1e} after {max_iterations} iterations "
                                       f"against {tolerance:.0e}; raise max_iterations or samples", history)
         apply, precondition = equations.linearise(state)
-        forcing = max(min(1e-2, 0.1 * history[-1]), 0.3 * tolerance / history[-1])
+        forcing = max(min(0.1, history[-1]), 0.3 * tolerance / history[-1])
         flat, iterations = gmres(apply, -state.residual.ravel(), precondition, forcing)
         linear += iterations
         u, state = _line_search(equations, u, flat.reshape(u.shape), history[-1] * scale)

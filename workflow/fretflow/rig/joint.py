@@ -154,7 +154,7 @@ class QuasiStaticJoint:
         series = np.zeros((harmonics + 1, RIG_DOFS, RIG_DOFS), dtype=complex)
         series[:, :2, :2] = self.rig.impedance(omegas)
         series += self._lever.T @ self.stiffness @ self._lever
-        return series, _rig_loads(harmonics, excitation, normal_load)
+        return series, rig_loads(harmonics, excitation, normal_load)
 
 
 @record
@@ -189,7 +189,7 @@ class Joint:
         omega, size = 2.0 * float(np.pi) * frequency, self.upper.contact_size
         stiffness = np.empty((harmonics + 1, size, size), dtype=complex)
         load = np.empty((harmonics + 1, size), dtype=complex)
-        for k, rig_load in enumerate(_rig_loads(harmonics, excitation, normal_load)):
+        for k, rig_load in enumerate(rig_loads(harmonics, excitation, normal_load)):
             za, ga = upper.condensed(k * omega, rig_load)
             zb, _ = lower.condensed(k * omega, UNLOADED)
             solved = solve(za + zb, np.column_stack([za, ga]), check_finite=False)
@@ -207,7 +207,7 @@ class Joint:
         harmonics, omega = len(displacement) - 1, 2.0 * np.pi * frequency
         rig = np.empty((harmonics + 1, 2), dtype=complex)
         observed = np.empty((2, harmonics + 1, OBSERVATION_DOFS), dtype=complex)
-        for k, rig_load in enumerate(_rig_loads(harmonics, excitation, normal_load)):
+        for k, rig_load in enumerate(rig_loads(harmonics, excitation, normal_load)):
             za, ga = upper.condensed(k * omega, rig_load)
             zb, _ = lower.condensed(k * omega, UNLOADED)
             face = solve(za + zb, ga - za @ displacement[k], check_finite=False)
@@ -304,7 +304,7 @@ def _sliding_mass(body: ReducedSpecimen) -> float:
     return float(x @ body.mass @ x)
 
 
-def _rig_loads(harmonics: int, excitation: float, normal_load: float) -> NDArray[np.complex128]:
+def rig_loads(harmonics: int, excitation: float, normal_load: float) -> NDArray[np.complex128]:
     """Return the loads (H + 1, 3) on block x, arm x and arm z in N; the normal load pushes the arm down."""
     loads = np.zeros((harmonics + 1, RIG_DOFS), dtype=complex)
     loads[0, 2] = -normal_load

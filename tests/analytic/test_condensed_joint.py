@@ -1,0 +1,105 @@
+"""The condensed joint against the dense algebra of its bodies.
+
+What carries the weight: `Joint.dynamic_stiffness` condenses both bodies afresh at each harmonic, with complex dense
+factors; the polynomials must give its stiffness, load and motion to round-off, damping of both kinds included.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fretflow.harmonic.fourier import to_complex
+from fretflow.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.rig.compliant import with_springs
+from fretflow.rig.condensed import condensed
+from fretflow.rig.joint import Joint
+from fretflow.rig.lumped import LumpedRig
+
+NODES, MODES = 4, 3
+LOADS = (53.0, 60.0)
+RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+
+
+def specimen(seed):
+    """Return a free body: nodes bound to each other by springs, lowest frequency held at its face 84 kHz."""
+    rng = np.random.default_rng(seed)
+    size = 3 * NODES + 6 + 3 + MODES
+    nodes = np.column_stack([rng.uniform(-1, 1, (NODES, 2)), np.zeros(NODES)]) * 5e-4
+    points = np.vstack([nodes, [0.0, 0.0, 1e-3]])
+    moves = np.zeros((size, 3 * (NODES + 1)))  # motion of the points less that of the face, as one rigid body
+    moves[:3 * NODES, :3 * NODES], moves[3 * NODES + 6:3 * NODES + 9, 3 * NODES:] = np.eye(3 * NODES), np.eye(3)
+    for m, point in enumerate(points):
+        spin = np.cross(np.eye(3), point)
+        moves[3 * NODES:3 * NODES + 6, 3 * m:3 * m + 3] = -np.vstack([np.eye(3), spin])
+    root = rng.normal(size=(3 * NODES + 3, 3 * NODES + 3))
+    stiffness = moves @ (1e7 * (root @ root.T / len(root) + np.eye(len(root)))) @ moves.T
+    stiffness[-MODES:, -MODES:] += np.diag((2 * np.pi * np.array([2e5, 3e5, 4e5])) ** 2)
+    spread = rng.normal(size=(size, size)) * np.sqrt(2e-6)
+    mass = spread @ spread.T / size + 1e-6 * np.eye(size)
+    mass[-MODES:, -MODES:] = np.eye(MODES)
+    mass[-MODES:, :-MODES] *= 0.1
+    mass[:-MODES, -MODES:] = mass[-MODES:, :-MODES].T
+    return ReducedSpecimen(
+        stiffness=stiffness, mass=mass, contact_nodes=nodes, contact_areas=np.full(NODES, 1e-7),
+        profile=np.zeros(NODES), observation_point=points[-1], fixed_interface_frequencies=np.array([2e5, 3e5, 4e5]),
+        full_frequencies=np.array([8.4e4]), reduced_frequencies=np.array([8.4e4]), rayleigh_mass=50.0,
+        rayleigh_stiffness=1e-8, full_dofs=100)
+
+
+@pytest.fixture(scope="module")
+def joint():
+    return Joint(upper=specimen(1), lower=specimen(2), rig=RIG)
+
+
+def far(found, expected):
+    return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+@pytest.mark.parametrize("frequency", [40.0, 100.0, 250.0])
+def test_stiffness_and_load_are_the_dense_ones(joint, frequency):
+    dense, found = (model.dynamic_stiffness if model is joint else model.relative
+                    for model in (joint, condensed(joint)))
+    dense, found = dense(frequency, 15, *LOADS), found(frequency, 15, *LOADS)
+    u = np.random.default_rng(0).normal(size=(31, 3 * NODES))
+    product = found.apply(to_complex(u))
+    for k, z in enumerate(dense.stiffness):
+        assert far(product[k], z @ to_complex(u)[k]) < 1e-12
+        assert far(found.real_part(k), z.real) < 1e-12
+    assert far(found.load, dense.load) < 1e-9  # K times rigid motion: what cancels sets the accuracy
+
+
+def test_motion_is_the_dense_one(joint):
+    """Of a displacement that goes with forces which the rig can bear: any."""
+    u = to_complex(1e-6 * np.random.default_rng(0).normal(size=(7, 3 * NODES)))
+    dense, found = (model.motion_amplitudes(100.0, u, *LOADS) for model in (joint, condensed(joint)))
+    for name in ("rig", "upper_observation", "lower_observation"):
+        assert far(getattr(found, name), getattr(dense, name)) < 1e-9, name
+
+
+def test_the_massless_joint_is_condensed_exactly(joint):
+    given = joint.quasi_static()
+    dense, found = given.dynamic_stiffness(100.0, 3, *LOADS), condensed(given).relative(100.0, 3, *LOADS)
+    u = to_complex(np.random.default_rng(0).normal(size=(7, 3 * NODES)))
+    assert far(found.apply(u), np.einsum("kij,kj->ki", dense.stiffness, u)) < 1e-13
+    motions = [model.motion_amplitudes(100.0, 1e-6 * u, *LOADS) for model in (given, condensed(given))]
+    assert far(motions[1].upper_observation, motions[0].upper_observation) < 1e-12
+    assert condensed(given).reaches(1e6, 100)
+
+
+def test_the_first_harmonics_alone(joint):
+    given = condensed(joint)
+    whole, part = given.relative(100.0, 7, *LOADS).up_to(3), given.relative(100.0, 3, *LOADS)
+    u = to_complex(np.random.default_rng(0).normal(size=(7, 3 * NODES)))
+    assert far(whole.apply(u), part.apply(u)) < 1e-13
+    assert np.array_equal(whole.load, part.load)
+
+
+def test_its_reach_ends_below_the_bodies_own_frequencies(joint):
+    assert condensed(joint).reaches(280.0, 15)
+    assert not condensed(joint).reaches(281.0, 15)
+
+
+def test_what_has_no_such_form_is_left_to_dense_algebra(joint):
+    other = replace(joint.lower, rayleigh_stiffness=2e-8)
+    assert condensed(replace(joint, lower=other)) is None
+    assert condensed(with_springs(joint, np.full(3 * NODES, 1e-8))) is None
