@@ -29,6 +29,7 @@ LOOP_OFFSET = {"displacement": 0.06, "friction_force": 0.02, "excitation": 0.002
 FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02}  # over half the channel's range
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
+TIMING = 0.15  # of a sample, to which the model and the recording agree on when sliding begins and ends
 CORRELATED = 3.0  # samples over which noise of measured loops is taken to be one where nothing tells
 
 
@@ -175,7 +176,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Co
         least = DIGITIZING * half
         for k in np.flatnonzero(loops.repeats):
             mean, repeats = spread.mean[k], int(loops.repeats[k])
-            variance = (spread.noise_sd**2 + least**2) / repeats
+            moving = 0.5 * (np.roll(mean, -1) - np.roll(mean, 1))
+            variance = (spread.noise_sd**2 + least**2) / repeats + (TIMING * moving)**2
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
             label = f"{cycles:_} cycles" if conditions is None else f"condition {condition}"
