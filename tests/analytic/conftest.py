@@ -55,6 +55,9 @@ class Dragged:
     def normal_flexibility(self, slow):
         return self.model.problem(slow).joint.flexibility[2::3, 2::3]
 
+    def gap(self, slow):
+        return self.model.problem(slow).interface.gap
+
     def cycle(self, slow, start):
         problem = self.model.problem(slow)
         force, opening, approach = press(self.normal_flexibility(slow), problem.interface.gap, problem.normal_load)

@@ -70,6 +70,10 @@ class PeriodicCycle:
         """Return the share of the wear of a jump of `cycles` that opens the gap, (nodes,)."""
         return self.model.opening_share(slow, cycles)
 
+    def gap(self, slow: SlowState) -> NDArray[np.float64]:
+        """Return the gap of the undeformed faces, (nodes,), m."""
+        return self.model.problem(slow).interface.gap
+
 
 def _normal_flexibility(joint: JointModel) -> NDArray[np.float64]:
     return joint.quasi_static().flexibility[2::3, 2::3]

@@ -101,6 +101,10 @@ class CycleModel(Protocol[S]):
         """Return the share of the wear of a jump of `cycles` that opens the gap, () or (nodes,)."""
         ...
 
+    def gap(self, slow: SlowState) -> NDArray[np.float64]:
+        """Return the gap of the undeformed faces but for a constant, (nodes,), m."""
+        ...
+
 
 class WearAlone:
     """The laws over cycles of a joint that has none: a base for cycle models in which wear alone changes."""
@@ -124,6 +128,10 @@ class WearAlone:
     def opening_share(self, slow: SlowState, cycles: float) -> float:
         """Return 1: all wear opens the gap."""
         return 1.0
+
+    def gap(self, slow: SlowState) -> NDArray[np.float64]:
+        """Return the depth: wear alone opens the gap."""
+        return slow.depth
 
 
 def settle(model: CycleModel[S], slow: SlowState, start: S | None) -> tuple[CycleResponse, S]:

@@ -3,15 +3,15 @@
 ROS2, a second-order Rosenbrock-W method (J. G. Verwer et al., A second-order Rosenbrock method applied to
 photochemical dispersion problems, SIAM J. Sci. Comput. 20 (1999)), on dw/dn = r(w)::
 
-    (1 - g dn J) k1 = r(w0)
-    (1 - g dn J) k2 = r(w0 + dn k1) - 2 k1
+    (1 - g dn J) k1 = r(w0) + g dn r'
+    (1 - g dn J) k2 = r(w0 + dn k1) - 2 k1 - g dn r'
     w1 = w0 + dn (3 k1 + k2) / 2,   g = 1 - 1 / sqrt 2
 
-It keeps its order with any J, so the Jacobian with frozen slip path (see `feedback`) will do, and is
-L-stable when J is exact: wear patterns that have settled stay settled however long the jump. The difference
-to the embedded first-order solution ``w0 + dn k1`` estimates that one's error and controls the jump; the
-error of w1 is far smaller. A jump takes two periodic solutions, and one more for each attempt that was too
-long. Depth never falls.
+r' is how the rate changes at held depth, by laws over cycles. The method keeps its order with any J and r', so
+the Jacobian with frozen slip path (see `feedback`) will do, and is L-stable when J is exact: wear patterns that
+have settled stay settled however long the jump. The difference to the embedded first-order solution
+``w0 + dn k1`` estimates that one's error and controls the jump; the error of w1 is far smaller. A jump takes two
+periodic solutions, and one more for each attempt that was too long. Depth never falls.
 
 The dissipated energy is a further component of w with J = 0: k1 and k1 + k2 are the energies of the first and
 the second period, so that E1 is their trapezoid. The laws over cycles remember by their own solution over the
@@ -80,12 +80,13 @@ class Implicit(Generic[S]):
     def attempt(self, now: WearStep, jump: int, state: S) -> tuple[SlowState, float, S]:
         """Return the slow state after `jump` cycles, its error over the tolerance, and a state."""
         joint, model, before = self.joint, self.joint.model, now.response
-        factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * joint.rate_jacobian(now, jump))
-        first = lu_solve(factors, now.rate)
+        jacobian, idle = joint.linearised(now, jump)
+        factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * jacobian)
+        first = lu_solve(factors, now.rate + GAMMA * idle)
         # The stage may ask a node to rise: it keeps its depth, as worn metal does.
         stage = model.evolve(now.slow, jump, jump * np.maximum(first, 0.0), jump * before.dissipated_energy, before)
         response, middle = settle(model, stage, state)
-        second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first)
+        second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first - GAMMA * idle)
         worn = jump * np.maximum(1.5 * first + 0.5 * second, 0.0)
         energy = 0.5 * jump * (before.dissipated_energy + response.dissipated_energy)
         end = model.evolve(now.slow, jump, worn, energy, mean_response(before, response))

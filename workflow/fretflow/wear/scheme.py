@@ -80,12 +80,21 @@ class WearingJoint(Generic[S]):
         slope = np.divide(less - more, 2.0 * DIFFERENCE * worn, out=np.zeros_like(worn), where=worn > 0.0)
         return np.asarray(np.maximum(slope, 0.0))
 
-    def rate_jacobian(self, now: WearStep, jump: int) -> NDArray[np.float64]:
-        """Return d(rate)/d(depth) (nodes, nodes), 1/cycle, of a jump, with the slip path frozen."""
+    def linearised(self, now: WearStep, jump: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return how the rate changes over a jump, with the slip path frozen.
+
+        First d(rate)/d(depth) (nodes, nodes), 1/cycle; then the change (nodes,), m, that the laws over cycles would
+        bring about without wear, as debris that leaves opens the gap.
+        """
         jacobian = self.feedback(now).rate_jacobian(self.rate_slope(now), now.response)
         if not self.model.has_laws:
-            return jacobian
-        return np.asarray(jacobian * self.model.opening_share(now.slow, jump) - np.diag(self.self_limiting(now, jump)))
+            return jacobian, np.zeros_like(now.rate)
+        idle = self.model.evolve(now.slow, jump, np.zeros_like(now.rate), jump * now.response.dissipated_energy,
+                                 now.response)
+        change = (jacobian @ (self.model.gap(idle) - self.model.gap(now.slow))
+                  + self.rate(now.response, idle) - now.rate)
+        own = jacobian * self.model.opening_share(now.slow, jump) - np.diag(self.self_limiting(now, jump))
+        return np.asarray(own), np.asarray(change)
 
     def remaining(self, now: WearStep) -> int:
         """Return the cycles to the next asked count."""
