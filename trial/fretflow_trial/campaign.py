@@ -42,6 +42,7 @@ class Outcome:
     depth: Array  # of both faces at the end, (n,) m
     energy: float  # J
     jumps: int
+    unrest: float  # largest change of a recorded loop's motion from period to period, over its range
     slow: Slow  # at the end
     starts: tuple[tuple[State, Slow, Array], ...]  # state, slow state and pressure at each recorded count
 
@@ -69,17 +70,20 @@ class Test:
         none = np.zeros(joint.size)
         slow = Slow(0.0, 0.0, none, none, 0.0, 0.0)
         state: State | None = None
-        loops, starts, jumps = [], [], 0
+        loops, starts, jumps, unrest = [], [], 0, 0.0
         for count in plan.cycles:
             while slow.cycles < count:
                 march, settled = self._settle(plan.main, slow, state, PASSING)
                 slow, state, jumps = self._jump(march, settled, slow, count), settled.state, jumps + 1
             march, settled = self._settle(plan.main, slow, state, KEPT)
-            state = settled.state
+            state, unrest = settled.state, max(unrest, settled.change)
             loops.append(self.sense(march, settled))
             starts.append((state, slow, self.pressure))
-        sweep = [self.sense(*self._settle(condition, slow, None, KEPT)) for condition in plan.sweep]
-        return Outcome(tuple(loops), tuple(sweep), slow.depth, slow.energy, jumps, slow, tuple(starts))
+        # from the running test, as a rig is set to another condition, and not from rest
+        others = [self._settle(condition, slow, state, KEPT) for condition in plan.sweep]
+        unrest = max([unrest, *(settled.change for _, settled in others)])
+        sweep = tuple(self.sense(*other) for other in others)
+        return Outcome(tuple(loops), sweep, slow.depth, slow.energy, jumps, unrest, slow, tuple(starts))
 
     def sense(self, march: March, settled: Settled) -> Channels:
         """Return what the sensors show of a period."""
@@ -91,8 +95,7 @@ class Test:
     def repeated(self, start: tuple[State, Slow, Array], condition: Condition | None = None) -> Channels:
         """Return a loop at a recorded state of another test, on its own physics."""
         state, slow, self.pressure = start
-        new = condition is not None
-        march, settled = self._settle(condition or self.plan.main, slow, None if new else state, KEPT)
+        march, settled = self._settle(condition or self.plan.main, slow, state, KEPT)
         return self.sense(march, settled)
 
     def _settle(self, condition: Condition, slow: Slow, state: State | None, tolerance: float

@@ -11,6 +11,7 @@ from numpy.random import Generator, SeedSequence
 
 from fretflow_trial import listed_contact, listed_rig, listed_wear, unlisted
 from fretflow_trial.campaign import Outcome, Plan, Test
+from fretflow_trial.contact import UnsettledContactError
 from fretflow_trial.hidden import CATALOGUE, Draw, Facts, Hidden, decades, even
 from fretflow_trial.joint import specimens
 from fretflow_trial.physics import Condition, Physics
@@ -23,6 +24,9 @@ NOTHING, SINGLE, PAIR, UNKNOWN = "nothing", "single", "pair", "unlisted"
 SHARES = {NOTHING: 0.2, UNKNOWN: 0.2, PAIR: 0.2, SINGLE: 0.4}
 OTHER_LAW = 0.35  # of the cases
 ALL_CHANNELS = 0.75  # of the cases; the others lack normal force and approach
+STROKES = (1e-6, 70e-6)  # of the arm, peak to peak
+LARGEST_UNREST = 1e-3
+MOST_DRAWS = 20
 # Effects that replace the same part of the model.
 APART = ({"contact-stiffness", "contact-stiffness-evolution"},)
 BASIC = ("displacement", "friction_force")
@@ -142,11 +146,30 @@ def _noise(rng: Generator, main: Condition) -> Noise:
     return Noise(sample, 0.004, offset, even(rng, 0.002, 0.004), even(rng, 0.001, 0.003), 0.05e-6, 0.01)
 
 
-def simulate(case: Case) -> Simulated:
-    """Run the test of `case`, and what it would be without each hidden effect."""
-    joint = specimens()
-    outcome = Test(joint, case.with_effects(), case.plan).run()
-    found, rates = {}, None
+def simulate(kind: str, names: Sequence[str], seed: SeedSequence) -> Simulated:
+    """Draw a case and run its test, again if the joint would stick, run wild or not repeat; then see what it shows.
+
+    Raises
+    ------
+    RuntimeError
+        If no draw gives a motion that can be recorded.
+    """
+    for own in seed.spawn(MOST_DRAWS):
+        case = draw(kind, names, own)
+        try:
+            outcome = Test(specimens(), case.with_effects(), case.plan).run()
+        except UnsettledContactError:
+            continue
+        strokes = [float(np.ptp(loop.arm)) for loop in (*outcome.loops, *outcome.sweep)]
+        if STROKES[0] < min(strokes) and max(strokes) < STROKES[1] and outcome.unrest < LARGEST_UNREST:
+            return _seen(case, outcome)
+    raise RuntimeError(f"{', '.join(names) or 'nothing'}: no motion that repeats in {MOST_DRAWS} draws; take another "
+                       "seed")
+
+
+def _seen(case: Case, outcome: Outcome) -> Simulated:
+    """Return the case with what each hidden effect shows beside the others."""
+    joint, found, rates = specimens(), {}, None
     for one in case.hidden:
         rest = replace(case, hidden=tuple(other for other in case.hidden if other is not one)).with_effects()
         found[one.id], rates = signal_of(joint, outcome, rest, case.plan, case.noise, case.seen, case.repeats)

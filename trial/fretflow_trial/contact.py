@@ -18,6 +18,7 @@ Flags = NDArray[np.bool_]
 
 TOGETHER = 8  # rounds in which all nodes may change their state at once
 MOST_ROUNDS = 200
+EXACT = 1e-16  # m, of slip or gap
 
 
 class UnsettledContactError(RuntimeError):
@@ -58,14 +59,17 @@ class Contact:
         """
         for rounds in range(MOST_ROUNDS):
             held = sliding == 0.0
+            some = held.any()
             force = limit * sliding
             left = drive - self.coupled @ force
-            if held.any():
+            if not some and (left * sliding).min() >= -EXACT:
+                return force, left, sliding
+            if some:
                 force = force + self._inverse_held(held) @ left
                 left = drive - self.coupled @ force
             over = np.where(held, np.abs(force) - limit, 0.0)
             back = np.where(held, 0.0, -left * sliding)
-            wrong = (over > 1e-12 * (1.0 + limit)) | (back > 1e-16)
+            wrong = (over > 1e-12 * (1.0 + limit)) | (back > EXACT)
             if not wrong.any():
                 return force, np.where(held, 0.0, left), sliding
             if rounds >= TOGETHER:
@@ -83,10 +87,12 @@ class Contact:
             base = inverse @ rise
             approach = (load - base.sum()) / total
             force = base + approach * row
+            if closed.all() and force.min() >= 0.0:
+                return force, float(approach), closed
             gap = self.normal @ force - rise - approach
             pulled = np.where(closed, -force, 0.0)
             through = np.where(closed, 0.0, -gap)
-            wrong = (pulled > 1e-12 * load) | (through > 1e-17)
+            wrong = (pulled > 1e-12 * load) | (through > EXACT)
             if not wrong.any():
                 return force, float(approach), closed
             if rounds >= TOGETHER:

@@ -7,7 +7,7 @@ faces stick, by Poisson's effect, and vanish as soon as they slide.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class Joint:
         """Return the number of contact nodes."""
         return len(self.areas)
 
-    @property
+    @cached_property
     def share(self) -> Array:
         """Return each node's share of the area, (n,)."""
         return np.asarray(self.areas / self.areas.sum())

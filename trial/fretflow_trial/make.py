@@ -14,7 +14,7 @@ from pathlib import Path
 
 from numpy.random import SeedSequence
 
-from fretflow_trial.case import LISTED, NOTHING, PAIR, SINGLE, UNKNOWN, UNLISTED, draw, key, simulate
+from fretflow_trial.case import LISTED, NOTHING, PAIR, SINGLE, UNKNOWN, UNLISTED, key, simulate
 from fretflow_trial.record import write
 
 
@@ -22,7 +22,7 @@ def make(effects: Sequence[str], seed: int, out: Path) -> Path:
     """Write a recording that hides `effects` and its answer; return the recording's folder."""
     kind = (NOTHING if not effects else UNKNOWN if any(name in UNLISTED for name in effects)
             else SINGLE if len(effects) == 1 else PAIR)
-    simulated = simulate(draw(kind, effects, SeedSequence(seed)))
+    simulated = simulate(kind, effects, SeedSequence(seed))
     folder = write(simulated, out / "recording", "Fretting rig, flat on flat")
     (out / "key.json").write_text(json.dumps(key(simulated), indent=1) + "\n", encoding="utf-8")
     return folder

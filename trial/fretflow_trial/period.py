@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,7 @@ STEPS = 400  # a period
 NORMAL_TO_SHEAR = 2.6  # of the stiffness of a debris layer
 
 
-@dataclass(frozen=True)
-class State:
+class State(NamedTuple):
     """Everything at one instant, and the pressing forces one step before."""
 
     rig: Array  # (4,): positions and velocities of block and arm
@@ -31,8 +31,7 @@ class State:
     pressing_before: Array  # (n,), N
     closed: Flags
     velocity_before: float  # of the block
-    since_reversal: float  # mean slip of the faces, m
-    direction: float  # of the block
+    age: float  # of the contacts, as the physics keeps it
 
 
 @dataclass(frozen=True)
@@ -85,6 +84,7 @@ class March:
         self.duration = 1.0 / (condition.frequency * steps)
         rig = replace(physics.rig, added_mass=SPECIMEN_MASS)
         self.step = step_of(rig, self.duration)
+        self.whole_step = np.hstack([self.step.free, self.step.early, self.step.late])
         self.contact = self._contact(pressure, contact)
         self.gap = opened(physics.gap, joint.nodes) + slow.depth - slow.layer
         share = np.prod([factor(slow) for factor in physics.load_over_test])
@@ -111,7 +111,7 @@ class March:
         pressing, _, closed = self.contact.press(self.load, -self.gap, np.ones(n, dtype=bool))
         return State(rig=np.zeros(4), outer=(0.0, 0.0), slip=np.zeros(n), friction=np.zeros(n),
                      sliding=np.zeros(n), pressing=pressing, pressing_before=pressing, closed=closed,
-                     velocity_before=0.0, since_reversal=1.0, direction=1.0)
+                     velocity_before=0.0, age=0.0)
 
     def drive(self, steps: int) -> Array:
         """Return the exciting force at the instants 0...`steps`, (steps + 1,) N; it has its maximum at 0."""
@@ -152,17 +152,12 @@ class March:
         new_block, new_arm = then, 0.0
         if early is not None and late is not None:
             block, arm, new_block, new_arm = block + early[0], arm + early[1], then + late[0], late[1]
-        free = (self.step.free @ state.rig + self.step.early @ np.array([block, arm])
-                + self.step.late @ np.array([new_block, new_arm]))
+        free = self.whole_step @ np.array([*state.rig, block, arm, new_block, new_arm])
         expected = np.maximum(2.0 * state.pressing - state.pressing_before, 0.0)
         limit = self.friction * expected
-        since, direction = state.since_reversal, state.direction
         if physics.friction_at_instant:
             velocity = 2.0 * state.rig[2 + BLOCK] - state.velocity_before
-            heading = 1.0 if velocity > 0.0 else -1.0
-            since, direction = (since if heading == direction else 0.0), heading
-            instant = Instant((k + 1) * self.duration, velocity, since, expected / self.joint.areas,
-                              state.friction)
+            instant = Instant((k + 1) * self.duration, velocity, state.age, expected / self.joint.areas, state.friction)
             for factor in physics.friction_at_instant:
                 limit = limit * factor(instant)
         push = free[ARM] + self.joint.cross @ expected - state.slip
@@ -174,8 +169,11 @@ class March:
             load += added(self.load, (k + 1) / self.steps, float(rig[ARM]))
         pressing, approach, closed = contact.press(max(load, 0.0), self.joint.cross.T @ friction - self.gap,
                                                    state.closed)
+        age = state.age
+        if physics.ageing is not None:
+            age = physics.ageing(age, float(np.abs(moved) @ self.joint.share), self.duration)
         new = State(rig, (0.0, total), state.slip + moved, friction, sliding, pressing, state.pressing, closed,
-                    float(state.rig[2 + BLOCK]), since + float(np.abs(moved) @ self.joint.share), direction)
+                    float(state.rig[2 + BLOCK]), age)
         return new, friction, moved, load, approach
 
     def settle(self, state: State | None = None, tolerance: float = 2e-4, least: int = 2, most: int = 60) -> Settled:

@@ -37,11 +37,11 @@ class Slow:
 
 @dataclass(frozen=True)
 class Instant:
-    """What friction may depend on at an instant; positions and speeds of the rig extrapolated from those before."""
+    """What friction may depend on at an instant; the speed is extrapolated from those before."""
 
     time: float
     block_velocity: float
-    since_reversal: float  # mean slip of the faces since the motion last reversed, m
+    age: float  # of the contacts
     pressure: Array  # (n,) Pa
     friction: Array  # (n,) N, of the upper face on the lower
 
@@ -102,6 +102,7 @@ class Physics:
     wear: float = 1.1e-14  # m^2/N
     friction_over_test: tuple[Over, ...] = ()  # factors
     friction_at_instant: tuple[Callable[[Instant], float | Array], ...] = ()  # factors
+    ageing: Callable[[float, float, float], float] | None = None  # age by age, mean slip and time of a step
     friction_of_node: Array | None = None  # (n,), factor
     load_over_test: tuple[Over, ...] = ()  # factors
     load_at_instant: tuple[Callable[[float, float, float], float], ...] = ()  # N beside, by load, periods, arm's place

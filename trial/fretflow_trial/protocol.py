@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from fretflow_trial.answers import Answer, Key
-from fretflow_trial.case import compose, draw, key, simulate
+from fretflow_trial.case import compose, key, simulate
 from fretflow_trial.page import page
 from fretflow_trial.record import write
 from fretflow_trial.scoring import Result, scoreboard
@@ -152,7 +152,7 @@ class Trial:
 def make_one(out: Path, name: str, cases: int, seed: int, place: int, secret: bytes) -> str:
     """Make the recording of one case and seal its answer; return its name."""
     kind, effects, own = compose(cases, seed)[place]
-    simulated = simulate(draw(kind, effects, own))
+    simulated = simulate(kind, effects, own)
     folder = out / "recordings" / name
     with tempfile.TemporaryDirectory(dir=out) as scratch:
         written = write(simulated, Path(scratch) / name, TITLE)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from fretflow_trial.hidden import Draw, Facts, Hidden, decades, either, even
-from fretflow_trial.physics import Channels, Instant, Physics, Slow
+from fretflow_trial.physics import Channels, Physics, Slow
 
 TYPICAL_STROKE = 12e-6
 
@@ -36,16 +36,23 @@ def friction_jump(rng: Generator, other: bool, facts: Facts) -> Hidden:
                   _over(factor), cycles=(when, float(facts.cycles)))
 
 
-def slip_weakening(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Draw contacts that age at each rest: friction is higher until the faces have slid a memory length."""
-    size, length = even(rng, 0.08, 0.35), decades(rng, 0.5e-6, 4e-6)
+def friction_ageing(rng: Generator, other: bool, facts: Facts) -> Hidden:
+    """Draw contacts that strengthen at rest and lose that over a memory length of slip.
 
-    def factor(instant: Instant) -> float:
-        return float(1.0 + size * np.exp(-(instant.since_reversal / length)**2))
+    J. H. Dieterich, J. Geophys. Res. 84 (1979) 2161-2168, as an age z between 0 and 1:
+    ``dz = (1 - z) dt / tau - z ds / D``.
+    """
+    size, length, rest = even(rng, 0.15, 0.6), decades(rng, 0.5e-6, 4e-6), decades(rng, 1.5e-3, 8e-3)
 
-    return Hidden("slip-weakening", False, "mu (1 + b exp(-(s / D)^2)), s the path since the reversal", ("contact",),
-                  {"size": size, "length": length}, lambda physics: replace(
-                      physics, friction_at_instant=(*physics.friction_at_instant, factor)))
+    def ageing(age: float, slip: float, time: float) -> float:
+        return (age + time / rest) / (1.0 + time / rest + slip / length)
+
+    def apply(physics: Physics) -> Physics:
+        return replace(physics, ageing=ageing, friction_at_instant=(
+            *physics.friction_at_instant, lambda instant: 1.0 + size * instant.age))
+
+    return Hidden("friction-ageing", False, "mu (1 + b z), z the age of the contacts", ("contact",),
+                  {"size": size, "length": length, "time": rest}, apply)
 
 
 def subharmonic_load(rng: Generator, other: bool, facts: Facts) -> Hidden:
@@ -119,7 +126,7 @@ def _sensor(name: str, law: str, parameters: dict[str, float],
 DRAWS: dict[str, Draw] = {
     "thermal-swing": thermal_swing,
     "friction-jump": friction_jump,
-    "slip-weakening": slip_weakening,
+    "friction-ageing": friction_ageing,
     "subharmonic-load": subharmonic_load,
     "quadratic-displacement": quadratic_displacement,
     "gain-drift": gain_drift,
