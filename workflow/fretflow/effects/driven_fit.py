@@ -7,7 +7,7 @@ frequencies of sensors stay what they are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,7 +86,7 @@ class DrivenFit:
 
 def scaled_priors(joint: DrivenJoint, scale: Scale) -> dict[str, Prior]:
     """Return the ranges of a joint's parameters at the size of a recording."""
-    return {name: scale.prior(prior, _unit(joint, name)) for name, prior in joint.priors.items()}
+    return {name: scale.prior(prior, parameter_unit(joint, name)) for name, prior in joint.priors.items()}
 
 
 def first_baselines(kind: Kind, motion: Motion, force: Array) -> list[Baseline]:
@@ -140,7 +140,8 @@ def prepared(kind: Kind, motion: Motion, force: Array, samples: int = SAMPLES) -
 
 
 def fit(starts: Sequence[DrivenJoint], motion: Motion, force: Array, names: Sequence[str] | None = None,
-        used: NDArray[np.bool_] | None = None) -> DrivenFit:
+        used: NDArray[np.bool_] | None = None, evaluations: int = MAX_EVALUATIONS,
+        largest: Mapping[str, float] | None = None) -> DrivenFit:
     """Fit a joint to a measured force by least squares, from the best of several starts; the best end is returned.
 
     Parameters
@@ -153,20 +154,27 @@ def fit(starts: Sequence[DrivenJoint], motion: Motion, force: Array, names: Sequ
         The parameters to fit; by default all that have a range.
     used : ndarray of bool, shape (N,), optional
         The samples that count; by default all.
+    evaluations : int, optional
+        Of the force, at most, for each start that is gone on with.
+    largest : mapping of str to float, optional
+        Sizes that some parameters keep within, in SI; all keep within the limits of their fields.
     """
     free = tuple(starts[0].values if names is None else names)
     kept = np.ones(len(force), dtype=bool) if used is None else used
-    tried = [_fit_one(joint, motion, force, free, kept, FIRST_EVALUATIONS) for joint in starts]
+    ends = largest or {}
+    tried = [_fit_one(joint, motion, force, free, kept, FIRST_EVALUATIONS, ends) for joint in starts]
     promising = sorted(tried, key=lambda found: found.misfit)[:REFINED]
-    return min((_fit_one(found.joint, motion, force, free, kept, MAX_EVALUATIONS) for found in promising),
+    return min((_fit_one(found.joint, motion, force, free, kept, evaluations, ends) for found in promising),
                key=lambda found: found.misfit)
 
 
 def _fit_one(joint: DrivenJoint, motion: Motion, force: Array, names: tuple[str, ...], used: NDArray[np.bool_],
-             evaluations: int) -> DrivenFit:
+             evaluations: int, largest: Mapping[str, float]) -> DrivenFit:
     values, limits = joint.values, joint.bounds
     priors = scaled_priors(joint, Scale.of(motion, force))
-    low, high = (np.array([limits[name][side] for name in names]) for side in (0, 1))
+    reach = np.array([largest.get(name, np.inf) for name in names])
+    low = np.maximum([limits[name][0] for name in names], -reach)
+    high = np.minimum([limits[name][1] for name in names], reach)
     size = np.array([max(abs(values[name]), 0.01 * max(abs(priors[name].low), abs(priors[name].high)))
                      for name in names])
     strength = _rms(force[used])
@@ -184,14 +192,15 @@ def _fit_one(joint: DrivenJoint, motion: Motion, force: Array, names: tuple[str,
     found = least_squares(residual, begin, jac=jacobian, bounds=(low / size, high / size), xtol=TOLERANCE,
                           ftol=TOLERANCE, gtol=TOLERANCE, max_nfev=evaluations)
     misfit = _rms(found.fun)
-    spread = np.linalg.pinv(found.jac.T @ found.jac).diagonal() * misfit**2
+    spread = np.maximum(np.linalg.pinv(found.jac.T @ found.jac).diagonal(), 0.0) * misfit**2
     best = changed(found.x)
     return DrivenFit(joint=best, names=names, value=found.x * size, sd=size * np.sqrt(spread),
                      residual=force - best.predict(motion).measured, misfit=misfit,
                      misfit_of_range=misfit * strength / float(np.ptp(force[used])))
 
 
-def _unit(joint: DrivenJoint, name: str) -> str:
+def parameter_unit(joint: DrivenJoint, name: str) -> str:
+    """Return the SI unit of a parameter, nothing where it has none."""
     part, _, field = name.partition(".")
     marks = type(joint.parts[part]).model_fields[field].metadata
     return next((mark.unit for mark in marks if isinstance(mark, Unit)), "")
@@ -200,7 +209,8 @@ def _unit(joint: DrivenJoint, name: str) -> str:
 def _at_scale(joint: DrivenJoint, scale: Scale, share: float) -> DrivenJoint:
     """Return a joint with effects, at a recording's size, at `share` of the way from neutral to default."""
     plain = DrivenJoint(joint.baseline, tuple(effect.neutral() for effect in joint.effects)).values
-    return joint.with_values({name: scale.factor(_unit(joint, name)) * (plain[name] + share * (value - plain[name]))
+    return joint.with_values({name: scale.factor(parameter_unit(joint, name))
+                              * (plain[name] + share * (value - plain[name]))
                               for name, value in joint.values.items() if not name.startswith(f"{BASELINE}.")})
 
 
