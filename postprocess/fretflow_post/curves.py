@@ -89,8 +89,8 @@ def plot_responses(path: Path, responses: Sequence[ForcedResponse]) -> list[Path
         lower = figure.add_axes((0.09, 0.085, 0.88, 0.23), sharex=upper)
         for k, response in enumerate(responses):
             _draw_response(upper, lower, response, k)
-        _readable_log(upper.yaxis, (1.0, 2.0, 5.0))
-        _readable_log(upper.xaxis, (1.0, 2.0, 3.0, 4.0, 5.0, 7.0))
+        readable_log(upper.yaxis, (1.0, 2.0, 5.0))
+        readable_log(upper.xaxis, (1.0, 2.0, 3.0, 4.0, 5.0, 7.0))
         upper.set(ylabel="amplitude per force (µm/N)")
         upper.tick_params(labelbottom=False)
         upper.legend(loc="best")
@@ -116,7 +116,7 @@ def _draw_response(upper: Axes, lower: Axes, response: ForcedResponse, index: in
     lower.plot(response.frequency, np.degrees(response.phase), color=colour, linestyle=line)
 
 
-def _readable_log(axis: Axis, steps: tuple[float, ...]) -> None:
+def readable_log(axis: Axis, steps: tuple[float, ...]) -> None:
     """Label a logarithmic axis with plain numbers at `steps` of every decade."""
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -290,6 +290,48 @@ def diagnose(
 
 
 @app.command
+def response(
+    run: Path, /, *, unworn: Annotated[bool, Parameter(negative="")] = False,
+    worn: Annotated[bool, Parameter(negative="")] = False, start: str | None = None, stop: str | None = None,
+    excitation: tuple[str, ...] = (), out: Out = Path("runs"),
+) -> None:
+    """Follow the nonlinear frequency response by continuation, up and down, around turning points.
+
+    Every point is a solution of the whole contact, with its stability; peak, half-power damping and folds are read
+    off each curve. A curve takes a minute or two and is kept beside the run's stages, so that it is made once.
+
+    Parameters
+    ----------
+    run
+        result folder of a case, for example runs/test1, or a case file, whose stages are run as far as needed
+    unworn
+        the unworn contact only; by default both
+    worn
+        the worn contact only
+    start
+        lowest frequency, for example "20 Hz"; by default the case's
+    stop
+        highest frequency
+    excitation
+        amplitude of the force, for example "53 N"; may be given several times; by default the case's
+    """
+    from fretflow.cli_report import Progress
+    from fretflow.cli_response import respond, run_of, states_of
+    from fretflow.core.config import load_case
+
+    states, progress = states_of(unworn, worn), Progress()
+    if not run.is_file():
+        respond(*run_of(run), run, states, (start, stop), excitation, progress)
+        return
+    case = load_case(run)
+    with _leading(out, progress) as runner:
+        with progress:
+            stages = runner.run(case, "wear" if "worn" in states else "reduce")
+        folders = {name: result.folder for name, result in stages.items()}
+        respond(case, folders, out / case.name, states, (start, stop), excitation, progress)
+
+
+@app.command
 def trial(
     *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial")
 ) -> None:

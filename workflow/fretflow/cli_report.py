@@ -63,6 +63,10 @@ class Progress:
         if self._task is not None:
             self._bars.update(self._task, completed=share, description=text)
 
+    def note(self, stage: str, text: str) -> None:
+        """Print a line about `stage`, which goes on."""
+        self._console.print(f"{stage:<9} {text}", highlight=False, soft_wrap=True)
+
     def end(self, result: StageResult) -> None:
         """Note that a stage is complete, computed or reused."""
         if self._task is not None:

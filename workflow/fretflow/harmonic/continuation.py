@@ -232,13 +232,16 @@ class _Follower:
         if top in (0, len(found) - 1):
             return float("nan")
         coarse = found[top - 1:top + 2]
-        for k in (top - 1, top, top + 1):
-            found[k] = self._keep(self.fine, self._finer(found[k].point))
+        with suppress(NonConvergenceError):
+            for k in (top - 1, top, top + 1):
+                found[k] = self._keep(self.fine, self._finer(found[k].point))
         change = max(abs(a.first_harmonic[self.channel] / b.first_harmonic[self.channel] - 1.0)
                      for a, b in zip(coarse, found[top - 1:top + 2], strict=True))
-        self._refine_peak(found)
+        with suppress(NonConvergenceError):  # the curve then stays as coarse as it is
+            self._refine_peak(found)
         for step in (-1, 1):
-            self._refine_half_power(found, step)
+            with suppress(NonConvergenceError):
+                self._refine_half_power(found, step)
         return float(change)
 
     def _refine_peak(self, found: list[_Found]) -> None:

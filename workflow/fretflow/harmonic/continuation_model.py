@@ -65,6 +65,10 @@ class Secants:
         """Return no changes of residuals (size,)."""
         return cls(np.zeros((size, 0)), np.zeros((size, 0)))
 
+    def forgotten(self) -> Secants:
+        """Return no changes."""
+        return self.none(len(self.residuals))
+
     def with_pair(self, defect: Array, residual: Array) -> Secants:
         """Return the last changes and these, (2 H + 1,) each."""
         size = max(float(np.linalg.norm(residual)), float(np.finfo(float).tiny))

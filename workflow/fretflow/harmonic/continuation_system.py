@@ -202,6 +202,9 @@ class ArmSystem:
                 secants = secants.with_pair(defect - before[1], now.residual - before[2])
             before = model, defect, now.residual
             following = self._next(model, secants.extrapolate(defect, now.residual), plane, now)
+            if following is None:  # misled by what held at other points
+                secants = secants.forgotten()
+                following = self._next(model, defect, plane, now)
             if following is None:
                 break
             slow += following.norm > SLOW * now.norm

@@ -15,6 +15,7 @@ from fretflow.core.units import format_quantity
 from fretflow.harmonic.periodic import ContactState, PeriodicSolution
 from fretflow.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.stages.response import ForcedResponse, LoopSeries
+from fretflow.stages.response_curves import kept_peaks
 from fretflow.stages.stage import write_json
 from fretflow.stages.trends import Trend, judge_all
 from fretflow.wear.history import WearHistory
@@ -37,7 +38,8 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
     upper, lower = (
         read_record(folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")
     )
-    figures = [_reduction(upper, lower)]
+    figures = [_reduction(upper, lower), *(Figure(f"nonlinear resonance, {name}", frequency, "Hz", text)
+                                           for name, frequency, text in kept_peaks(folders))]
     interface = Interface(nodes=upper.contact_nodes[:, :2], areas=upper.contact_areas,
                           gap=upper.profile + lower.profile)
     if "preload" in folders:

@@ -1,0 +1,152 @@
+"""The response command on a joint of two nodes: curves, their table, files and picture, and what is refused.
+
+What carries the weight: what stands in the files is what is read off the curves; each curve belongs to its own load
+and wear, and is made once and again only when something that it depends on has changed.
+"""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from fretflow import cli, cli_response
+from fretflow.contact.interface import Interface
+from fretflow.core.casefile import dump_case
+from fretflow.core.config import Solver, validate_case
+from fretflow.core.errors import InputError
+from fretflow.core.store import read_record, write_record
+from fretflow.effects.model import EffectModel
+from fretflow.harmonic.continuation_curve import Direction, ResponseCurve, read_peak
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+from fretflow.stages import response_curves as stage
+from fretflow.stages.stage import CASE_FILE, RUN_FILE, Manifest, write_json
+from fretflow.wear.history import WearHistory
+from matplotlib.image import imread
+
+NODES, CYCLES = 2, 5000
+FLEXIBILITY = np.kron(2e-7 * np.eye(NODES) + 5e-8, np.eye(3))
+PROBLEM = PeriodicProblem(
+    joint=QuasiStaticJoint.from_stiffness(np.linalg.inv(FLEXIBILITY),
+                                          LumpedRig.from_modes(10.0, 0.5, 40.0, 900.0, 0.05)),
+    interface=Interface(nodes=np.zeros((NODES, 2)), areas=np.full(NODES, 5e-7), gap=np.zeros(NODES)),
+    friction_coefficient=0.88, frequency=100.0, excitation=75.0, normal_load=60.0)
+CASE = validate_case({"format": "fretflow-case/1", "name": "toy",
+                      "test": {"excitation_amplitude": "75 N", "cycles": CYCLES},
+                      "output": {"frequency_response": {"start": "36 Hz", "stop": "54 Hz"}}})
+DEPTH = np.array([0.0, 2e-5])  # so deep that the second node is out of reach
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """Return the folder of a run of the toy joint, which opens as it wears."""
+    monkeypatch.setattr(stage, "make_model", lambda case, folder: EffectModel.build(PROBLEM))
+    monkeypatch.setattr(stage, "HARMONICS", 11)
+    monkeypatch.setattr(stage, "SAMPLES", 96)
+    home = tmp_path / "runs" / "toy"
+    for name in ("reduce", "wear"):
+        (home / name).mkdir(parents=True)
+    none = np.zeros(2)
+    write_record(home / "wear" / "history.h5", WearHistory(
+        cycles=np.array([0, CYCLES]), depth=np.array([none, DEPTH]), rate=np.zeros((2, NODES)), volume=none,
+        dissipated_energy=none, sliding_distance=none, energy=none, approach=none, upper_share=0.5, solves=2,
+        stopped_by="cycles"))
+    for name in ("reduce", "wear"):
+        Manifest(name, 1, name, {}, {}, {}, None, 1, 0.0, 0, False, "").write(home / name)
+    write_json(home / RUN_FILE, {"case": "toy", "stages": {"reduce": "reduce", "wear": "wear"}})
+    case = CASE.model_copy(update={"solver": Solver(harmonics=11, samples=96)})
+    (home / CASE_FILE).write_text(dump_case(case), encoding="utf-8")
+    return home
+
+
+def rows(path):
+    with path.open(encoding="utf-8") as handle:
+        return list(csv.DictReader(handle))
+
+
+def test_the_command_makes_curves_and_reads_them_off(home, capsys):
+    assert cli.execute(["response", str(home)]) == 0
+    shown = capsys.readouterr().out
+    folder = home / stage.FOLDER
+    curves = {run.state: run for run in (read_record(path, stage.RunCurve) for path in folder.glob("*.h5"))}
+    assert {state: run.cycles for state, run in curves.items()} == {"unworn": 0, "worn": CYCLES}
+    found = {(row["state"], row["direction"]): row for row in rows(folder / "peaks.csv")}
+    assert set(found) == {(state, way) for state in ("unworn", "worn") for way in ("up", "down")}
+    for (state, way), row in found.items():
+        peak = read_peak(curves[state].curve, "block", Direction[way.upper()])
+        assert float(row["frequency_Hz"]) == pytest.approx(peak.frequency)
+        assert float(row["amplitude_m"]) == pytest.approx(peak.amplitude, abs=0.0)
+        assert float(row["damping_ratio"]) == pytest.approx(peak.damping_ratio)
+        assert 42.0 < peak.frequency < 45.0
+        assert f"{peak.frequency:.2f} Hz" in shown
+    points = rows(folder / "curves.csv")
+    assert len(points) == sum(len(run.curve.frequency) for run in curves.values())
+    assert {row["stable"] for row in points} == {"True"}
+    assert all(float(row["residual"]) <= 1e-5 for row in points)
+    assert imread(folder / "curves.png").shape[1] == 1600
+    told = json.loads((folder / stage.PEAKS).read_text(encoding="utf-8"))
+    assert told["stages"] == {"reduce": "reduce", "wear": "wear"}
+    folders = {name: home / name for name in ("reduce", "wear")}
+    names = [name for name, _, _ in stage.kept_peaks(folders)]
+    assert names[0] == "unworn, 75 N, down"
+    assert stage.kept_peaks({**folders, "wear": home / "wear-other"}) == []
+
+
+def test_a_point_of_a_curve_is_the_period_that_the_solver_finds(home):
+    assert cli.execute(["response", str(home), "--unworn"]) == 0
+    (path,) = (home / stage.FOLDER).glob("*.h5")
+    curve: ResponseCurve = read_record(path, stage.RunCurve).curve
+    own = curve.along(Direction.UP)
+    for k in own[[1, len(own) // 2, -2]]:
+        problem = PeriodicProblem(**{**vars(PROBLEM), "frequency": float(curve.frequency[k])})
+        samples = int(curve.samples[k])
+        settings = Solver(harmonics=11, samples=samples, tolerance=1e-7, estimate_error=False)
+        block = QuasiStaticSolver(settings).solve(problem).rig_displacement[:, 0]
+        expected = 2.0 * np.fft.rfft(block)[1] / samples
+        assert curve.first_harmonic[k, 0] == pytest.approx(expected, rel=1e-3, abs=0.0)
+
+
+def test_a_curve_is_made_once_for_its_load(home, monkeypatch):
+    made = []
+    follow = stage.respond
+    monkeypatch.setattr(stage, "respond", lambda problem, sweep, note: made.append(problem.excitation)
+                        or follow(problem, sweep, note))
+    ask = ["response", str(home), "--unworn", "--stop", "41 Hz", "--start", "39 Hz"]
+    assert cli.execute([*ask, "--excitation", "90 N"]) == 0
+    assert cli.execute([*ask, "--excitation", "90 N", "--excitation", "0.08 kN"]) == 0
+    assert made == [90.0, 80.0]
+    levels = {row["excitation_N"] for row in rows(home / stage.FOLDER / "peaks.csv")}
+    assert levels == {"80.0", "90.0"}
+
+
+def test_neither_or_both_flags_mean_both_states():
+    assert cli_response.states_of(False, False) == cli_response.states_of(True, True) == ("unworn", "worn")
+    assert cli_response.states_of(True, False) == ("unworn",)
+    assert cli_response.states_of(False, True) == ("worn",)
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    (["--start", "20"], "--start: '20' has no unit"),
+    (["--excitation", "3 mm"], "--excitation: "),
+    (["--excitation", "0 N"], "must be positive"),
+    (["--start", "50 Hz", "--stop", "40 Hz"], "start must be positive and below stop")])
+def test_options_that_cannot_be_used_are_refused(home, capsys, options, words):
+    assert cli.execute(["response", str(home), *options]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_a_run_without_wear_has_no_worn_curve(home):
+    folders = {"reduce": home / "reduce"}
+    sweep = stage.sweep_of(CASE, None, None)
+    with pytest.raises(InputError, match="stage wear is not complete"):
+        stage.asked_curves(CASE, folders, ("worn",), [75.0], sweep, home)
+    assert len(stage.asked_curves(CASE, folders, ("unworn",), [53.0, 75.0], sweep, home)) == 2
+
+
+def test_no_run_is_refused(tmp_path, capsys):
+    assert cli.execute(["response", str(tmp_path)]) == 2
+    assert "holds no run" in capsys.readouterr().err
