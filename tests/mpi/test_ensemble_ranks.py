@@ -23,7 +23,13 @@ CASE = ('format = "fretflow-case/1"\nname = "{}"\ntitle = "{}"\n'
 def mpirun(ranks, *arguments):
     command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks), sys.executable, *arguments]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    for _ in range(2):
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+        # Once in some hundred runs a rank ended with 1 and without a word after all was done: every error of ours has
+        # a line of its own, so that such an end is MPI's and worth another try.
+        if done.returncode == 0 or "fretflow: " in done.stderr or "non-zero" not in done.stderr:
+            break
+    return done
 
 
 def run(folder, titles, ranks=3):
