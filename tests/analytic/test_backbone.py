@@ -4,6 +4,7 @@ What carries the weight: where the whole contact slides the backbone must give t
 knows nothing of nodes; the tangent is that of central differences; one Jenkins element's loop has a closed form.
 """
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -53,6 +54,16 @@ def test_a_sliding_contact_moves_as_the_full_one(force, frequency):
     assert np.ptp(found.rig_displacement[:, 1]) == pytest.approx(np.ptp(full.rig_displacement[:, 1]), rel=0.01)
     distance = found.friction_force - full.friction_force
     assert np.sqrt(np.mean(distance**2)) < 0.02 * np.ptp(full.friction_force)
+
+
+def test_a_friction_that_depends_on_the_load_is_in_the_backbone():
+    given = replace(problem(75.0), friction_exponent=0.2)
+    full = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given)
+    found = BackboneSolver.of(given, 25, 128)
+    assert found.backbone.limit.sum() == pytest.approx(np.abs(full.friction_force).max(), rel=0.01)
+    assert found.backbone.limit.sum() != pytest.approx(MU * LOAD, rel=0.03)
+    moved = found.solve(given).rig_displacement[:, 1]
+    assert np.ptp(moved) == pytest.approx(np.ptp(full.rig_displacement[:, 1]), rel=0.01)
 
 
 def test_one_element_makes_the_loop_of_jenkins():

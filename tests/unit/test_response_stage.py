@@ -9,11 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
-from fretflow.core.config import validate_case
-from fretflow.core.errors import NonConvergenceError
+from fretflow.core.config import Solver, validate_case
+from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.harmonic.backbone import BackboneSolver
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.harmonic.quasi_static import QuasiStaticSolver
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
+from fretflow.stages import response, response_curves
 from fretflow.stages.response import first_harmonic, forced_response, read_loops
 
 RESONANCE, DAMPING, STATIC = 137.0, 0.02, 1e-6
@@ -126,6 +129,28 @@ def replace_range(**values):
     return validate_case({
         "format": "fretflow-case/1", "name": "x", "test": {"excitation_amplitude": "53 N", "cycles": 1},
         "output": {"frequency_response": raw}})
+
+
+def test_what_a_backbone_does_not_know_is_followed_by_continuation(monkeypatch):
+    """A normal load that follows the motion; a point is the period of the full solver."""
+    monkeypatch.setattr(response_curves, "HARMONICS", 7)
+    monkeypatch.setattr(response_curves, "SAMPLES", 64)
+    solver = Solver(harmonics=7, samples=64)
+    case = replace_range(start="95 Hz", stop="115 Hz").model_copy(update={"solver": solver})
+    problem = replace(PROBLEM, load_slope=5e4)
+    with pytest.raises(InputError, match="backbone does not know a normal load that depends on the motion"):
+        BackboneSolver.of(problem, 7, 64).solve(problem)
+    shares = []
+    found = response._respond(case, problem, 3, shares.append)
+    assert found.peak_error == 0.0
+    assert found.cycles == 3
+    assert np.all(np.diff(found.frequency) > 0.0)
+    assert found.frequency[[0, -1]] == pytest.approx([95.0, 115.0])
+    assert max(shares) == pytest.approx(1.0)
+    settings = Solver(harmonics=7, samples=32, estimate_error=False)
+    full = QuasiStaticSolver(settings).solve(replace(problem, frequency=95.0))
+    assert found.amplitude[0] == pytest.approx(abs(first_harmonic(full)), rel=1e-3, abs=0.0)
+    assert found.phase[0] == pytest.approx(-np.angle(first_harmonic(full)) % (2 * np.pi), rel=1e-3)
 
 
 def test_the_first_harmonic_is_that_of_the_moving_mass():

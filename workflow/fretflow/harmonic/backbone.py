@@ -12,23 +12,25 @@ approximation for many frequencies and as a start for the full solution, not as 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from fretflow.core.errors import NonConvergenceError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.harmonic.arm import ArmEquations
 from fretflow.harmonic.contact_march import ContactMarch
-from fretflow.harmonic.contact_sample import Array, SampleState
+from fretflow.harmonic.contact_sample import STICK, Array, SampleState
 from fretflow.harmonic.jenkins_start import jenkins_arm_motion
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.rig.joint import QuasiStaticJoint
 
 STEPS_TO_LIMIT = 40  # of the first push, at the stuck stiffness
 MAX_STEPS = 1000
-FULLY_SLIDING = 0.9999  # of mu N
+STEADY = 1e-5  # change of the friction force in a step
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 MAX_ITERATIONS = 40
+KNOWN = ("friction_exponent", "overtones")  # of physics beyond the baseline
 TOLERANCE = 1e-4  # of the load; the kinks of single samples leave about a tenth of it
 
 
@@ -53,8 +55,8 @@ class Backbone:
         """
         limit = float(march.system.friction.mean()) * march.system.load
         step = limit / float(march.solver.kbx[:march.system.size].sum()) / STEPS_TO_LIMIT
-        turned, arm, _ = _push(march, start, 0.0, step, limit)
-        _, _, back = _push(march, turned, arm, -2.0 * step, limit)
+        turned, arm, _ = _push(march, start, 0.0, step)
+        _, _, back = _push(march, turned, arm, -2.0 * step)
         return cls._through(0.5 * np.abs(back - back[0]))
 
     @classmethod
@@ -154,6 +156,14 @@ def find_arm(problem: PeriodicProblem, equations: ArmEquations, backbone: Backbo
     raise failure
 
 
+def knows(problem: PeriodicProblem) -> bool:
+    """Tell whether a `BackboneSolver` can solve `problem`."""
+    with suppress(InputError):
+        problem.refuse_beyond("the contact's backbone", *KNOWN)
+        return True
+    return False
+
+
 class BackboneSolver:
     """Finds periods of a joint whose contact is its own backbone; they have no nodal fields (0 nodes)."""
 
@@ -174,10 +184,13 @@ class BackboneSolver:
 
         Raises
         ------
+        InputError
+            If the contact or the rig of `problem` follows the motion otherwise than a backbone can.
         NonConvergenceError
             As `find_arm`.
         """
-        equations = ArmEquations.build(self.joint.rig, problem.omega, problem.excitation, self.harmonics, self.samples)
+        problem.refuse_beyond("the contact's backbone", *KNOWN)
+        equations = ArmEquations.of(problem, self.harmonics, self.samples)
         guess = None if start is None else equations.analysis @ start.rig_displacement[:, 1]
         return self._solution(problem, equations, find_arm(problem, equations, self.backbone, guess))
 
@@ -193,8 +206,7 @@ class BackboneSolver:
             upper_observation=unseen, lower_observation=unseen, residual_history=(), error_estimate=float("nan"))
 
 
-def _push(march: ContactMarch, state: SampleState, arm: float, step: float, limit: float
-          ) -> tuple[SampleState, float, Array]:
+def _push(march: ContactMarch, state: SampleState, arm: float, step: float) -> tuple[SampleState, float, Array]:
     """Move the arm by steps until the contact slides; return its state, the arm (m), and arm and force (K, 2)."""
     n = march.system.size
     points = [(arm, -float(state.force[:n].sum()))]
@@ -202,6 +214,8 @@ def _push(march: ContactMarch, state: SampleState, arm: float, step: float, limi
         state = march.solver.solve(arm + step, state.displacement, state, arm)
         arm += step
         points.append((arm, -float(state.force[:n].sum())))
-        if points[-1][1] * np.sign(step) > FULLY_SLIDING * limit:
+        # all slides, and the nodes have turned into the direction of sliding
+        steady = abs(points[-1][1] - points[-2][1]) < STEADY * abs(points[-1][1])
+        if steady and points[-1][1] * step > 0.0 and not np.any(state.state == STICK):
             return state, arm, np.array(points)
     raise NonConvergenceError("the contact sticks however far it is pushed; check friction and normal load")

@@ -16,9 +16,12 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.effects.cycle import true_signals
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.backbone import BackboneSolver
+from fretflow.harmonic.backbone import BackboneSolver, knows
+from fretflow.harmonic.continuation import respond
+from fretflow.harmonic.continuation_curve import Direction, channel_index
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.stages.problem import make_model, make_solver
+from fretflow.stages.response_curves import sweep_of
 from fretflow.stages.stage import Figures, Stage, StageContext
 from fretflow.stages.wear import CHECKPOINTS
 from fretflow.wear.checkpoint import kept_states
@@ -167,13 +170,31 @@ def peak_error(solver: PeriodicSolver, problem: PeriodicProblem, found: ForcedRe
 
 
 def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
-    """Step the frequency with the contact's backbone and check the peak, or with DLFT where the case asks for it."""
+    """Step the frequency with the contact's backbone and check the peak, or with DLFT where the case asks for it.
+
+    What a backbone does not know (an effect) is followed by continuation.
+    """
     solver = make_solver(case.solver)
     if case.solver.method is PeriodicMethod.DLFT:
         return forced_response(case, solver, problem, cycles, progress)
+    if not knows(problem):
+        return _followed(case, problem, cycles, progress)
     fast = BackboneSolver.of(problem, case.solver.resolved_harmonics, case.solver.resolved_samples)
     found = forced_response(case, fast, problem, cycles, progress)
     return replace(found, peak_error=peak_error(solver, problem, found))
+
+
+def _followed(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
+    """Return the response by continuation from the lowest frequency upward."""
+    sweep = replace(sweep_of(case, None, None), directions=(Direction.UP,))
+
+    def note(direction: Direction, frequency: float) -> None:
+        progress(min(1.0, np.log(frequency / sweep.start) / np.log(sweep.stop / sweep.start)))
+
+    curve = respond(problem, sweep, note)
+    block = curve.first_harmonic[:, channel_index("block")]
+    return ForcedResponse(cycles=cycles, excitation=problem.excitation, frequency=curve.frequency,
+                          amplitude=np.abs(block), phase=np.mod(-np.angle(block), 2.0 * np.pi), peak_error=0.0)
 
 
 def _run(context: StageContext) -> Figures:
