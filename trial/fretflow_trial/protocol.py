@@ -27,7 +27,7 @@ from fretflow_trial.case import compose, key, simulate
 from fretflow_trial.page import page
 from fretflow_trial.record import write
 from fretflow_trial.scoring import Result, scoreboard
-from fretflow_trial.sealing import Seal, seal, secret_of, unseal, verify
+from fretflow_trial.sealing import BrokenSealError, Seal, seal, secret_of, unseal, verify
 
 FORMAT = "fretflow-trial/1"
 # In isolated mode Python reads no variables and nothing from the working directory.
@@ -76,13 +76,20 @@ class Trial:
         self._claim()
         names = [f"case-{k:03d}" for k in range(self.settings.cases)]
         self._make(names)
-        hashes = {name: self._sealed(name).commitment for name in names}
+        hashes = self._publish({name: self._sealed(name).commitment for name in names})
         self.say("sealed answers, SHA-256 of salt and key:")
         for name, published in hashes.items():
             self.say(f"  {name}  {published}")
-        save(self.out / "seals.json", hashes)
         self._diagnose(names)
         return self._score(names)
+
+    def _publish(self, hashes: dict[str, str]) -> dict[str, str]:
+        """Keep the hashes, which no later run may change."""
+        file = self.out / "seals.json"
+        if file.exists() and load(file) != hashes:
+            raise BrokenSealError(f"{file}: has other hashes than the sealed answers; one of them was changed")
+        save(file, hashes)
+        return hashes
 
     def _claim(self) -> None:
         self.out.mkdir(parents=True, exist_ok=True)
@@ -107,6 +114,8 @@ class Trial:
         left = [k for k, name in enumerate(names) if not (self.out / "sealed" / f"{name}.json").exists()]
         context = multiprocessing.get_context("spawn")
         done = len(names) - len(left)
+        if not left:
+            return
         with ProcessPoolExecutor(self.jobs, mp_context=context) as workers:
             tasks = [(self.out, names[k], self.settings.cases, self.settings.seed, k, self._secret) for k in left]
             for name, _ in each(workers, make_one, tasks):
