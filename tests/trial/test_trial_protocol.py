@@ -175,7 +175,7 @@ def test_command_refuses_no_cases(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_command_carries_out_what_is_left(trial: Trial, capsys: pytest.CaptureFixture[str],
                                           monkeypatch: pytest.MonkeyPatch) -> None:
     trial.run()
-    monkeypatch.setattr("fretflow_trial.protocol.ProcessPoolExecutor", lambda *args, **kwargs: pytest.fail("made again"))
+    monkeypatch.setattr("fretflow_trial.protocol.ProcessPoolExecutor", lambda *_, **__: pytest.fail("made again"))
     assert execute(["trial", "--cases", "3", "--seed", "77", "--fast", "--out", str(trial.out)]) == 0
     out = capsys.readouterr().out
     assert "right name" in out

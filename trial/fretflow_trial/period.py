@@ -133,10 +133,10 @@ class March:
 
     def _advance_with_forces(self, state: State, k: int, now: float, then: float
                              ) -> tuple[State, Array, Array, float, float]:
-        """Take a step with further forces on the rig: those at its end by two corrections of a prediction."""
+        """Take a step with further forces on the rig: those at its end by one correction of a prediction."""
         early = self._rig_forces(state.rig)
         end = state.rig + self.duration * np.append(state.rig[2:], [0.0, 0.0])
-        for _ in range(3):
+        for _ in range(2):
             late = self._rig_forces(end)
             found = self._advance(state, k, now, then, early, late)
             end = found[0].rig
