@@ -109,7 +109,7 @@ class ContactStiffness(Effect):
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "k_t (p / p_0)^m tangential, ratio times as much normal"
     source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
-                             "108 (2012), power law; D. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
+                             "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
     acts_at: ClassVar[int] = 1
     observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "approach", "first resonance")
 

@@ -173,6 +173,9 @@ def calibrate_wear(case: Case, run: Callable[[Case], Mapping[str, Path]]) -> Wea
 
 
 def _condition(case: Case, reduced: Path) -> Condition:
+    if case.effects:
+        raise InputError(f"{case.name}: calibrate identifies the baseline only, whose wear goes with coefficient times "
+                         f"cycles; leave out [effects.{min(case.effects)}]")
     problem, distance = make_problem(case, reduced), case.measured.sliding_distance or math.nan
     interface, flexibility = problem.interface, problem.joint.quasi_static().flexibility[2::3, 2::3]
     worn = settled_face(flexibility, interface.areas, interface.gap, problem.normal_load)
