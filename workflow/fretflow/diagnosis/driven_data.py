@@ -20,7 +20,7 @@ from fretflow.effects.effect import Kind
 from fretflow.recordings import periods as p
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.recording import Recording
-from fretflow.rig.motion import CENTRE, FEWEST, Motion, measure
+from fretflow.rig.motion import FEWEST, Motion, measure
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,6 +30,7 @@ SAMPLES = {Kind.IMPOSED_DISPLACEMENT: 1000, Kind.LUMPED: 2500}  # that fits use
 LEAST_OF_LOOP = 60  # samples
 EQUAL = 0.02  # relative difference of amplitude and length of cycles that count as repeats
 STRETCHES = 12  # of a single cycle
+LEAST_PART = 8  # samples, fitted or held out
 OPEN = 0.15  # of the range between the ends of a single loop
 
 
@@ -60,8 +61,8 @@ class DrivenData:
     held_out: Mask
     held_out_words: str
     timed: bool
-    displacement_noise: float  # m, of a sample of `whole` as it drives the model
-    half_width: int  # samples that it is correlated over
+    displacement_noise: float  # m, of a measured sample, before it was smoothed
+    half_width: int  # of the smoothing, samples
     notes: tuple[str, ...] = ()
 
     @property
@@ -128,13 +129,14 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
     cycles = _cycles(cuts, usable)
     every = max(1, -(-len(x) // max(SAMPLES[kind], min(4000, 150 * len(cycles)))))
     motion, thin = prepared(kind, measured.motion, force, -(-len(x) // every))
-    span = 2 * measured.half_width + 1
     data = DrivenData(
         kind=kind, whole=replace(measured.motion, lean=motion.lean), whole_force=force, every=every, motion=motion,
         force=thin, cycles=cycles, repeats=_alike(x, cycles), fitted=np.zeros(0, bool), held_out=np.zeros(0, bool),
         held_out_words="", timed=series.time is not None, notes=tuple(notes), half_width=measured.half_width,
-        displacement_noise=measured.noise * float(np.sqrt(CENTRE / span)))
-    return _split(data, usable[::every])
+        displacement_noise=measured.noise)
+    inside = usable.copy()  # rates are not to be had at the ends
+    inside[:measured.half_width], inside[len(x) - measured.half_width:] = False, False
+    return _split(data, inside[::every])
 
 
 def _of_loops(kind: Kind, loops: LoopSet) -> DrivenData:
@@ -233,7 +235,7 @@ def _split(data: DrivenData, usable: Mask) -> DrivenData:
         fitted, held_out = at < last, at >= last
         words += " and what follows"
     fitted, held_out = fitted & usable[:n], held_out & usable[:n]
-    if min(fitted.sum(), held_out.sum()) < FEWEST:
+    if min(fitted.sum(), held_out.sum()) < LEAST_PART:
         raise UnreliableRecordingError("series: too little is usable to fit one part and test on another; record more "
                                        "cycles without gaps")
     return replace(data, fitted=fitted, held_out=held_out, held_out_words=words)

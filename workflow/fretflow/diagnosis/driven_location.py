@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import stats
 
+from fretflow.core.units import readable_unit
 from fretflow.diagnosis.driven_data import Array, DrivenData, Mask
 from fretflow.diagnosis.driven_noise import Noise
 from fretflow.diagnosis.verdict import Location, Place, ResidualLaw
@@ -84,14 +85,19 @@ def locate(data: DrivenData, noise: Noise, baseline: DrivenFit, block: str) -> L
     parts = [one for one in cycles if any(p.where == one.label and p.p_value < SIGNIFICANT for p in places)]
     span = (parts[0].number, parts[-1].number) if parts else (0, 0)
     text = ""
-    if phase is not None and overall < SIGNIFICANT:
+    if phase is not None and block:
         mean = float(np.sqrt(np.mean(left[dict((w, m) for _, w, m in found)[phase.where]]**2)))
-        text = (f"The force differs most in the phase '{phase.where}', by {mean:.3g} N there (root mean square; "
-                f"repeats differ by {noise.sd:.2g} N): {phase.share:.0%} of the difference.")
+        text = (f"The force differs most in the phase '{phase.where}', by {_force(mean)} there (root mean square; "
+                f"repeats differ by {_force(noise.sd)}): {100.0 * phase.share:.0f} % of the difference.")
         if side:
             text += f" Read over displacement and direction it is mostly {side}."
     return Location(block=block, channel="force", phase=phase.where if phase else "", cycles=span, zone="",
                     parity=side, places=tuple(places), text=text)
+
+
+def _force(value: float) -> str:
+    unit, size = readable_unit(value, "N")
+    return f"{value / size:.3g} {unit}"
 
 
 def _largest(places: list[Place], cut: str) -> Place | None:

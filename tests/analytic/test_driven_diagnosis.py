@@ -1,0 +1,166 @@
+"""Diagnoses of made-up driven joints: nothing, one effect, and what no effect of the catalogue does.
+
+What carries the weight: the force of a slider marched sample by sample here, not by the package's own march, so that a
+wrong model of the baseline would raise alarms; and noise of which the standard deviation is known.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fretflow.core.errors import RecordingError, UnreliableRecordingError
+from fretflow.diagnosis.driven_data import driven_data
+from fretflow.diagnosis.driven_estimates import estimates
+from fretflow.diagnosis.driven_noise import correlation_length, effective
+from fretflow.diagnosis.driven_run import diagnose_driven
+from fretflow.diagnosis.driven_search import baseline_fit
+from fretflow.diagnosis.run import diagnose
+from fretflow.diagnosis.verdict import Verdict
+from fretflow.recordings.loopset import Series
+from fretflow.recordings.recording import Recording
+from fretflow.recordings.schema import Test, TestKind, Wear
+
+K, S, X, HERTZ = 28e6, 50.0, 7e-6, 100.0
+STEP, CYCLES = 1.0 / 20000.0, 6
+SIZE = 0.02 * S  # of the noise
+
+
+def quiet(share, text):
+    pass
+
+
+def motion(seed):
+    """Return time, the true displacement and its velocity; amplitudes differ a little from cycle to cycle."""
+    t = STEP * np.arange(round((CYCLES + 0.6) / HERTZ / STEP))
+    rng = np.random.default_rng(seed)
+    angle = 2.0 * np.pi * HERTZ * t
+    size = X * (1.0 + 0.002 * rng.standard_normal())
+    return t, -size * np.cos(angle), size * 2.0 * np.pi * HERTZ * np.sin(angle)
+
+
+def slid(x, up=S, down=S, play=0.0, stiffness=K):
+    """Return the force of a slider behind play, sample by sample."""
+    z, force = -0.5 * play - down / stiffness, []
+    for step in np.diff(x, prepend=x[0]):
+        z = min(max(z + step, -0.5 * play - down / stiffness), 0.5 * play + up / stiffness)
+        force.append(stiffness * (z - min(max(z, -0.5 * play), 0.5 * play)))
+    return np.array(force)
+
+
+def recording(t, x, force, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True):
+    series = Series(time=t if timed else None, channels={"displacement": x, "force": force},
+                    usable=np.ones(len(t), bool), units={"displacement": "m", "force": "N"}, sd={}, calibration_sd={},
+                    displacement_of=None)
+    return Recording(path="made", title="made", test=Test(kind=kind), rig=None, specimen=None, given={}, wear=Wear(),
+                     loops=None, series=series, sweep=None, frf=None, wear_depth=None, notes=())
+
+
+def made(force_of, seed=0, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True, size=SIZE):
+    t, x, v = motion(seed)
+    rng = np.random.default_rng(1000 + seed)
+    return recording(t, x + 1e-3 * X * rng.standard_normal(len(x)), force_of(t, x, v) + size * rng.standard_normal(
+        len(x)), kind, timed)
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    """In at least 95 % of 40 recordings, whose baseline differs from any default."""
+    verdicts = [diagnose_driven(made(lambda t, x, v: slid(x), seed), True, quiet).verdict for seed in range(40)]
+    assert sum(one is Verdict.NONE for one in verdicts) >= 38
+
+
+def test_a_body_without_friction_is_left_alone():
+    def body(t, x, v):
+        return 120.0 * (2.0 * np.pi * HERTZ)**2 * -x + 8e3 * v
+
+    verdicts = [diagnose_driven(made(body, seed, TestKind.LUMPED, size=0.3), True, quiet).verdict for seed in range(8)]
+    assert sum(one is Verdict.NONE for one in verdicts) >= 7
+
+
+EFFECTS = {
+    "backlash": lambda t, x, v: slid(x, play=2e-6),
+    "directional-friction": lambda t, x, v: slid(x, up=1.07 * S, down=0.93 * S),
+    "force-offset": lambda t, x, v: slid(x) + 6.0,
+    "parallel-stiffness": lambda t, x, v: slid(x) + 1e6 * x,
+    "viscous": lambda t, x, v: slid(x) + 0.15 * S / (X * 2.0 * np.pi * HERTZ) * v,
+    "sensor-drift": lambda t, x, v: slid(x) + 8.0 * t / t[-1],
+    "channel-delay": lambda t, x, v: np.interp(t - 3.0 * STEP, t, slid(x)),
+    "distributed-micro-slip": lambda t, x, v: np.mean([slid(x, 2.0 * S * q, 2.0 * S * q) for q in
+                                                       (np.arange(20) + 0.5) / 20], axis=0),
+}
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_an_effect_of_clear_size_is_named_or_among_those_that_act_alike(name):
+    found = diagnose_driven(made(EFFECTS[name]), True, quiet)
+    assert found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert name in found.effects
+    assert found.held_out.after < 1.3
+    assert found.held_out.before > found.held_out.after
+    if len(found.effects) == 1:
+        assert found.probability > 0.7
+
+
+def test_what_the_catalogue_lacks_is_not_named():
+    def odd(t, x, v):
+        return slid(x) + 0.6 * S * (x / X)**2 * v / (X * 2.0 * np.pi * HERTZ) * np.cos(6.0 * np.pi * x / X)
+
+    found = diagnose_driven(made(odd), True, quiet)
+    assert found.verdict is Verdict.UNKNOWN
+    assert found.effects == ()
+    assert found.residual_law is not None
+    assert found.separating_measurement
+
+
+def test_coulomb_friction_and_an_offset_of_a_body_have_intervals_that_hold():
+    """A mass of 12 kg on 400 N s/m; friction of 20 N and an offset of -3 N."""
+    true = {"baseline.mass": 12.0, "baseline.damping": 400.0, "coulomb-friction.friction_limit": 20.0,
+            "force-offset.force_offset": -3.0}
+    t = 1e-3 * np.arange(6000)
+    rates = (0.7, 1.9)
+    x = sum(0.02 / w * np.sin(2.0 * np.pi * w * t) for w in rates)
+    v = sum(0.04 * np.pi * np.cos(2.0 * np.pi * w * t) for w in rates)
+    a = sum(-0.08 * np.pi**2 * w * np.sin(2.0 * np.pi * w * t) for w in rates)
+    noise = 0.5 * np.random.default_rng(5).standard_normal(len(t))
+    force = 12.0 * a + 400.0 * v + slid(x, 20.0, 20.0, stiffness=2e7) - 3.0 + noise
+    found = diagnose_driven(recording(t, x, force, TestKind.LUMPED), False, quiet)
+    assert {"coulomb-friction", "force-offset"} <= set(found.effects)
+    assert "velocity-dependent-friction" not in found.effects
+    for one in found.parameters:
+        if one.name in true:
+            assert one.low - 0.005 * abs(one.value) < true[one.name] < one.high + 0.005 * abs(one.value)
+            assert one.high - one.low < 0.3 * abs(one.value)
+    assert "[effects.coulomb-friction]" in found.case_file
+
+
+def test_effects_that_need_time_are_left_out_where_there_is_none():
+    found = diagnose_driven(made(EFFECTS["parallel-stiffness"], timed=False), True, quiet)
+    assert "parallel-stiffness" in found.effects
+    assert any("viscous" in note and "no time axis" in note for note in found.notes)
+    assert all("viscous" not in one.effects for one in found.ranking)
+
+
+def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
+    rng, n = np.random.default_rng(3), 60000
+    white = rng.standard_normal(n)
+    smooth = np.convolve(white, np.ones(10), "same")
+    assert correlation_length((white,)) == pytest.approx(1.0, abs=0.1)
+    assert correlation_length((smooth,)) == pytest.approx(10.0, rel=0.15)
+    assert effective(smooth, np.ones(n, bool)) == pytest.approx(n / 10.0, rel=0.15)
+    t, x, _ = motion(0)
+    slow = np.convolve(rng.standard_normal(len(t) + 39), np.ones(40), "valid") / np.sqrt(40.0)
+    widths = []
+    for noise in (rng.standard_normal(len(t)), slow):
+        data = driven_data(recording(t, x, slid(x) + SIZE * noise))
+        limit = next(one for one in estimates(data, baseline_fit(data)) if one.name == "baseline.friction_limit")
+        widths.append(limit.high - limit.low)
+    assert widths[1] > 2.5 * widths[0]
+
+
+def test_recordings_without_a_model_are_refused(tmp_path):
+    whole = made(lambda t, x, v: slid(x))
+    lacking = replace(whole, series=replace(whole.series, channels={"displacement": whole.series.channels[
+        "displacement"]}))
+    with pytest.raises(UnreliableRecordingError, match="displacement and force are both needed"):
+        diagnose_driven(lacking, True, quiet)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        diagnose(tmp_path / "absent", True, tmp_path, quiet)

@@ -1,0 +1,90 @@
+"""Diagnoses of measured joints that a motion drives.
+
+What carries the weight: what others found in the same recordings. The authors of the damper's name backlash; those of
+the drive publish its mass, its friction and its offset, and that a Stribeck curve adds nothing; a bolted joint slips
+bit by bit.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+from fretflow.cli import app
+from fretflow.core.errors import InputError
+from fretflow.diagnosis.run import diagnose
+from fretflow.diagnosis.verdict import Verdict, write_json
+
+pytestmark = pytest.mark.real_data
+PUBLISHED = {"baseline.mass": 95.11, "baseline.damping": 203.5, "coulomb-friction.friction_limit": 20.39,
+             "force-offset.force_offset": -3.16}
+BOLTED = """format = "fretflow-recording/1"
+title = "Bolted joint"
+[test]
+kind = "imposed-displacement"
+[series]
+file = "{}"
+displacement = {{ column = "delta_mm", unit = "mm" }}
+force = {{ column = "Ftr_kN", unit = "kN" }}
+"""
+
+
+@cache
+def diagnosed(path: Path, fast: bool = False):
+    return diagnose(path, fast, path, lambda share, text: None)
+
+
+def test_the_drive_lacks_dry_friction_and_an_offset_of_the_published_size(recordings):
+    found = diagnosed(recordings / "drive_estimation")
+    assert found.verdict is Verdict.NAMED
+    assert set(found.effects) == {"coulomb-friction", "force-offset"}
+    values = {one.name: one for one in found.parameters}
+    for name, value in PUBLISHED.items():
+        assert values[name].low < value < values[name].high
+        assert values[name].high - values[name].low < 0.4 * abs(value)
+    assert found.held_out.after < 0.35 * found.held_out.before
+    assert found.seconds < 60.0
+
+
+def test_a_damper_with_backlash_is_not_just_a_slider(recordings):
+    found = diagnosed(recordings / "damper_d2_0p5Hz30lbtension1amplitude")
+    assert found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert "backlash" in found.effects
+    assert found.detection.p_value < 1e-6
+    assert found.held_out.after < 0.6 * found.held_out.before
+    assert next(one for one in found.parameters if one.name == "backlash.play").low > 2e-3
+
+
+def test_each_best_explanation_of_a_damper_has_backlash(recordings):
+    """Two effects at most: whether they are enough for a name or not, play is one of them."""
+    for name in ("damper_d1_0p5Hz20lbtension", "damper_d1_1Hz20lbtension"):
+        found = diagnosed(recordings / name, True)
+        assert found.verdict is not Verdict.NONE
+        assert found.verdict is not Verdict.NAMED or "backlash" in found.effects
+        assert "backlash" in next(one.effects for one in found.ranking if one.effects)
+
+
+@pytest.mark.parametrize("name", ["rousseau2025_loop_steel_amp0p03.csv", "rousseau2025_loop_steel_amp0p05.csv"])
+def test_a_bolted_joint_slips_bit_by_bit(recordings, tmp_path, name):
+    """A loop without a time axis; what needs one is not looked at, and that is said."""
+    (tmp_path / name).write_bytes((recordings / "bolted_joint_loops" / name).read_bytes())
+    (tmp_path / "recording.toml").write_text(BOLTED.format(name))
+    found = diagnosed(tmp_path)
+    assert found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert "distributed-micro-slip" in found.effects
+    assert found.held_out.after < 0.8 * found.held_out.before
+    assert any("no time axis" in note for note in found.notes)
+
+
+def test_the_command_writes_a_report_of_the_drive(recordings, tmp_path, capsys):
+    out = tmp_path / "out"
+    app(["diagnose", str(recordings / "drive_estimation"), "--fast", "--out", str(out)], result_action="return_value")
+    assert "coulomb-friction" in capsys.readouterr().out
+    assert (out / "case.toml").read_text().count("[effects.") == 2
+    assert "<svg" in (out / "report.html").read_text()
+    again = write_json(tmp_path / "again.json", diagnosed(recordings / "drive_estimation"))
+    assert '"verdict": "named"' in again.read_text()
+
+
+def test_what_cannot_be_diagnosed_is_told_in_one_line(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        diagnose(tmp_path / "absent", True, tmp_path, lambda share, text: None)
