@@ -16,7 +16,7 @@ from fretflow.diagnosis.driven_run import diagnose_driven
 from fretflow.diagnosis.driven_search import baseline_fit
 from fretflow.diagnosis.run import diagnose
 from fretflow.diagnosis.verdict import Verdict
-from fretflow.recordings.loopset import Series
+from fretflow.recordings.loopset import LoopSet, Series
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import Test, TestKind, Wear
 
@@ -130,6 +130,34 @@ def test_coulomb_friction_and_an_offset_of_a_body_have_intervals_that_hold():
             assert one.low - 0.005 * abs(one.value) < true[one.name] < one.high + 0.005 * abs(one.value)
             assert one.high - one.low < 0.3 * abs(one.value)
     assert "[effects.coulomb-friction]" in found.case_file
+
+
+def loops(force_of, samples=200, counts=5, repeats=3):
+    """Return a recording of loops at several amplitudes, with repeats."""
+    rng, phase = np.random.default_rng(7), 2.0 * np.pi * np.arange(samples) / samples
+    shape = (counts, repeats, samples)
+    x = np.broadcast_to((X * (1.0 + 0.1 * np.arange(counts)))[:, None, None] * np.cos(phase), shape)
+    force = np.array([[force_of(np.tile(one, 3))[-samples:] for one in own] for own in x])
+    found = LoopSet(
+        cycles=1 + 100 * np.arange(counts), frequency=np.full(counts, HERTZ), phase=phase, units={}, sd={},
+        calibration_sd={}, displacement_of=None, aligned_to="displacement",
+        channels={"displacement": x + 1e-3 * X * rng.standard_normal(shape),
+                  "friction_force": force + SIZE * rng.standard_normal(shape)})
+    return replace(made(EFFECTS["backlash"]), series=None, loops=found)
+
+
+def test_loops_with_repeats_are_diagnosed_too():
+    """The noise is that between repeats; every third loop is held out."""
+    plain = diagnose_driven(loops(slid), True, quiet)
+    assert plain.verdict is Verdict.NONE
+    assert plain.held_out.after == pytest.approx(1.0, abs=0.1)
+    assert set(plain.smallest_visible) > {"backlash", "force-offset"}
+    assert 0.0 < plain.smallest_visible["backlash"] < 1.0
+    played = diagnose_driven(loops(lambda x: slid(x, play=2e-6)), True, quiet)
+    assert played.effects == ("backlash",)
+    play = next(one for one in played.parameters if one.name == "backlash.play")
+    assert play.value == pytest.approx(2e-6, rel=0.1)
+    assert {one.held_out for one in played.comparisons} == {True, False}
 
 
 def test_effects_that_need_time_are_left_out_where_there_is_none():

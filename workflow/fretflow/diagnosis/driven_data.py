@@ -161,9 +161,11 @@ def _closed(kind: Kind, loops: Sequence[tuple[int, Array, Array]], steps: Sequen
         measured = measure(np.tile(x, 3), step) if 3 * n >= FEWEST else None
         if measured is None:
             raise UnreliableRecordingError(f"loops: one of {n} samples is too short to be diagnosed")
-        # a thin loop has corners that no polynomial follows
-        rates = [np.tile(v[n:2 * n], 2) for v in (measured.motion.velocity, measured.motion.acceleration)]
-        parts.append((np.tile(x, 2), *rates, np.tile(force, 2)))
+        smooth = measured.motion
+        # points without time, such as those read off a figure, are not evenly spaced: no polynomial follows them
+        columns = (smooth.displacement[n:2 * n] if timed else x, smooth.velocity[n:2 * n],
+                   smooth.acceleration[n:2 * n], force)
+        parts.append(tuple(np.tile(values, 2) for values in columns))
         cycles.append(Cycle(number, f"cycle {number:,}", at + n, at + 2 * n, False))
         noise.append(measured.noise if timed else 0.0)
         width, at = measured.half_width, at + 2 * n
