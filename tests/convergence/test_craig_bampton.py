@@ -84,6 +84,19 @@ def test_frequencies_within_a_tenth_of_a_percent_and_better_with_more_modes(full
     assert mean[-1] < 0.2 * mean[1]
 
 
+def test_constraint_modes_in_blocks_are_those_at_once(full, monkeypatch):
+    """In blocks the modes are not kept, and their inertia comes from a second solution."""
+    whole = component_modes(full.body, full.observation, 5)
+    columns = len(whole.constraint_stiffness)
+    monkeypatch.setattr("fretflow.reduction.modes._DENSE_BYTES", 8 * len(full.body.points) * 3 * columns // 4)
+    parts = component_modes(full.body, full.observation, 5)
+    for name in ("constraint_stiffness", "constraint_mass", "coupling"):
+        one, other = getattr(whole, name), getattr(parts, name)
+        size = np.sqrt(np.abs(np.diag(one))) if name != "coupling" else np.ones(columns)
+        allowed = 1e-9 * (np.outer(size, size) if name != "coupling" else np.abs(one).max())
+        assert np.all(np.abs(one - other) <= allowed), name
+
+
 def test_free_body_with_rigid_clamped_face(full):
     """With no support at all, the reduced body keeps six rigid motions and the first elastic frequencies."""
     body = full.body

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -19,7 +19,7 @@ from fretflow.core.errors import AuditError, NonConvergenceError
 from fretflow.reduction.craig_bampton import ComponentModes, rigid_motions
 from fretflow.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS
 
-_DENSE_BYTES = 1 << 29  # size of the dense blocks worked on at once
+_DENSE_BYTES = 1 << 27  # size of the dense blocks worked on at once, of which some five are held
 _MUMPS_COLUMNS = (27, 128)  # ICNTL(27), right-hand sides at a time: a third faster than MUMPS' own choice
 _EIGEN_TOLERANCE = 1e-13
 _RESIDUAL_LIMIT = 1e-7
@@ -55,21 +55,21 @@ def component_modes(body: ElasticBody, observation: int, count: int) -> Componen
     mass_across = _times(body.mass, boundary)
     with (_inside(body.stiffness, inner) as stiffness, _inside(body.mass, inner) as mass,
           _factor(stiffness) as factor):
-        constraint = _constraint_modes(stiffness, factor, stiffness_across[inner])
-        squares, modes = _lowest_modes(stiffness, mass, factor, count)
         rigid = _rigid_parts(body)
-        first = _solve(factor, _product(mass, constraint @ rigid) + mass_across[inner] @ rigid)
+        constraint = _constraint_modes(stiffness, mass, factor, stiffness_across[inner], mass_across[inner], rigid)
+        squares, modes = _lowest_modes(stiffness, mass, factor, count)
+        first = _solve(factor, _product(mass, constraint.rigid) + mass_across[inner] @ rigid)
         second = _solve(factor, _product(mass, first))
         more, vectors = _residual_vectors(stiffness, mass, modes, np.hstack([first, second]))
         squares, modes = np.concatenate([squares, more]), np.hstack([modes, vectors])
         modes *= _sign(body, inner, modes)
         mass_times_modes = _product(mass, modes)
         _check_orthonormal(body.comm, modes, mass_times_modes)
-        inertia = _quadratic_form(mass, constraint)
-    across = mass_across[inner].T @ constraint
-    constraint_mass = (boundary.T @ mass_across).toarray() + across + across.T + inertia
-    constraint_stiffness = (boundary.T @ stiffness_across).toarray() + stiffness_across[inner].T @ constraint
-    coupling = mass_across[inner].T @ modes + constraint.T @ mass_times_modes
+        against_modes = -(stiffness_across[inner].T @ _solve(factor, mass_times_modes))
+    constraint_mass = ((boundary.T @ mass_across).toarray() + constraint.across + constraint.across.T
+                       + constraint.inertia)
+    constraint_stiffness = (boundary.T @ stiffness_across).toarray() + constraint.stiffness
+    coupling = mass_across[inner].T @ modes + against_modes
     parts = [_sum_on_root(body.comm, part) for part in (constraint_stiffness, constraint_mass, coupling)]
     if body.comm.rank != 0:
         return None
@@ -173,20 +173,52 @@ def _solve(factor: PETSc.KSP, loads: NDArray[np.float64]) -> NDArray[np.float64]
         return np.array(solution.getDenseArray(), order="F")
 
 
-def _constraint_modes(stiffness: PETSc.Mat, factor: PETSc.KSP, across: Any) -> NDArray[np.float64]:
-    """Return this rank's rows of all constraint modes (owned inner DOFs, boundary coordinates)."""
-    modes = np.empty(across.shape, order="F")
-    columns = across.tocsc()
-    for block in _blocks(stiffness.getSize()[0], across.shape[1]):
-        modes[:, block] = _solve(factor, -columns[:, block].toarray())
-    weights = np.random.default_rng(0).standard_normal((across.shape[1], 1))
-    force = across @ weights
-    left = _product(stiffness, modes @ weights) + force
-    comm = stiffness.comm.tompi4py()
+class _ConstraintModes(NamedTuple):
+    """What is wanted of the constraint modes Psi, of which this rank has the rows here; b boundary coordinates.
+
+    Attributes
+    ----------
+    stiffness, across, inertia : (b, b)
+        This rank's shares of ``K_bi Psi``, ``M_bi Psi`` and ``Psi^T M_ii Psi``.
+    rigid : (owned inner DOFs, 15)
+        The inside's motion in the rigid motions of the boundary's parts.
+    """
+
+    stiffness: NDArray[np.float64]
+    across: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+    rigid: NDArray[np.float64]
+
+
+def _constraint_modes(stiffness: PETSc.Mat, mass: PETSc.Mat, factor: PETSc.KSP, across: Any, mass_across: Any,
+                      rigid: NDArray[np.float64]) -> _ConstraintModes:
+    """Solve for the constraint modes block by block and project each; all of them at once might not fit in memory.
+
+    Their inertia needs the others only as ``Psi^T = -K_bi K_ii^-1``: one more solution of each block.
+    """
+    columns, count = across.tocsc(), across.shape[1]
+    forms = [np.empty((count, count)) for _ in range(3)]
+    moved, weights = np.zeros((across.shape[0], rigid.shape[1])), np.random.default_rng(0).standard_normal(count)
+    mixed = np.zeros((across.shape[0], 1))
+    blocks = _blocks(stiffness.getSize()[0], count)
+    for block in blocks:
+        modes = _solve(factor, -columns[:, block].toarray())
+        moved += modes @ rigid[block]
+        mixed += modes @ weights[block, None]
+        inertial = _product(mass, modes)
+        forms[0][:, block], forms[1][:, block] = across.T @ modes, mass_across.T @ modes
+        forms[2][:, block] = (modes.T @ inertial if len(blocks) == 1
+                              else -(across.T @ _solve(factor, inertial)))
+    _check_constraint_modes(stiffness, mixed, across @ weights[:, None])
+    return _ConstraintModes(stiffness=forms[0], across=forms[1], inertia=forms[2], rigid=moved)
+
+
+def _check_constraint_modes(stiffness: PETSc.Mat, mixed: NDArray[np.float64], force: NDArray[np.float64]) -> None:
+    """Check a mixture of all constraint modes against the `force` of the boundary on the inside."""
+    comm, left = stiffness.comm.tompi4py(), _product(stiffness, mixed) + force
     error = np.sqrt(comm.allreduce(float(np.sum(left**2))) / comm.allreduce(float(np.sum(force**2))))
     if not error <= _RESIDUAL_LIMIT:
         raise AuditError(f"constraint modes: residual {error:.1e} is too large; check the mesh")
-    return modes
 
 
 def _rigid_parts(body: ElasticBody) -> NDArray[np.float64]:
@@ -216,15 +248,6 @@ def _product(matrix: PETSc.Mat, local: NDArray[np.float64]) -> NDArray[np.float6
     with (_owned(_dense(matrix.comm, local, matrix.getSize()[0])) as right,
           _owned(matrix.matMult(right)) as product):
         return np.array(product.getDenseArray())
-
-
-def _quadratic_form(matrix: PETSc.Mat, modes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return this rank's share of ``modes^T matrix modes``; only one triangle is computed."""
-    form = np.zeros((modes.shape[1], modes.shape[1]))
-    for block in _blocks(matrix.getSize()[0], modes.shape[1]):
-        form[block.start:, block] = modes[:, block.start:].T @ _product(matrix, modes[:, block])
-        form[block, block.stop:] = form[block.stop:, block].T
-    return form
 
 
 class _Factored:

@@ -1,0 +1,122 @@
+"""How time and memory grow with the contact nodes and the harmonics: reduction, DLFT, the default solver.
+
+    .venv/bin/python benchmarks/growth.py [--nodes 36 121] [--harmonics 3] [--force 60] [--what dlft quasi-static]
+    .venv/bin/python benchmarks/growth.py --nodes 36 121 441 1681 --harmonics 3 7 15    # hours of CPU, some 8 GB
+
+Every figure comes from a process of its own on one thread, so that its peak memory is its own: CPU seconds of the work
+alone, the peak with all that was read for it. The exponent is that of the nodes in a power law fitted to the seconds.
+Meshes and reduced specimens are made once and kept in the cache.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+from fretflow.core.config import PeriodicMethod, Solver, load_case
+from fretflow.core.errors import FretflowError
+from fretflow.core.specimen_mesh import MeshSummary
+from fretflow.core.store import read_record
+from growth_cases import case_file, meshed_folder, problem, reduced_folder
+from growth_fit import rows
+from rich.console import Console
+from rich.table import Table
+
+TIMEOUT = 3600.0  # s of wall time for one figure
+
+
+def reduction(nodes: int, _harmonics: int, _force: float) -> dict[str, float]:
+    """Time the reduction of one specimen: assembly, constraint modes, frequencies."""
+    from fretflow.reduction.reduce import reduce_specimen
+    from mpi4py import MPI
+
+    case, meshes = load_case(case_file(nodes)), meshed_folder(nodes)
+    summary = read_record(meshes / "upper.h5", MeshSummary)
+    start = time.process_time()
+    reduced = reduce_specimen(meshes / summary.file, summary, case.specimen.upper, case.reduction, case.mesh.degree,
+                              MPI.COMM_SELF)
+    return {"seconds": time.process_time() - start, "size": reduced.full_dofs}
+
+
+def dlft(nodes: int, harmonics: int, force: float) -> dict[str, float]:
+    """Time one DLFT period from nothing."""
+    from fretflow.harmonic.dlft import DlftSolver
+
+    settings = Solver(method=PeriodicMethod.DLFT, harmonics=harmonics, estimate_error=False)
+    return period(DlftSolver(settings), problem(nodes, force, PeriodicMethod.DLFT))
+
+
+def quasi_static(nodes: int, _harmonics: int, force: float) -> dict[str, float]:
+    """Time one period of the default solver from nothing; its harmonics are the rig's and cost nothing."""
+    from fretflow.harmonic.quasi_static import QuasiStaticSolver
+
+    given = problem(nodes, force, PeriodicMethod.QUASI_STATIC)
+    return period(QuasiStaticSolver(Solver(estimate_error=False)), given)
+
+
+def period(solver, given) -> dict[str, float]:
+    start = time.process_time()
+    solution = solver.solve(given)
+    cold = time.process_time() - start
+    start = time.process_time()
+    solver.solve(given, solution)
+    return {"seconds": cold, "again": time.process_time() - start, "size": len(solution.residual_history) - 1}
+
+
+WORK = {"reduction": reduction, "dlft": dlft, "quasi-static": quasi_static}
+
+
+def measure(what: str, nodes: int, harmonics: int, force: float) -> dict[str, float] | None:
+    """Run one figure in a process of its own; return its figures, or None if it failed."""
+    command = [sys.executable, __file__, "--one", what, "--nodes", str(nodes), "--harmonics", str(harmonics),
+               "--force", str(force)]
+    try:
+        done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIMEOUT)
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+        Console(stderr=True).print(f"{what}, {nodes} nodes, {harmonics} harmonics: {error}\n{error.stderr or ''}")
+        return None
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def report(what: str, nodes: int, harmonics: int, force: float) -> None:
+    """Do one piece of work in this process and print its figures as JSON."""
+    try:
+        figures = WORK[what](nodes, harmonics, force)
+    except FretflowError as error:
+        sys.exit(str(error))
+    print(json.dumps(figures | {"MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--nodes", type=int, nargs="+", default=[36, 121])
+    parser.add_argument("--harmonics", type=int, nargs="+", default=[3])
+    parser.add_argument("--force", type=float, default=60.0, help="amplitude of the excitation in N")
+    parser.add_argument("--what", choices=WORK, nargs="+", default=list(WORK))
+    parser.add_argument("--one", choices=WORK, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one:
+        report(given.one, given.nodes[0], given.harmonics[0], given.force)
+        return
+    table = Table("what", "harmonics", "nodes", "CPU s", "again, s", "MiB", "DOFs or iterations", "exponent",
+                  title=f"growth, {given.force:g} N")
+    for nodes in given.nodes:
+        reduced_folder(nodes)
+    for what in given.what:
+        for harmonics in given.harmonics if what == "dlft" else given.harmonics[:1]:
+            found = {nodes: measure(what, nodes, harmonics, given.force) for nodes in given.nodes}
+            for row in rows(what, harmonics if what == "dlft" else None, found):
+                table.add_row(*row)
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    main()
