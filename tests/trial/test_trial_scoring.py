@@ -180,7 +180,7 @@ def test_scoreboard_and_page() -> None:
     assert found["false alarms"] == (0.5, False)
     assert found["unlisted effects called unknown"] == (1.0, True)
     assert found["both effects of a pair"] == (0.0, False)
-    assert found["location"] == (pytest.approx(4.0 / 5.0), False)
+    assert found["location"] == (1.0, True)
     assert found["held-out error over the repeatability floor, median"] == (1.05, True)
     assert scores["all"]["right_name"]["cases"] == 3
     assert scores["by_effect"]["viscous"]["set"]["hits"] == 1

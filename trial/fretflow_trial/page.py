@@ -16,7 +16,7 @@ padding:0 1rem}
 h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2.2rem}p,figcaption{color:var(--soft)}
 .wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{padding:.3rem .7rem;text-align:left;
 border-bottom:1px solid var(--line);white-space:nowrap}th{font-weight:600;color:var(--soft)}
-td.n{text-align:right;font-variant-numeric:tabular-nums}.met{color:var(--good)}.missed{color:var(--bad)}
+.n{text-align:right!important;font-variant-numeric:tabular-nums}.met{color:var(--good)}.missed{color:var(--bad)}
 svg{max-width:26rem;width:100%;height:auto}svg text{fill:var(--soft);font-size:11px}
 figure{margin:0}code{font-size:.9em}
 """
@@ -128,7 +128,8 @@ def _cases(cases: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    head = "".join(f"<th scope='col'>{escape(one)}</th>" for one in heads)
+    head = "".join(f"<th scope='col'{' class=n' if k in numbers else ''}>{escape(one)}</th>"
+                   for k, one in enumerate(heads))
     body = "".join("<tr>" + "".join(f"<td{' class=n' if k in numbers else ''}>{cell}</td>"
                                     for k, cell in enumerate(row)) + "</tr>" for row in rows)
     return f"<div class='wide'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"

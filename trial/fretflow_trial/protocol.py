@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,7 @@ class Trial:
         else:
             save(file, mine)
 
-    @property
+    @cached_property
     def _secret(self) -> bytes:
         return secret_of(self.settings.seed, f"{FORMAT} {self.settings.cases}")
 

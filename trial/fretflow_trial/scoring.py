@@ -190,7 +190,7 @@ def _scores(results: Sequence[Result]) -> dict[str, Any]:
         "missed": share(hidden, lambda a, k: a.verdict == NONE).to_json(),
         "unknown_recognised": share(kinds["unlisted"], lambda a, k: a.verdict == UNKNOWN).to_json(),
         "pairs": share(kinds["pair"], both_found).to_json(),
-        "location": share([one for one in hidden if one.answer.verdict != NONE], located).to_json(),
+        "location": share(_to_locate(results), located).to_json(),
         "failed": share(results, lambda a, k: a.verdict == FAILED).to_json(),
         "calibration_error": {"value": expected_calibration_error(events), "cases": len(events)},
         "coverage": Share(sum(effects), len(effects)).to_json(),
@@ -203,6 +203,11 @@ def _scores(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
+def _to_locate(results: Sequence[Result]) -> list[Result]:
+    """Return the cases in which something is hidden and was noticed."""
+    return [one for one in results if one.key.hidden and one.answer.verdict not in (NONE, FAILED)]
+
+
 def _events(results: Sequence[Result]) -> list[tuple[float, bool]]:
     return [(one.answer.probability, verdict_right(one.answer, one.key)) for one in results
             if one.answer.verdict != FAILED]
@@ -210,7 +215,7 @@ def _events(results: Sequence[Result]) -> list[tuple[float, bool]]:
 
 def _accuracy(results: Sequence[Result]) -> dict[str, Any]:
     return {"top_1": share(results, top_right).to_json(), "set": share(results, set_right).to_json(),
-            "location": share([one for one in results if one.key.hidden], located).to_json(),
+            "location": share(_to_locate(results), located).to_json(),
             "wrong_and_sure": share(results, lambda a, k: wrong_name(a, k) and a.probability > SURE).to_json()}
 
 
