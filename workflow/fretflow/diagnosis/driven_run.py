@@ -38,6 +38,7 @@ HARMONICS = 9
 MOST, MOST_FAST = 4, 2  # effects at once
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
 MOST_RANKED = 40  # sets that are listed
+CLEARLY = 2.0  # times the noise: more is left than repeats explain
 VISIBLE = 4.0  # standard deviations at which an effect would have been seen
 BASELINE_SET: Names = frozenset()
 
@@ -190,7 +191,7 @@ def _notes(recording: Recording, data: DrivenData, noise: Noise, left_out: tuple
         notes.append("the force is predicted from the measured motion, which is taken as it is")
     if found.chosen:
         left = float(np.sqrt(np.mean(found.after.residual[data.held_out]**2))) / noise.sd
-        if left > 2.0:
-            notes.append(f"what is left is still {left:.2g} times what cycles differ by: the named effects are not all "
-                         "that acts; intervals allow for it by blocks of residuals")
+        if left > CLEARLY:
+            notes.append(f"with {words.listed(found.chosen)} what is left is still {left:.2g} times what cycles differ "
+                         "by, so that they are not all that acts; intervals allow for it by blocks of residuals")
     return tuple(notes)

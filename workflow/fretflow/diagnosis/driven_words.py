@@ -58,6 +58,8 @@ def separating(chosen: Iterable[str], stand_ins: Mapping[str, tuple[str, ...]]) 
 
 def _between(one: str, other: str) -> str:
     pair = {one, other}
+    if pair == {"force-offset", "parallel-stiffness"}:
+        return "The same motion about another middle position, which changes the mean force of a spring alone,"
     if "sensor-drift" in pair:
         return "The force at rest and unloaded, before and after the record,"
     if len(pair & NEEDS_TIME) == 1 or pair <= NEEDS_TIME:
