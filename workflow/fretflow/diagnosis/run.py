@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 from fretflow.core.errors import InputError
@@ -12,8 +10,6 @@ from fretflow.diagnosis.driven_run import diagnose_driven
 from fretflow.diagnosis.verdict import Diagnosis
 from fretflow.recordings.recording import read_recording
 from fretflow.recordings.schema import TestKind
-
-RIG = "fretflow.diagnosis.rig_run"
 
 
 def diagnose(path: Path, fast: bool, out: Path, progress: Callable[[float, str], None]) -> Diagnosis:
@@ -41,7 +37,4 @@ def diagnose(path: Path, fast: bool, out: Path, progress: Callable[[float, str],
     recording = read_recording(path)
     if recording.kind is not TestKind.FRETTING_RIG:
         return diagnose_driven(recording, fast, progress)
-    if importlib.util.find_spec(RIG) is None:
-        raise InputError(f"{path}: recordings of the rig are not diagnosed yet; `fretflow loops` reads them")
-    found: Diagnosis = import_module(RIG).diagnose_rig(recording, fast, out, progress)
-    return found
+    raise InputError(f"{path}: recordings of the rig are not diagnosed yet; `fretflow loops` reads them")
