@@ -4,7 +4,6 @@ What carries the weight: for parameters of the baseline and for effects in frict
 runs in and wear laws, the change that one march of the simulated periods predicts is the difference of two simulations.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
