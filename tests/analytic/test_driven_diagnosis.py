@@ -68,6 +68,17 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert sum(one is Verdict.NONE for one in verdicts) >= 38
 
 
+def test_corners_of_the_motion_raise_no_alarm():
+    """A triangular motion, whose corners are rounded where its noise is smoothed."""
+    t = np.arange(5000) / 5000.0
+    x = X * (2.0 * np.abs(2.0 * ((4.3 * t) % 1.0) - 1.0) - 1.0)
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        found = diagnose_driven(recording(t, x + 1e-3 * X * rng.standard_normal(len(t)),
+                                          slid(x) + SIZE * rng.standard_normal(len(t))), True, quiet)
+        assert found.verdict is Verdict.NONE
+
+
 def test_a_body_without_friction_is_left_alone():
     def body(t, x, v):
         return 120.0 * (2.0 * np.pi * HERTZ)**2 * -x + 8e3 * v

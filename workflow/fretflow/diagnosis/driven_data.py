@@ -52,6 +52,7 @@ class DrivenData:
     kind: Kind
     whole: Motion
     whole_force: Array
+    unsmoothed: Array  # m, displacement as measured
     every: int
     motion: Motion
     force: Array
@@ -126,14 +127,16 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
         closed = _closed(kind, [(1, x, force)], [step], series.time is not None, ())
         return replace(closed, notes=(*notes, *closed.notes))
     measured = measure(x, step)
-    cycles = _cycles(cuts, usable)
+    timed, cycles = series.time is not None, _cycles(cuts, usable)
+    # points without time, such as those read off a figure, are not evenly spaced: no polynomial follows them
+    moved = measured.motion if timed else replace(measured.motion, displacement=x)
     every = max(1, -(-len(x) // max(SAMPLES[kind], min(4000, 150 * len(cycles)))))
-    motion, thin = prepared(kind, measured.motion, force, -(-len(x) // every))
+    motion, thin = prepared(kind, moved, force, -(-len(x) // every))
     data = DrivenData(
-        kind=kind, whole=replace(measured.motion, lean=motion.lean), whole_force=force, every=every, motion=motion,
-        force=thin, cycles=cycles, repeats=_alike(x, cycles), fitted=np.zeros(0, bool), held_out=np.zeros(0, bool),
-        held_out_words="", timed=series.time is not None, notes=tuple(notes), half_width=measured.half_width,
-        displacement_noise=measured.noise)
+        kind=kind, whole=replace(moved, lean=motion.lean), whole_force=force, unsmoothed=x, every=every,
+        motion=motion, force=thin, cycles=cycles, repeats=_alike(x, cycles), fitted=np.zeros(0, bool),
+        held_out=np.zeros(0, bool), held_out_words="", timed=timed, notes=tuple(notes), half_width=measured.half_width,
+        displacement_noise=measured.noise if timed else 0.0)
     inside = usable.copy()  # rates are not to be had at the ends
     inside[:measured.half_width], inside[len(x) - measured.half_width:] = False, False
     return _split(data, inside[::every])
@@ -162,14 +165,13 @@ def _closed(kind: Kind, loops: Sequence[tuple[int, Array, Array]], steps: Sequen
         if measured is None:
             raise UnreliableRecordingError(f"loops: one of {n} samples is too short to be diagnosed")
         smooth = measured.motion
-        # points without time, such as those read off a figure, are not evenly spaced: no polynomial follows them
         columns = (smooth.displacement[n:2 * n] if timed else x, smooth.velocity[n:2 * n],
-                   smooth.acceleration[n:2 * n], force)
+                   smooth.acceleration[n:2 * n], force, x)
         parts.append(tuple(np.tile(values, 2) for values in columns))
         cycles.append(Cycle(number, f"cycle {number:,}", at + n, at + 2 * n, False))
         noise.append(measured.noise if timed else 0.0)
         width, at = measured.half_width, at + 2 * n
-    x, v, a, force = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    x, v, a, force, raw = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     count = len(cycles)
     cycles = [replace(one, held_out=count > 1 and (k % 3 == 1 if count > 2 else k == 1))
               for k, one in enumerate(_counted(cycles))]
@@ -177,7 +179,8 @@ def _closed(kind: Kind, loops: Sequence[tuple[int, Array, Array]], steps: Sequen
                   == b.stop - b.start)
     motion = Motion(step=float(np.mean(steps)), displacement=x, velocity=v, acceleration=a)
     data = DrivenData(
-        kind=kind, whole=motion, whole_force=force, every=1, motion=motion, force=force, cycles=tuple(cycles),
+        kind=kind, whole=motion, whole_force=force, unsmoothed=raw, every=1, motion=motion, force=force,
+        cycles=tuple(cycles),
         repeats=pairs, fitted=np.zeros(0, bool), held_out=np.zeros(0, bool), held_out_words="", timed=timed,
         displacement_noise=float(np.mean(noise)), half_width=width, notes=notes)
     return _split(data, np.ones(len(x), bool))

@@ -21,6 +21,7 @@ LONGEST = 8  # part of a sequence beyond which correlations are not looked at
 SEED = 20240
 BLOCKS = 24  # least number that correlations are told from
 DRAWS = 400
+BIAS_FACTOR = 2.0  # on biases that are known roughly
 MOTIONS = 6  # drawn, with noise
 RATES = ("displacement", "velocity", "acceleration")
 
@@ -33,7 +34,7 @@ class Noise:
     sequences: tuple[Array, ...]
     correlation: float  # samples that count as one in a mean
     source: str
-    bias: Array  # (N,) N: what the noise of the motion adds to every cycle alike
+    biases: tuple[Array, ...]  # (N,) N: what the noise of the motion, and its smoothing, may add to all cycles alike
     freedom: float  # independent squares that the sd rests on
 
 
@@ -54,7 +55,7 @@ def correlation_length(sequences: tuple[Array, ...]) -> float:
 
 def measured_noise(data: DrivenData, joint: DrivenJoint) -> Noise:
     """Return the noise of a recording whose baseline is fitted."""
-    bias, spread = _of_motion(data, joint)
+    biases, spread = _of_motion(data, joint)
     least = DIGITIZING * 0.5 * float(np.ptp(data.force[data.used]))
     if data.repeats:
         left = data.whole_force - joint.predict(data.whole).measured
@@ -70,7 +71,8 @@ def measured_noise(data: DrivenData, joint: DrivenJoint) -> Noise:
         length, freedom = 1.0, 0.1 * len(data.whole_force)
         sequences = (rng.standard_normal(max(int(freedom), 2 * BLOCKS)),)
         source = "the noise within the record, as no cycles repeat"
-    return Noise(float(np.sqrt(variance + least**2)), sequences, max(length, 1.0), source, bias, freedom)
+    smoothing = sum(float(np.mean(one[data.used]**2)) for one in biases[1:])  # repeats have it alike
+    return Noise(float(np.sqrt(variance + least**2 + smoothing)), sequences, max(length, 1.0), source, biases, freedom)
 
 
 def _difference(values: Array, a: Cycle, b: Cycle) -> Array:
@@ -90,10 +92,10 @@ def _freedom(sequences: tuple[Array, ...], length: float) -> float:
     return float(np.clip(2.0 * np.mean(blocks)**2 / max(spread, 1e-300), 2.0, len(squares)))
 
 
-def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[Array, float]:
-    """Return what noise in the motion changes of the predicted force, mean (N,) and standard deviation, N."""
+def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[tuple[Array, ...], float]:
+    """Return what noise in the motion, and smoothing it, change of the predicted force, (N,), and its deviation, N."""
     if not data.displacement_noise > 0.0:
-        return np.zeros(len(data.force)), 0.0
+        return (), 0.0
     rng, n = np.random.default_rng(SEED), len(data.whole.displacement)
     plain = joint.predict(data.whole).measured[::data.every]
     changes = []
@@ -102,7 +104,8 @@ def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[Array, float]:
         moved = replace(data.whole, **{name: getattr(data.whole, name) + getattr(noise, name) for name in RATES})
         changes.append(joint.predict(moved).measured[::data.every] - plain)
     found = np.array(changes)
-    return found.mean(axis=0), float(np.sqrt(np.mean(found[:, data.used].var(axis=0, ddof=1))))
+    rounded = joint.predict(replace(data.whole, displacement=data.unsmoothed)).measured[::data.every] - plain
+    return (found.mean(axis=0), rounded), float(np.sqrt(np.mean(found[:, data.used].var(axis=0, ddof=1))))
 
 
 def effective(left: Array, used: Mask) -> float:
@@ -138,16 +141,19 @@ def mean_square_p(noise: Noise, left: Array) -> float:
 
 def harmonic_p(noise: Noise, data: DrivenData, left: Array, harmonics: int) -> float:
     """Return how probable it is that noise alone has the largest harmonic of the cycles' mean residual (N,)."""
-    sums, bias, count = np.zeros(harmonics + 1, complex), np.zeros(harmonics + 1, complex), 0
+    sums, count = np.zeros(harmonics + 1, complex), 0
+    biases = [np.zeros(harmonics + 1, complex) for _ in noise.biases]
     for cycle in data.cycles:
         own = data.samples_of(cycle)
         kept = data.fitted[own]
         own, phase = own[kept], data.phases_of(cycle)[kept]
         waves = np.exp(-2j * np.pi * np.outer(np.arange(harmonics + 1), phase))
-        sums, bias, count = sums + waves @ left[own], bias + waves @ noise.bias[own], count + len(own)
+        sums, count = sums + waves @ left[own], count + len(own)
+        biases = [total + waves @ one[own] for total, one in zip(biases, noise.biases, strict=True)]
     if not count:
         return 1.0
-    size = np.maximum(np.abs(sums) - np.abs(bias), 0.0)**2 / (count * noise.sd**2 * noise.correlation)
+    least = BIAS_FACTOR * sum((np.abs(one) for one in biases), np.zeros(harmonics + 1))
+    size = np.maximum(np.abs(sums) - least, 0.0)**2 / (count * noise.sd**2 * noise.correlation)
     size[1:] *= 2.0
     freedom = np.where(np.arange(harmonics + 1) == 0, 1.0, 2.0)
     p = stats.f.sf(size / freedom, freedom, noise.freedom)
