@@ -197,3 +197,10 @@ def test_scoreboard_and_page() -> None:
 def test_scoreboard_of_no_strong_case_names_no_target_met() -> None:
     scores = scoreboard([Result("case-000", truth("viscous", signal=1.0), said("none"))])
     assert {one["met"] for one in scores["targets"]} == {None}
+
+
+def test_failed_diagnosis_is_no_false_alarm_but_is_counted() -> None:
+    scores = scoreboard([Result("case-000", truth(), Answer.failed("exit code 3", 1.0))])
+    assert scores["all"]["false_alarms"]["hits"] == 0
+    assert scores["all"]["failed"]["value"] == 1.0
+    assert scores["by_kind"]["nothing"]["top_1"]["value"] == 0.0

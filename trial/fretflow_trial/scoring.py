@@ -186,7 +186,7 @@ def _scores(results: Sequence[Result]) -> dict[str, Any]:
         "top_1": share(kinds["single"], top_right).to_json(),
         "wrong_and_sure": share(results, lambda a, k: wrong_name(a, k) and a.probability > SURE).to_json(),
         "wrong_name": share(results, wrong_name).to_json(),
-        "false_alarms": share(kinds["nothing"], lambda a, k: a.verdict != NONE).to_json(),
+        "false_alarms": share(kinds["nothing"], lambda a, k: a.verdict not in (NONE, FAILED)).to_json(),
         "missed": share(hidden, lambda a, k: a.verdict == NONE).to_json(),
         "unknown_recognised": share(kinds["unlisted"], lambda a, k: a.verdict == UNKNOWN).to_json(),
         "pairs": share(kinds["pair"], both_found).to_json(),
