@@ -20,6 +20,7 @@ from fretflow.harmonic.continuation_curve import (
     ResponseCurve,
     label_branches,
     read_peak,
+    turns,
 )
 from fretflow.harmonic.continuation_model import arm_rates
 from fretflow.harmonic.continuation_system import ArmSystem
@@ -271,6 +272,13 @@ def test_branches_are_stretches_between_turning_points_and_shared_by_both_direct
     assert down[-1] == 0
     _, other = label_branches([(folded, motion), (folded, 2.0 * motion)])
     assert sorted(set(other)) == [3, 4, 5]
+
+
+def test_a_fold_as_narrow_as_the_samples_make_is_none():
+    found = turns(np.array([60.0, 61.0, 62.0, 61.98, 62.5, 63.0, 62.0, 61.0, 61.01, 60.99, 64.0]))
+    assert found.tolist() == [5, 9]
+    assert turns(np.array([3.0, 2.0, 2.001, 1.0])).size == 0
+    assert turns(np.array([3.0, 2.0, 2.1, 1.0])).tolist() == [1, 2]
 
 
 def test_an_unknown_channel_is_refused():

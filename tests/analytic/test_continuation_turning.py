@@ -43,7 +43,8 @@ def springs():
 
 @cache
 def curve():
-    sweep = Sweep(start=START, stop=STOP, harmonics=9, samples=48, fine_harmonics=12, fine_samples=96)
+    sweep = Sweep(start=START, stop=STOP, harmonics=9, samples=48, fine_harmonics=12, fine_samples=96,
+                  max_iterations=5)
     return respond(problem(), sweep, lambda direction, frequency: None)
 
 

@@ -34,6 +34,7 @@ from fretflow.harmonic.continuation_curve import (
     channel_index,
     half_power_bracket,
     label_branches,
+    turns,
 )
 from fretflow.harmonic.continuation_model import Plane
 from fretflow.harmonic.continuation_system import ArmSystem, Point
@@ -312,8 +313,8 @@ class _Follower:
         ever more between points that differ. All others lie between two that agree.
         """
         last = len(found) - 1
-        turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff([p.frequency for p in found]))) != 0)
-        special = [*turns, self._top(found), *(k for k, p in enumerate(found) if p.bridged)]
+        gaps = [k for k, p in enumerate(found) if p.bridged]
+        special = [*turns(np.array([p.frequency for p in found])), self._top(found), *gaps]
         todo = {*range(0, last, JUDGED), last, *(int(k + s) for k in special for s in (-1, 0, 1) if 0 <= k + s <= last)}
         judged: dict[int, tuple[float, bool]] = {}
         while todo:

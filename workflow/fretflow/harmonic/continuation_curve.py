@@ -14,6 +14,7 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 
 CHANNELS = ("block", "arm", "relative", "upper", "lower")
+FOLD = 1e-3  # of the frequency
 SAME_BRANCH = 0.02  # relative distance of first harmonics
 
 
@@ -70,9 +71,12 @@ class ResponseCurve:
         return {int(branch) for branch in self.branch[own[:-1]][there]}
 
     def turning_points(self, direction: Direction) -> NDArray[np.int64]:
-        """Return the indices at which the curve of `direction` turns back: there a sweep jumps."""
+        """Return the indices at which the curve of `direction` turns back: there a sweep jumps.
+
+        A fold narrower than 0.1 % of the frequency is left out: time samples make some.
+        """
         own = self.along(direction)
-        return np.asarray(own[1:-1][np.diff(np.sign(np.diff(self.frequency[own]))) != 0])
+        return np.asarray(own[turns(self.frequency[own])])
 
 
 @record
@@ -169,6 +173,19 @@ def half_power_bracket(amplitude: NDArray[np.float64], top: int, step: int) -> t
     return None
 
 
+def turns(frequency: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the indices at which a sequence (P,) turns back by more than 0.1 % before it goes on."""
+    found: list[int] = []
+    way, far = float(np.sign(np.diff(frequency)[:1].sum())), 0
+    for k, value in enumerate(frequency):
+        if way * (value - frequency[far]) >= 0.0:
+            far = k
+        elif way * (frequency[far] - value) > FOLD * frequency[far]:
+            found.append(far)
+            way, far = -way, k
+    return np.array(found, dtype=np.int64)
+
+
 def label_branches(curves: list[tuple[NDArray[np.float64], NDArray[np.complex128]]]) -> list[NDArray[np.int64]]:
     """Return numbers of the stretches between turning points of curves (frequency (P,), first harmonic (P, c)).
 
@@ -178,8 +195,7 @@ def label_branches(curves: list[tuple[NDArray[np.float64], NDArray[np.complex128
     labels: list[NDArray[np.int64]] = []
     for frequency, motion in curves:
         label = np.zeros(len(frequency), dtype=np.int64)
-        turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(frequency))) != 0)
-        ends = [0, *map(int, turns), len(frequency) - 1]
+        ends = [0, *map(int, turns(frequency)), len(frequency) - 1]
         fresh = len(known)
         for first, last in pairwise(ends):
             stretch = slice(first, last + 1)
