@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve
+from scipy.linalg import solve
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
@@ -319,8 +320,8 @@ def _rigid_motion(size: int) -> NDArray[np.float64]:
 
 def invert_stiffness(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """Return the symmetric inverse of a positive definite matrix."""
-    try:
-        inverse = cho_solve(cho_factor(matrix, lower=True), np.eye(len(matrix)))
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{name}: not positive definite; a body is not held, or its mesh broken") from error
-    return np.asarray(0.5 * (inverse + inverse.T))
+    factor, failed = dpotrf(matrix, lower=True)
+    if failed:
+        raise InputError(f"{name}: not positive definite; a body is not held, or its mesh broken")
+    inverse, _ = dpotri(factor, lower=True, overwrite_c=True)
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
