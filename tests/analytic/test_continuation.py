@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.harmonic import continuation
 from fretflow.harmonic.backbone import Backbone
 from fretflow.harmonic.continuation import Sweep, respond
 from fretflow.harmonic.continuation_curve import (
@@ -180,6 +181,29 @@ def test_the_defect_of_a_model_is_corrected_to_the_true_root_whatever_the_model(
         assert point.norm <= 1e-8
         results.append(point.arm)
     np.testing.assert_allclose(results[1], results[0], rtol=0.0, atol=1e-6 * np.linalg.norm(results[0]))
+
+
+def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(monkeypatch):
+    """Three nodes in a row, the outer ones of a crowned face: one touches only as the arm moves, one never does."""
+    rows = []
+    flexibility = np.kron(6e-7 * np.eye(3) + 1e-7, np.eye(3))
+    flexibility[0, 5] = flexibility[5, 0] = 4e-7  # friction at the first node tilts the second one down
+    joint = QuasiStaticJoint.from_stiffness(np.linalg.inv(flexibility), RIG)
+    interface = Interface(nodes=np.zeros((3, 2)), areas=np.ones(3), gap=np.array([0.0, 4.7e-5, 1e-3]))
+    crowned = PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.5, frequency=100.0,
+                              excitation=25.0, normal_load=LOAD)
+    sweep = Sweep(start=45.0, stop=47.0, harmonics=11, samples=48, fine_harmonics=11, fine_samples=48,
+                  directions=(Direction.UP,))
+    make = continuation._Face.of
+    monkeypatch.setattr(continuation._Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
+    found = respond(crowned, sweep, lambda direction, frequency: None)
+    assert [nodes.tolist() for nodes in rows] == [[True, False, False], [True, True, False]]
+    monkeypatch.setattr(continuation, "within_reach", lambda problem, joint, start: np.ones(3, dtype=bool))
+    whole = respond(crowned, sweep, lambda direction, frequency: None)
+    assert len(rows) == 3
+    np.testing.assert_allclose(np.interp(46.0, found.frequency, np.abs(found.first_harmonic[:, 2])),
+                               np.interp(46.0, whole.frequency, np.abs(whole.first_harmonic[:, 2])), rtol=1e-3)
+    np.testing.assert_allclose(found.first_harmonic[0], whole.first_harmonic[0], rtol=1e-4, atol=1e-10)
 
 
 def test_what_the_range_does_not_show_is_said():

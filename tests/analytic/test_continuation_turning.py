@@ -19,7 +19,7 @@ RIG = LumpedRig(moving_mass=10.0, arm_mass=0.5, ground_stiffness=6e5, hinge_stif
                 hinge_damping=20.0)
 SOFT, OWN, COUPLED, NORMAL = 1e-6, 1e-2, 0.7e-6, 1e-6  # m/N
 GAP, LOAD, FORCE = 1.4e-6, 60.0, 0.2
-START, STOP = 58.0, 64.0
+START, STOP = 57.0, 63.0
 
 
 def problem():
@@ -43,8 +43,7 @@ def springs():
 
 @cache
 def curve():
-    sweep = Sweep(start=START, stop=STOP, harmonics=9, samples=48, fine_harmonics=12, fine_samples=96,
-                  max_iterations=5)
+    sweep = Sweep(start=START, stop=STOP, harmonics=9, samples=48, fine_harmonics=12, fine_samples=72)
     return respond(problem(), sweep, lambda direction, frequency: None)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from math import pi, sqrt
@@ -39,6 +39,7 @@ from fretflow.harmonic.continuation_curve import (
 from fretflow.harmonic.continuation_model import Plane
 from fretflow.harmonic.continuation_system import ArmSystem, Point
 from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.harmonic.reach import restrict, within_reach
 from fretflow.harmonic.stability import Around, floquet_multipliers, is_stable
 
 Array = NDArray[np.float64]
@@ -88,6 +89,7 @@ class _Found:
     point: Point
     first_harmonic: NDArray[np.complex128]
     peak_to_peak: Array
+    touched: NDArray[np.bool_]
     bridged: bool
 
     @property
@@ -108,23 +110,59 @@ class _Run:
 def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, float], None]) -> ResponseCurve:
     """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
 
+    Nodes out of reach are left out, see `reach`; where one of them turns out to touch, all is done again with it.
+
     Raises
     ------
     NonConvergenceError
         Naming the frequency, with the residual history of the last attempt.
     """
-    runs: dict[Direction, _Run] = {}
-    for direction in sweep.directions:
-        follower = _Follower(problem, sweep, partial(note, direction))
-        runs[direction] = follower.follow(direction, [run.found[-1].point for run in runs.values()])
-    return _curve(problem, runs)
+    nodes = within_reach(problem, problem.joint.quasi_static(), None)
+    while True:
+        face = _Face.of(problem, nodes)
+        runs: dict[Direction, _Run] = {}
+        for direction in sweep.directions:
+            follower = _Follower(face, sweep, partial(note, direction))
+            runs[direction] = follower.follow(direction, [run.found[-1].point for run in runs.values()])
+        missed = np.any([p.touched for run in runs.values() for p in run.found], axis=0) & ~nodes
+        if not missed.any():
+            return _curve(problem, runs)
+        nodes = nodes | missed
+
+
+@dataclass(frozen=True)
+class _Face:
+    """The nodes within reach, the problem of these alone, and what their forces (3 m,) do at all nodes, m/N."""
+
+    nodes: NDArray[np.bool_]
+    part: PeriodicProblem
+    sliding: Array  # (3 m, n)
+    opening: Array  # (3 m, n)
+    gap: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> _Face:
+        joint, face = problem.joint.quasi_static(), problem.interface
+        rows = joint.flexibility[np.repeat(nodes, 3)]
+        part = replace(problem, joint=joint) if nodes.all() else restrict(problem, joint, nodes)
+        return cls(nodes, part, rows[:, 0::3], rows[:, 2::3], face.gap, face.areas / face.areas.sum())
+
+    def slid(self, arm: Array, forces: Array) -> Array:
+        """Return the area mean of the relative x displacement (N,) of all nodes."""
+        return np.asarray(arm + forces @ (self.sliding @ self.weights))
+
+    def touched(self, approach: Array, forces: Array) -> NDArray[np.bool_]:
+        """Return which nodes (n,) touch at some time; those within reach may, the others must not."""
+        return np.asarray((self.gap + approach[:, None] + forces @ self.opening).min(axis=0) < 0.0)
 
 
 class _Follower:
-    """Follows the curve of one problem."""
+    """Follows the curve of the nodes within reach."""
 
-    def __init__(self, problem: PeriodicProblem, sweep: Sweep, note: Callable[[float], None]) -> None:
-        self.problem, self.sweep, self.note = problem, sweep, note
+    def __init__(self, face: _Face, sweep: Sweep, note: Callable[[float], None]) -> None:
+        self.face, self.sweep, self.note = face, sweep, note
+        self.problem = problem = face.part
         self.channel = channel_index(sweep.channel)
         backbone, s = _backbone(problem), sweep
         self.system = ArmSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
@@ -297,14 +335,15 @@ class _Follower:
 
     def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> _Found:
         trajectory = point.trajectory
-        n, weights = trajectory.state.shape[1], self.problem.interface.areas
+        n = trajectory.state.shape[1]
         forces = trajectory.force.reshape(-1, 3, n).transpose(0, 2, 1).reshape(-1, 3 * n)
         upper, lower = system.joint.observe(np.column_stack([trajectory.arm, trajectory.approach]), forces)
         motion = np.column_stack([system.block_motion(point), trajectory.arm,
-                                  trajectory.displacement[:, :n] @ weights / weights.sum(), upper[:, 0], lower[:, 0]])
+                                  self.face.slid(trajectory.arm, forces), upper[:, 0], lower[:, 0]])
         self.note(point.omega / (2.0 * pi))
         first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
-        return _Found(system, point, first_harmonic, np.ptp(motion, axis=0), bridged)
+        return _Found(system, point, first_harmonic, np.ptp(motion, axis=0),
+                      self.face.touched(trajectory.approach, forces), bridged)
 
     def _judge(self, found: list[_Found]) -> tuple[Array, NDArray[np.bool_]]:
         """Return the largest Floquet multipliers, nan where not found, and which points are stable.
