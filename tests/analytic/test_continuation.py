@@ -194,8 +194,8 @@ def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(mon
                               excitation=25.0, normal_load=LOAD)
     sweep = Sweep(start=45.0, stop=47.0, harmonics=11, samples=48, fine_harmonics=11, fine_samples=48,
                   directions=(Direction.UP,))
-    make = continuation._Face.of
-    monkeypatch.setattr(continuation._Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
+    make = continuation.Face.of
+    monkeypatch.setattr(continuation.Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
     found = respond(crowned, sweep, lambda direction, frequency: None)
     assert [nodes.tolist() for nodes in rows] == [[True, False, False], [True, True, False]]
     monkeypatch.setattr(continuation, "within_reach", lambda problem, joint, start: np.ones(3, dtype=bool))

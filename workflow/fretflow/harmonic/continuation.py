@@ -8,16 +8,15 @@ more periods are solved, with finer settings. Where a curve cannot be followed (
 jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
 Equations: `continuation_system`.
 
-Stability is found at some points, and between any two that differ, at all: see `_judge`.
+Stability is found at some points, and between any two that differ, at all: see `continuation_found`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from math import pi, sqrt
 
 import numpy as np
@@ -34,13 +33,12 @@ from fretflow.harmonic.continuation_curve import (
     channel_index,
     half_power_bracket,
     label_branches,
-    turns,
 )
+from fretflow.harmonic.continuation_found import Face, Found, judge
 from fretflow.harmonic.continuation_model import Plane
 from fretflow.harmonic.continuation_system import ArmSystem, Point
 from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.reach import restrict, within_reach
-from fretflow.harmonic.stability import Around, floquet_multipliers, is_stable
+from fretflow.harmonic.reach import within_reach
 
 Array = NDArray[np.float64]
 EFFORT = 8  # iterations of a good arc
@@ -54,7 +52,6 @@ MAX_INSERTIONS = 10
 BRIDGES = (0.002, 0.005, 0.01, 0.02, 0.05)  # of the frequency
 LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
 MAX_POINTS = 1000
-JUDGED = 10  # of so many points one has its stability found by itself
 
 
 @dataclass(frozen=True)
@@ -82,26 +79,10 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class _Found:
-    """A point of the curve with what is kept of it."""
-
-    system: ArmSystem
-    point: Point
-    first_harmonic: NDArray[np.complex128]
-    peak_to_peak: Array
-    touched: NDArray[np.bool_]
-    bridged: bool
-
-    @property
-    def frequency(self) -> float:
-        return self.point.omega / (2.0 * pi)
-
-
-@dataclass(frozen=True)
 class _Run:
     """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
 
-    found: list[_Found]
+    found: list[Found]
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
@@ -119,7 +100,7 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, f
     """
     nodes = within_reach(problem, problem.joint.quasi_static(), None)
     while True:
-        face = _Face.of(problem, nodes)
+        face = Face.of(problem, nodes)
         runs: dict[Direction, _Run] = {}
         for direction in sweep.directions:
             follower = _Follower(face, sweep, partial(note, direction))
@@ -130,37 +111,10 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, f
         nodes = nodes | missed
 
 
-@dataclass(frozen=True)
-class _Face:
-    """The nodes within reach, the problem of these alone, and what their forces (3 m,) do at all nodes, m/N."""
-
-    nodes: NDArray[np.bool_]
-    part: PeriodicProblem
-    sliding: Array  # (3 m, n)
-    opening: Array  # (3 m, n)
-    gap: Array
-    weights: Array
-
-    @classmethod
-    def of(cls, problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> _Face:
-        joint, face = problem.joint.quasi_static(), problem.interface
-        rows = joint.flexibility[np.repeat(nodes, 3)]
-        part = replace(problem, joint=joint) if nodes.all() else restrict(problem, joint, nodes)
-        return cls(nodes, part, rows[:, 0::3], rows[:, 2::3], face.gap, face.areas / face.areas.sum())
-
-    def slid(self, arm: Array, forces: Array) -> Array:
-        """Return the area mean of the relative x displacement (N,) of all nodes."""
-        return np.asarray(arm + forces @ (self.sliding @ self.weights))
-
-    def touched(self, approach: Array, forces: Array) -> NDArray[np.bool_]:
-        """Return which nodes (n,) touch at some time; those within reach may, the others must not."""
-        return np.asarray((self.gap + approach[:, None] + forces @ self.opening).min(axis=0) < 0.0)
-
-
 class _Follower:
     """Follows the curve of the nodes within reach."""
 
-    def __init__(self, face: _Face, sweep: Sweep, note: Callable[[float], None]) -> None:
+    def __init__(self, face: Face, sweep: Sweep, note: Callable[[float], None]) -> None:
         self.face, self.sweep, self.note = face, sweep, note
         self.problem = problem = face.part
         self.channel = channel_index(sweep.channel)
@@ -173,7 +127,7 @@ class _Follower:
         found = [self._keep(self.system, self._start(direction, reached))]
         self._trace(found, direction)
         change = self._refine(found)
-        return _Run(found, *self._judge(found), change)
+        return _Run(found, *judge(found, self._top(found)), change)
 
     def _start(self, direction: Direction, reached: list[Point]) -> Point:
         """Solve at the end of the range where `direction` begins, from rest if possible."""
@@ -201,7 +155,7 @@ class _Follower:
             arm, start, before = point.arm, point.end, share
         return point
 
-    def _trace(self, found: list[_Found], direction: Direction) -> None:
+    def _trace(self, found: list[Found], direction: Direction) -> None:
         s, low, high = self.system, 2.0 * pi * self.sweep.start, 2.0 * pi * self.sweep.stop
         now = found[0].point
         along = s.tangent(now, np.append(np.zeros(len(now.arm)), float(direction)))
@@ -265,7 +219,7 @@ class _Follower:
         share = (omega - inside.omega) / (outside.omega - inside.omega)
         return self.system.at_frequency(omega, inside.arm + share * (outside.arm - inside.arm), inside.end, inside)
 
-    def _refine(self, found: list[_Found]) -> float:
+    def _refine(self, found: list[Found]) -> float:
         """Insert points at the peak and at half its power; return how much the finer settings change its top."""
         top = self._top(found)
         if top in (0, len(found) - 1):
@@ -283,7 +237,7 @@ class _Follower:
                 self._refine_half_power(found, step)
         return float(change)
 
-    def _refine_peak(self, found: list[_Found]) -> None:
+    def _refine_peak(self, found: list[Found]) -> None:
         for _ in range(MAX_INSERTIONS):
             top = self._top(found)
             if top in (0, len(found) - 1):
@@ -300,7 +254,7 @@ class _Follower:
             if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
                 return
 
-    def _refine_half_power(self, found: list[_Found], step: int) -> None:
+    def _refine_half_power(self, found: list[Found], step: int) -> None:
         for _ in range(MAX_INSERTIONS):
             amplitude = np.array([abs(p.first_harmonic[self.channel]) for p in found])
             top = int(np.argmax(amplitude))
@@ -314,7 +268,7 @@ class _Follower:
             if abs(abs(found[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
                 return
 
-    def _between(self, a: _Found, b: _Found, share: float) -> _Found:
+    def _between(self, a: Found, b: Found, share: float) -> Found:
         """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it."""
         arms = [_resized(p.point.arm, self.sweep.fine_harmonics) for p in (a, b)]
         start, end = (np.append(arm, p.point.omega) for arm, p in zip(arms, (a, b), strict=True))
@@ -330,48 +284,12 @@ class _Follower:
         """Solve `point` again with the fine settings, at its frequency."""
         return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics), point.end)
 
-    def _top(self, found: list[_Found]) -> int:
+    def _top(self, found: list[Found]) -> int:
         return int(np.argmax([abs(p.first_harmonic[self.channel]) for p in found]))
 
-    def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> _Found:
-        trajectory = point.trajectory
-        n = trajectory.state.shape[1]
-        forces = trajectory.force.reshape(-1, 3, n).transpose(0, 2, 1).reshape(-1, 3 * n)
-        upper, lower = system.joint.observe(np.column_stack([trajectory.arm, trajectory.approach]), forces)
-        motion = np.column_stack([system.block_motion(point), trajectory.arm,
-                                  self.face.slid(trajectory.arm, forces), upper[:, 0], lower[:, 0]])
+    def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> Found:
         self.note(point.omega / (2.0 * pi))
-        first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
-        return _Found(system, point, first_harmonic, np.ptp(motion, axis=0),
-                      self.face.touched(trajectory.approach, forces), bridged)
-
-    def _judge(self, found: list[_Found]) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the largest Floquet multipliers, nan where not found, and which points are stable.
-
-        Found are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
-        ever more between points that differ. All others lie between two that agree.
-        """
-        last = len(found) - 1
-        gaps = [k for k, p in enumerate(found) if p.bridged]
-        special = [*turns(np.array([p.frequency for p in found])), self._top(found), *gaps]
-        todo = {*range(0, last, JUDGED), last, *(int(k + s) for k in special for s in (-1, 0, 1) if 0 <= k + s <= last)}
-        judged: dict[int, tuple[float, bool]] = {}
-        while todo:
-            judged |= {k: _judge_one(found[k]) for k in todo}
-            known = sorted(judged)
-            todo = {(a + b) // 2 for a, b in pairwise(known) if b - a > 1 and judged[a][1] != judged[b][1]}
-        nearest = [max(k for k in known if k <= i) for i in range(last + 1)]
-        return (np.array([judged[k][0] if k == i else np.nan for i, k in enumerate(nearest)]),
-                np.array([judged[k][1] for k in nearest]))
-
-
-def _judge_one(found: _Found) -> tuple[float, bool]:
-    """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
-    system, point = found.system, found.point
-    motion = np.column_stack([system.block_motion(point), point.trajectory.arm])
-    multipliers = floquet_multipliers(system.joint.rig, system.march.system, point.trajectory, found.frequency,
-                                      Around.of(system.at(point.omega), motion))
-    return float(abs(multipliers[0])), is_stable(multipliers)
+        return Found.of(self.face, system, point, bridged)
 
 
 def _backbone(problem: PeriodicProblem) -> Backbone | None:
