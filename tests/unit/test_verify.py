@@ -15,6 +15,7 @@ from fretflow.core.casefile import dump_case
 from fretflow.core.config import PeriodicMethod, Solver, validate_case
 from fretflow.core.store import read_record, write_record
 from fretflow.effects.cycle import PeriodicCycle
+from fretflow.effects.model import EffectModel
 from fretflow.harmonic.dlft import DlftSolver
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.quasi_static import QuasiStaticSolver, sliding_distance
@@ -100,7 +101,7 @@ def test_a_joint_that_sticks_has_no_energy_to_differ_in():
 @pytest.fixture
 def run(tmp_path, monkeypatch, true_period):
     """Return a function that makes the folder of a run of the toy problem."""
-    monkeypatch.setattr(verify, "make_problem", lambda case, folder: PROBLEM)
+    monkeypatch.setattr(verify, "make_model", lambda case, folder: EffectModel.build(PROBLEM))
 
     def make(solution=true_period, worn=False):
         home = tmp_path / "runs" / "toy"
