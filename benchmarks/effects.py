@@ -7,11 +7,14 @@ The model is made by `fretflow run` in a temporary folder; times are CPU seconds
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import subprocess
 import tempfile
 import time
 from pathlib import Path
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")  # as the command line does; a second one spins
 
 from fretflow.core.config import load_case
 from fretflow.effects.catalogue import catalogue
