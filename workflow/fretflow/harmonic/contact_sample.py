@@ -140,24 +140,34 @@ class SampleDerivative:
 class _Cone(NamedTuple):
     """The friction limit L at the nodes, for the direction t of the trial force.
 
-    `direction` t (2, n); `limit` L (n,) N; `slope` dL/df_z (n,); `across` (2, n): L t changes by
+    `direction` t (2, n); `limit` L (n,) N; `slope` dL/df_z (n,); `across`, x and y (n,): L t changes by
     ``-across w`` where tau turns by w across t.
     """
 
     direction: Array
     limit: Array
     slope: Array
-    across: Array
+    across: tuple[Array, Array]
+
+
+class _Trial(NamedTuple):
+    """The trial force tau: its direction t (2, n) and size (n,) N."""
+
+    direction: Array
+    size: Array
 
 
 @dataclass
 class _Sets:
-    """Unknown DOFs of a contact state."""
+    """Unknown DOFs of a contact state.
+
+    `forces` (u + 1, 3 n) N/m: what the u unknowns and q_z do to the forces, one row each.
+    """
 
     slip: NDArray[np.int64]
     opened: NDArray[np.int64]
     unknown: NDArray[np.int64]
-    columns: Array  # of the stiffness at the unknowns, and -K B_z last
+    forces: Array
     key: bytes
 
 
@@ -207,24 +217,24 @@ class SampleSolver:
 
     def _newton(self, arm: float, previous: Array, guess: SampleState, at: Instant) -> SampleState | None:
         u, approach, state = guess.displacement.copy(), guess.approach, guess.state
-        sets = self._select(state)
-        last = np.inf
+        sets, last = self._select(state), np.inf
         for iteration in range(MAX_ITERATIONS):
-            self._hold(u, previous, state)
-            f = self._force(u, arm, approach)
+            f, trial = self._hold(u, previous, state, arm, approach)
+            settled = False
             if iteration:
-                new = self._project(u, f, previous, at.grip)
-                if np.any(new != state):
+                new = self._project(u, f, trial, at.grip)
+                settled = np.array_equal(new, state)
+                if not settled:
                     state, last = new, np.inf
                     sets = self._select(state)
-                    self._hold(u, previous, state)
-                    f = self._force(u, arm, approach)
-            cone = self._cone(u, f, previous, at.grip)
+                    f, trial = self._hold(u, previous, state, arm, approach)
+            cone = self._cone(f, trial, at.grip)
             residual = self._residual(f, cone, sets, at.load)
             error = float(np.abs(residual).max())
             if not np.isfinite(error):
                 return None
-            if iteration and error < self.tolerance and np.array_equal(self._project(u, f, previous, at.grip), state):
+            if iteration and error < self.tolerance and (
+                    settled or np.array_equal(self._project(u, f, trial, at.grip), state)):
                 return SampleState(u, f, approach, state)
             if self._factor is None or error > STALE * last:
                 self._factor = lu_factor(self._jacobian(cone, sets), check_finite=False, overwrite_a=True)
@@ -253,6 +263,8 @@ class SampleSolver:
         (3 n, p), (p,)
             Derivatives of the displacement and of the x force on the upper face's nodes together.
         """
+        if not len(arm_direction):
+            return history, arm_direction
         n, change = self.system.size, SampleChange.of_arm(arm_direction, self.system.size)
         if load is not None and grip is not None:
             change = SampleChange(arm_direction, load, np.outer(self.system.friction, grip), change.force)
@@ -266,7 +278,7 @@ class SampleSolver:
         n, k = self.system.size, self.system.stiffness
         sets = self._select(sample.state)
         grip = 1.0 if instant is None else instant.grip
-        cone = self._cone(sample.displacement, sample.force, previous, grip)
+        cone = self._cone(sample.force, self._trial(sample.displacement, sample.force, previous), grip)
         self._factor = lu_factor(self._jacobian(cone, sets), check_finite=False, overwrite_a=True)
         stuck = np.flatnonzero(sample.state == STICK)
         held = np.concatenate([stuck, n + stuck])
@@ -287,7 +299,7 @@ class SampleSolver:
                    + change.force[2 * n:].sum(axis=0) - change.load)
         step = lu_solve(self._factor, -rhs, check_finite=False)
         moved[sets.unknown] = step[:-1]
-        return SampleDerivative(moved, step[-1], df[2 * m:3 * m] + sets.columns[2 * n + sets.slip] @ step)
+        return SampleDerivative(moved, step[-1], df[2 * m:3 * m] + sets.forces[:, 2 * n + sets.slip].T @ step)
 
     def gripping(self, force: Array, direction: Array) -> Array:
         """Return the friction limit over ``g mu``, (n,) N, for forces (3 n,) and friction directions (2, n)."""
@@ -302,51 +314,51 @@ class SampleSolver:
         n, k = self.system.size, self.system.stiffness
         slip, opened = np.flatnonzero(state == SLIP), np.flatnonzero(state == OPEN)
         unknown = np.concatenate([slip, n + slip, opened, n + opened, 2 * n + opened])
-        columns = np.empty((3 * n, len(unknown) + 1))
-        columns[:, :-1] = k[unknown].T  # symmetric: rows are contiguous, columns are not
-        columns[:, -1] = -self.kbz
-        self._sets, self._factor = _Sets(slip, opened, unknown, columns, key), None
+        forces = np.empty((len(unknown) + 1, 3 * n))
+        np.take(k, unknown, axis=0, out=forces[:-1], mode="clip")  # symmetric: rows are columns, and contiguous
+        forces[-1] = -self.kbz
+        self._sets, self._factor = _Sets(slip, opened, unknown, forces, key), None
         return self._sets
 
-    def _hold(self, u: Array, previous: Array, state: NDArray[np.int8]) -> None:
-        """Put the known DOFs where their state wants them: closed at the gap, stuck where they were."""
-        n = self.system.size
-        u[2 * n:] = np.where(state == OPEN, u[2 * n:], -self.system.gap)
-        stuck = state == STICK
-        u[:n][stuck] = previous[:n][stuck]
-        u[n:2 * n][stuck] = previous[n:2 * n][stuck]
+    def _hold(self, u: Array, previous: Array, state: NDArray[np.int8], arm: float, approach: float
+              ) -> tuple[Array, _Trial]:
+        """Put the known DOFs where their state wants them, closed at the gap and stuck where they were.
 
-    def _force(self, u: Array, arm: float, approach: float) -> Array:
-        force: Array = self.system.stiffness @ u - arm * self.kbx - approach * self.kbz
-        return force
+        Return the forces (3 n,) then and the trial force.
+        """
+        n, s = self.system.size, self.system
+        np.copyto(u[2 * n:], -s.gap, where=state != OPEN)
+        np.copyto(u[:2 * n].reshape(2, n), previous[:2 * n].reshape(2, n), where=state == STICK)
+        f: Array = s.stiffness @ u - arm * self.kbx - approach * self.kbz
+        return f, self._trial(u, f, previous)
 
-    def _trial(self, u: Array, f: Array, previous: Array) -> tuple[Array, Array]:
+    def _trial(self, u: Array, f: Array, previous: Array) -> _Trial:
         n, rho = self.system.size, self.system.penalty
         tau = (f[:2 * n] - rho * (u[:2 * n] - previous[:2 * n])).reshape(2, n)
-        return tau, np.maximum(np.hypot(tau[0], tau[1]), 1e-300)
+        size = np.maximum(np.hypot(tau[0], tau[1]), 1e-300)
+        return _Trial(tau / size, size)
 
-    def _project(self, u: Array, f: Array, previous: Array, grip: float) -> NDArray[np.int8]:
+    def _project(self, u: Array, f: Array, trial: _Trial, grip: float) -> NDArray[np.int8]:
         n, s = self.system.size, self.system
         pressing = f[2 * n:] - s.penalty * (s.gap + u[2 * n:])
-        tau, norm = self._trial(u, f, previous)
         limit = grip * s.law.slip_limit(np.maximum(pressing, 0.0))
         if s.law.asymmetry:
-            limit *= 1.0 - s.law.asymmetry * tau[0] / norm
-        slipping = norm > limit * (1.0 + 1e-12)
-        return np.where(pressing <= 0.0, OPEN, np.where(slipping, SLIP, STICK)).astype(np.int8)
+            limit *= 1.0 - s.law.asymmetry * trial.direction[0]
+        state = np.where(trial.size > limit * (1.0 + 1e-12), np.int8(SLIP), np.int8(STICK))
+        state[pressing <= 0.0] = OPEN
+        return state
 
-    def _cone(self, u: Array, f: Array, previous: Array, grip: float) -> _Cone:
-        tau, norm = self._trial(u, f, previous)
-        law, direction = self.system.law, tau / norm
+    def _cone(self, f: Array, trial: _Trial, grip: float) -> _Cone:
+        law, (x, y) = self.system.law, trial.direction
         normal = np.maximum(f[2 * self.system.size:], 0.0)
         limit, slope = grip * law.slip_limit(normal), grip * law.slip_limit_slope(normal)
-        x, y = direction
+        turned = limit / trial.size
         if law.asymmetry == 0.0:
-            return _Cone(direction, limit, slope, np.stack([y, -x]) * (limit / norm))
-        turning = law.asymmetry * limit / norm * y
+            return _Cone(trial.direction, limit, slope, (turned * y, -turned * x))
+        turning = law.asymmetry * turned * y
         share = 1.0 - law.asymmetry * x
-        return _Cone(direction, share * limit, share * slope,
-                     np.stack([y, -x]) * (share * limit / norm) - direction * turning)
+        return _Cone(trial.direction, share * limit, share * slope,
+                     (share * turned * y - x * turning, -share * turned * x - y * turning))
 
     def _residual(self, f: Array, cone: _Cone, sets: _Sets, load: float) -> Array:
         n, i, o = self.system.size, sets.slip, sets.opened
@@ -360,26 +372,28 @@ class SampleSolver:
         fx, fy, fz (m, p) N; slid (2, m, p) m.
         """
         i, rho = sets.slip, self.system.penalty
-        (x, y), (a, b), slope = cone.direction[:, i], cone.across[:, i], cone.slope[i]
+        (x, y), (a, b), slope = cone.direction[:, i], (cone.across[0][i], cone.across[1][i]), cone.slope[i]
         turned = x[:, None] * (fy - rho * slid[1]) - y[:, None] * (fx - rho * slid[0])
         return np.concatenate([fx - (slope * x)[:, None] * fz + a[:, None] * turned,
                                fy - (slope * y)[:, None] * fz + b[:, None] * turned])
 
     def _jacobian(self, cone: _Cone, sets: _Sets) -> Array:
+        """Return the derivative of the residual by the unknowns, in Fortran's order as its factorisation wants it."""
         n, i, o = self.system.size, sets.slip, sets.opened
-        m, c = len(i), sets.columns
-        jacobian = np.empty((c.shape[1], c.shape[1]))
-        (x, y), (a, b), slope = cone.direction[:, i], cone.across[:, i], cone.slope[i]
-        rho = self.system.penalty
-        fx, fy, fz = c[i], c[n + i], c[2 * n + i]
-        turned = x[:, None] * fy - y[:, None] * fx
-        jacobian[:m] = fx - (slope * x)[:, None] * fz + a[:, None] * turned
-        jacobian[m:2 * m] = fy - (slope * y)[:, None] * fz + b[:, None] * turned
-        k = np.arange(m)
-        jacobian[k, k] += rho * a * y
-        jacobian[k, m + k] -= rho * a * x
-        jacobian[m + k, k] += rho * b * y
-        jacobian[m + k, m + k] -= rho * b * x
-        jacobian[2 * m:-1] = c[np.concatenate([o, n + o, 2 * n + o])]
-        jacobian[-1] = c[2 * n:].sum(axis=0)
-        return jacobian
+        m, g, rho, k = len(i), sets.forces, self.system.penalty, np.arange(len(i))
+        (x, y), (a, b), slope = cone.direction[:, i], (cone.across[0][i], cone.across[1][i]), cone.slope[i]
+        fx, fy, fz = (g.take(c * n + i, axis=1) for c in range(3))
+        transposed = np.empty((len(g), len(g)))  # a row for each unknown
+        along, across = transposed[:, :m], transposed[:, m:2 * m]
+        np.multiply(fx, 1.0 - a * y, out=along)
+        along += fy * (a * x) - fz * (slope * x)
+        np.multiply(fy, 1.0 + b * x, out=across)
+        across -= fx * (b * y) + fz * (slope * y)
+        along[k, k] += rho * a * y
+        along[m + k, k] -= rho * a * x
+        across[k, k] += rho * b * y
+        across[m + k, k] -= rho * b * x
+        transposed[:, 2 * m:-1] = g.take(np.concatenate([o, n + o, 2 * n + o]), axis=1)
+        transposed[:-1, -1] = self.kbz[sets.unknown]
+        transposed[-1, -1] = -self.kbz[2 * n:].sum()
+        return transposed.T

@@ -184,7 +184,7 @@ class _Follower:
         growth = min(2.0 ** (0.5 * (EFFORT - new.iterations)), sqrt(OFF / max(off, 1e-6)))
         share = max(abs(float(chord[-1])) / length, 1e-9)  # of the frequency in the chord
         arc = length * float(np.clip(growth, 0.5, 2.0))
-        return min(arc, self.sweep.longest_arc, self.sweep.longest_step / share)
+        return max(min(arc, self.sweep.longest_arc, self.sweep.longest_step / share), self.sweep.shortest_arc)
 
     def _arc(self, now: Point, along: Array, arc: float) -> tuple[Point, float]:
         """Return the next point and the arc that led there; `along` has the length one."""

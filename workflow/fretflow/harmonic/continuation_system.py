@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -24,11 +23,11 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.harmonic.arm import ArmEquations
 from fretflow.harmonic.backbone import Backbone
 from fretflow.harmonic.contact_march import ContactMarch, PeriodicMarch, Surroundings, Trajectory
-from fretflow.harmonic.contact_sample import STICK, Array, SampleSolver, SampleState
+from fretflow.harmonic.contact_sample import STICK, Array, SampleState
 from fretflow.harmonic.continuation_model import SMALL, Plane, RigOnBackbone, Secants
 from fretflow.harmonic.jenkins_start import jenkins_arm_motion
 from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import NEAR, REPEATS
+from fretflow.harmonic.quasi_static import NEAR
 
 SHORTEST_STEP = 0.1  # of a Newton step; beyond that a shorter arc is cheaper
 ACROSS = 2.0  # growth of the residual that is let pass
@@ -39,6 +38,8 @@ MAX_SLOW = 3  # times
 MODEL_TOLERANCE = 0.01  # of the residual that is to be reduced
 FIRST = 0.01  # about the residual of a first guess
 CONTACT_TOLERANCE = 0.01  # of the residual's
+REPEAT = 0.5  # of the residual: what of a nodal force may change from period to period, which Phi hardly feels
+FIRST_REPEAT = 0.02
 RATE_STEP = 1e-6  # of the frequency
 
 
@@ -90,7 +91,6 @@ class ArmSystem:
         self.harmonics, self.samples = harmonics, samples
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.march = ContactMarch.of(problem)
-        self.march.solver = _ValueSolver(self.march.system)
         own = float(self.march.solver.kbx[:self.march.system.size].sum())
         spring = Backbone(np.array([own]), np.array([np.inf]))
         self.spring = RigOnBackbone(self.joint.rig, spring, problem.excitation)
@@ -168,7 +168,7 @@ class ArmSystem:
                 last: float) -> PeriodicMarch:
         self.march.surroundings = Surroundings(e.omega, self.problem.load_slope, self.problem.motion_factors)
         accuracy = max(CONTACT_TOLERANCE * self.tolerance, min(1e-6, 1e-3 * last**2))
-        repeat = min(REPEATS * last, 10.0 * last**2)
+        repeat = min(FIRST_REPEAT, REPEAT * last)
         return self.march.period(e.synthesis @ arm, directions, start, near, accuracy, repeat)
 
     def _model_of(self, point: Point) -> RigOnBackbone | None:
@@ -258,13 +258,3 @@ class ArmSystem:
             length *= 0.5 if len(tried) != 1 else 1.0
         best = min(tried, key=lambda point: point.norm, default=None)
         return best if worse and best is not None and best.norm < ACROSS * now.norm else None
-
-
-class _ValueSolver(SampleSolver):
-    """Leaves out derivatives by nothing, which cost as much as the sample itself."""
-
-    def tangent(self, sample: SampleState, previous: Array, history: Array, arm_direction: Array, *rest: Any
-                ) -> tuple[Array, Array]:
-        if not len(arm_direction):
-            return history, arm_direction
-        return super().tangent(sample, previous, history, arm_direction, *rest)

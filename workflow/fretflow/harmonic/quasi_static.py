@@ -35,6 +35,7 @@ SMALLEST_STEP = 1e-3
 SMALLEST_SHARE = 0.05  # step in which further forces on the rig are raised
 REPEATS = 0.02  # how well a period must repeat, relative to the residual before it
 STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with forces on the rig
+LAGGED = 0.3  # decrease of the residual with which a former tangent serves
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
 
 
@@ -166,16 +167,25 @@ def _one_element(march: ContactMarch) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Iterate:
-    """The arm's coefficients, the period they make, the rig's balance with it and its norm over the excitation."""
+    """The arm's coefficients, the period they make, the rig's balance with it and its norm over the excitation.
+
+    `tangent` (2 H + 1, 2 H + 1) N/m is that of the friction force, `exact` or corrected from steps before.
+    """
 
     arm: Array
-    period: PeriodicMarch
+    trajectory: Trajectory
     rig: RigBalance
     norm: float
+    tangent: Array
+    exact: bool
 
 
 class _ArmNewton:
-    """Newton on the arm's coefficients with a line search on the residual."""
+    """Newton on the arm's coefficients with a line search on the residual.
+
+    The tangent costs three times the period itself. Close to the root that of the step before serves, corrected so
+    that it gives the change of friction just seen (C. G. Broyden, Math. Comp. 19 (1965) 577-593).
+    """
 
     def __init__(self, equations: ArmEquations, march: ContactMarch, scale: float, tolerance: float) -> None:
         self.equations = equations
@@ -185,19 +195,28 @@ class _ArmNewton:
 
     def evaluate(self, arm: Array, before: SampleState, near: Trajectory | None, last: float,
                  block: Array | None = None) -> _Iterate:
-        """March the period of `arm`; `last` is the norm before, for the contact's accuracy.
+        """March the period of `arm` and its tangent; `last` is the norm before, for the contact's accuracy.
 
         With a `block` beside it both are unknowns; without, the block follows the arm.
         """
         e = self.equations
-        rig = e.balance(arm) if block is None else e.beside_balance(arm, block)
+        found = self._march(arm, e.synthesis, before, near, last)
+        return self._iterate(arm, found.trajectory, block, e.analysis @ found.tangent, exact=True)
+
+    def _march(self, arm: Array, directions: Array, before: SampleState, near: Trajectory | None, last: float
+               ) -> PeriodicMarch:
         # the contact need not be solved much closer than the residual that Newton is about to reach
         accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
         repeat = min(REPEATS * last, 10.0 * last**2)
-        period = self.march.period(e.synthesis @ arm, e.synthesis, before, near, accuracy, repeat)
-        residual = rig.residual - e.analysis @ period.trajectory.friction
-        return _Iterate(arm, period, replace(rig, residual=residual),
-                        float(np.hypot(np.linalg.norm(residual), rig.size)) / self.scale)
+        return self.march.period(self.equations.synthesis @ arm, directions, before, near, accuracy, repeat)
+
+    def _iterate(self, arm: Array, trajectory: Trajectory, block: Array | None, tangent: Array, exact: bool
+                 ) -> _Iterate:
+        e = self.equations
+        rig = e.balance(arm) if block is None else e.beside_balance(arm, block)
+        residual = rig.residual - e.analysis @ trajectory.friction
+        return _Iterate(arm, trajectory, replace(rig, residual=residual),
+                        float(np.hypot(np.linalg.norm(residual), rig.size)) / self.scale, tangent, exact)
 
     def solve(self, arm: Array, before: SampleState, near: Trajectory | None,
               max_iterations: int, block: Array | None = None) -> tuple[_Iterate, tuple[float, ...]]:
@@ -221,15 +240,19 @@ class _ArmNewton:
         return now, tuple(history)
 
     def _step(self, now: _Iterate) -> _Iterate | None:
-        jacobian = now.rig.jacobian - self.equations.analysis @ now.period.tangent
-        step = np.linalg.solve(jacobian, -now.rig.reduced)
-        moved = now.rig.block_step(step)
-        trajectory, length = now.period.trajectory, 1.0
-        following: _Iterate | None
+        while now.norm < NEAR:
+            following = self._lagged(now)
+            if following is not None:
+                return following
+            if now.exact:
+                break
+            now = self.evaluate(now.arm, now.trajectory.sample(-1), now.trajectory, now.norm, now.rig.block)
+        step, moved = self._newton_step(now)
+        length = 1.0
         while length > SMALLEST_STEP:
-            near = trajectory if length == 1.0 and now.norm < NEAR else None
+            near = now.trajectory if length == 1.0 and now.norm < NEAR else None
             try:
-                following = self.evaluate(now.arm + length * step, trajectory.sample(-1), near, now.norm,
+                following = self.evaluate(now.arm + length * step, now.trajectory.sample(-1), near, now.norm,
                                           now.rig.block + length * moved)
             except NonConvergenceError:  # of the contact, too far from where it was
                 following = None
@@ -237,6 +260,24 @@ class _ArmNewton:
                 return following
             length *= 0.5
         return None
+
+    def _newton_step(self, now: _Iterate) -> tuple[Array, Array]:
+        """Return the steps (2 H + 1,) of arm and block, m."""
+        step = np.linalg.solve(now.rig.jacobian - now.tangent, -now.rig.reduced)
+        return step, now.rig.block_step(step)
+
+    def _lagged(self, now: _Iterate) -> _Iterate | None:
+        """Return the next iterate without its tangent, or None where the residual falls too little."""
+        step, moved = self._newton_step(now)
+        try:
+            found = self._march(now.arm + step, np.zeros((len(now.trajectory.arm), 0)), now.trajectory.sample(-1),
+                                now.trajectory, now.norm).trajectory
+        except NonConvergenceError:
+            return None
+        felt = self.equations.analysis @ (found.friction - now.trajectory.friction)
+        tangent = now.tangent + np.outer(felt - now.tangent @ step, step / (step @ step))
+        following = self._iterate(now.arm + step, found, now.rig.block + moved, tangent, exact=False)
+        return following if following.norm < LAGGED * now.norm else None
 
 
 def press(problem: PeriodicProblem) -> SampleState:
@@ -269,7 +310,7 @@ def _as_trajectory(solution: PeriodicSolution, system: ContactSystem, samples: i
 
 def _solution(problem: PeriodicProblem, joint: QuasiStaticJoint, equations: ArmEquations, found: _Iterate,
               history: tuple[float, ...]) -> PeriodicSolution:
-    period = found.period.trajectory
+    period = found.trajectory
     samples, nodes = period.state.shape
     u, f = (a.reshape(samples, 3, nodes).transpose(0, 2, 1) for a in (period.displacement, period.force))
     moved = equations.synthesis @ found.arm
