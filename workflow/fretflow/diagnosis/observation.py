@@ -22,11 +22,15 @@ from fretflow.recordings.repeatability import Repeatability, repeatability
 from fretflow.recordings.schema import Condition
 
 Array = NDArray[np.float64]
-CHANNELS = ("displacement", "friction_force", "excitation")  # that the model predicts, as far as they were measured
+# that the model predicts, as far as they were measured
+CHANNELS = ("displacement", "friction_force", "excitation", "normal_force", "approach")
+NEEDED = ("displacement", "friction_force")
+ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
 LARGEST_SAMPLES = 100  # of a loop
-# A loop's zero is lost between recordings, more so of the displacement; over half the channel's range.
-LOOP_OFFSET = {"displacement": 0.06, "friction_force": 0.02, "excitation": 0.002}
-FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02}  # over half the channel's range
+# A loop's zero is lost between recordings, more so of the displacement; over the channel's size, see `_size`.
+LOOP_OFFSET = {"displacement": 0.06, "friction_force": 0.02, "excitation": 0.002, "normal_force": 0.003,
+               "approach": 0.02}
+FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
 TIMING = 0.15  # of a sample, to which the model and the recording agree on when sliding begins and ends
@@ -56,11 +60,13 @@ class Observation:
     """The measured vector (M,), the sd of repeats, and how its errors are made."""
 
     values: Array = quantity("SI", "(M,)")
-    variance: Array = quantity("SI^2", "(M,), of independent noise")
+    variance: Array = quantity("SI^2", "(M,), of independent errors")
+    noise: Array = quantity("1", "(M,), share of the variance that repeats show")
     modes: Array = quantity("SI", "(M, B), of errors that samples share")
     floor: Array = quantity("SI", "(M,), sd of a single repeat")
     pieces: tuple[Piece, ...]
     samples: int  # of a loop
+    aligned_to: str  # channel whose fundamental's maximum is phase zero
     conditions: tuple[Condition, ...]
     points: Array = quantity("m", "(P, 2), of the map")
 
@@ -89,6 +95,7 @@ class _Stack:
 
     values: list[Array]
     variance: list[Array]
+    noise: list[Array]
     floor: list[Array]
     pieces: list[Piece]
     shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
@@ -98,18 +105,20 @@ class _Stack:
         return sum(map(len, self.values))
 
     def add(self, values: Array, variance: Array, floor: Array, block: str, channel: str, cycles: int,
-            condition: int | None, label: str) -> slice:
+            condition: int | None, label: str, more: Array | float = 0.0) -> slice:
+        """Add a piece; `more` is the variance of errors that repeats share and so do not show."""
         start = self.size
         self.values.append(values)
-        self.variance.append(variance)
+        self.variance.append(variance + more)
+        self.noise.append(variance / (variance + more))
         self.floor.append(floor)
         self.pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=start,
                                  stop=start + len(values), label=label))
         return slice(start, start + len(values))
 
 
-def observe(recording: Recording) -> Observation:
-    """Return the vector of a recording of the rig.
+def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
+    """Return the vector of a recording of the rig, its loops thinned to at most so many samples.
 
     Raises
     ------
@@ -118,8 +127,8 @@ def observe(recording: Recording) -> Observation:
     """
     if recording.loops is None:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
-    stack = _Stack([], [], [], [], [])
-    samples = _common_samples(recording)
+    stack = _Stack([], [], [], [], [], [])
+    samples = _common_samples(recording, most)
     _add_loops(stack, recording.loops, samples, None)
     if recording.sweep is not None:
         _add_loops(stack, recording.sweep.loops, samples, recording.sweep.conditions)
@@ -137,17 +146,18 @@ def observe(recording: Recording) -> Observation:
             if own == name:
                 modes[place, column] = shape
     return Observation(
-        values=np.concatenate(stack.values), variance=np.concatenate(stack.variance), modes=modes,
-        floor=np.concatenate(stack.floor), pieces=tuple(stack.pieces), samples=samples,
+        values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
+        noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
+        pieces=tuple(stack.pieces), samples=samples, aligned_to=recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points)
 
 
-def _common_samples(recording: Recording) -> int:
+def _common_samples(recording: Recording, most: int) -> int:
     """Return the samples of a loop that the model is solved with: those measured, thinned by a whole number."""
     if recording.loops is None:
-        return LARGEST_SAMPLES
+        return most
     measured = len(recording.loops.phase)
-    thin = next((k for k in range(1, measured + 1) if measured % k == 0 and measured // k <= LARGEST_SAMPLES), 1)
+    thin = next((k for k in range(1, measured + 1) if measured % k == 0 and measured // k <= most), 1)
     return measured // thin
 
 
@@ -172,23 +182,32 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Co
         channel = "friction_force" if name == "force" else name
         values = resampled(loops.channels[name], loops.phase, samples)
         spread = _spread(values)
-        half = 0.5 * float(np.nanmax(np.ptp(np.nanmean(values, axis=1), axis=-1)))
-        least = DIGITIZING * half
+        size = _size(channel, spread.mean)
+        least = DIGITIZING * size
         for k in np.flatnonzero(loops.repeats):
             mean, repeats = spread.mean[k], int(loops.repeats[k])
             moving = 0.5 * (np.roll(mean, -1) - np.roll(mean, 1))
-            variance = (spread.noise_sd**2 + least**2) / repeats + (TIMING * moving)**2
+            variance = (spread.noise_sd**2 + least**2) / repeats
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
             label = f"{cycles:_} cycles" if conditions is None else f"condition {condition}"
             floor = np.sqrt(spread.repeat_sd**2 + least**2)
-            place = stack.add(mean, variance, floor, block, channel, cycles, condition, label)
-            centred, own = mean - mean.mean(), f"{block} {k} {channel}"
+            place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
+            centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
-                                 spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * half))),
+                                 spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * size))),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * centred),
-                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * half))]
+                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * size))]
+
+
+def _size(channel: str, means: Array) -> float:
+    """Return what a channel's zero is compared with: half its largest loop, or what it comes to over the test."""
+    if channel in ABSOLUTE:
+        return float(np.nanmax(np.abs(means)))
+    if channel == "approach":
+        return 0.5 * float(np.nanmax(means) - np.nanmin(means))
+    return 0.5 * float(np.nanmax(np.ptp(means, axis=-1)))
 
 
 def _spread(values: Array) -> Repeatability:

@@ -8,13 +8,14 @@ finer model at the baseline, and enters the covariance.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from fretflow.core.config import Solver, WearScheme
 from fretflow.core.errors import NonConvergenceError
-from fretflow.diagnosis.observation import Array, Observation, Piece
+from fretflow.diagnosis.observation import CHANNELS, Array, Observation, Piece
 from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
@@ -26,9 +27,9 @@ from fretflow.wear.history import WearSettings, WearStep
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
-TOLERANCE = 1e-7  # of a period's residual
+TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
 HARMONICS = 20
-WEAR_TOLERANCE = 0.05
+WEAR_TOLERANCE = 0.2  # of the embedded solution of first order; the depth itself is a tenth as far off
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
 SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
 
@@ -52,6 +53,7 @@ class Period:
     solution: PeriodicSolution
     step: WearStep
     elapsed: float
+    condition: PeriodicProblem  # the baseline's, at the period's drive, load and frequency
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class RigModel:
         while True:
             if step.cycles in counts:
                 kept[step.cycles] = Period(cycle.model.problem(step.slow), state, step,
-                                           step.cycles / max(self.total_cycles, 1))
+                                           step.cycles / max(self.total_cycles, 1), cycle.model.baseline)
             if step.cycles >= last:
                 break
             step, state = scheme.advance(step, state)
@@ -138,7 +140,7 @@ class RigModel:
             found = cycle.solver.solve(problem, start.solution)
         except NonConvergenceError:
             found = cycle.solver.solve(problem)
-        return Period(problem, found, end.step, end.elapsed)
+        return Period(problem, found, end.step, end.elapsed, model.baseline)
 
     def predict(self, simulation: Simulation) -> Array:
         """Return the vector (M,) that the recording would be."""
@@ -149,7 +151,7 @@ class RigModel:
                 continue
             key = (piece.block, piece.cycles if piece.condition is None else piece.condition)
             if key not in seen:
-                seen[key] = simulation.model.sense(self.signals(period))
+                seen[key] = self.sensed(simulation.model, self.signals(period))
             found[piece.place] = channel(seen[key], piece)
         self.put_wear(found, simulation.depth)
         return found
@@ -173,9 +175,21 @@ class RigModel:
 
     def signals(self, period: Period) -> Signals:
         """Return the true channels of a period, thinned to the recording's samples."""
-        found = period.solution
-        return true_signals(period.problem, found, self.displacement(found), period.elapsed,
-                            len(found.state) // self.observation.samples)
+        found, thin = period.solution, len(period.solution.state) // self.observation.samples
+        load = period.problem.normal_load + period.problem.load_slope * found.rig_displacement[:, 1]
+        return replace(true_signals(period.problem, found, self.displacement(found), period.elapsed, thin),
+                       approach=arm_approach(period)[::thin], normal_force=load[::thin])
+
+    def sensed(self, model: EffectModel, signals: Signals) -> Signals:
+        """Return what the sensors show, its phase counted as the recording's is."""
+        found = model.sense(signals)
+        lead = getattr(found, self.observation.aligned_to, None)
+        if lead is None or self.observation.aligned_to == "excitation":
+            return found
+        early = float(np.angle(np.fft.rfft(lead)[1])) / found.angular_frequencies[1]
+        shifted: dict[str, Any] = {name: found.delayed(values, -early) for name in CHANNELS
+                                   if (values := getattr(found, name)) is not None}
+        return replace(found, **shifted)
 
     def displacement(self, found: PeriodicSolution) -> Array:
         """Return the displacement (N,) where the recording measured it, m."""
@@ -185,6 +199,13 @@ class RigModel:
         if self.displacement_of.place is Place.BACK_FACES:
             return found.rig_displacement[:, 1]
         return (found.upper_observation - found.lower_observation)[:, 0]
+
+
+def arm_approach(period: Period) -> Array:
+    """Return how far the specimens' backs have come toward each other, (N,) m, from where they would just touch."""
+    found, joint = period.solution, period.problem.joint.quasi_static()
+    bulk = found.force.reshape(len(found.state), -1) @ joint.upper_compliance[2]
+    return np.asarray(bulk - found.upper_observation[:, 2])
 
 
 def channel(signals: Signals, piece: Piece) -> Array:

@@ -89,19 +89,18 @@ def _directions(rig: RigModel, simulation: Simulation, period: Period, beside: S
     """Return the whole change of the period's problem to each neighbour, as directions of unit length."""
     directions = []
     for v, one in enumerate(beside):
-        base = one.model.baseline
-        load = _load(period, simulation, base.normal_load)
-        own = replace(base, excitation=period.problem.excitation, normal_load=load,
-                      frequency=period.problem.frequency)
-        problem = replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
+        problem = _problem_of(one, simulation, period)
         directions.append(direction_between(period.problem, problem, 1.0, period.problem, period.solution, str(v)))
     return directions
 
 
-def _load(period: Period, simulation: Simulation, load: float) -> float:
-    """Return the baseline's normal load at the period's condition."""
-    base = simulation.model.problem(period.step.slow).normal_load
-    return load * period.problem.normal_load / base
+def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> PeriodicProblem:
+    """Return the neighbour's problem at the period's condition and wear."""
+    base, other = one.model.baseline, simulation.model.baseline
+    load = base.normal_load * period.condition.normal_load / other.normal_load
+    own = replace(base, excitation=period.condition.excitation, normal_load=load,
+                  frequency=period.condition.frequency)
+    return replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
 
 
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
@@ -149,10 +148,12 @@ def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neigh
 
 def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
     """Return `change` with that of the gap `opened` (nodes, V) added."""
-    more = _carried(period, [gap(column) for column in (opened - opened.min(axis=0)).T])
+    level = opened.min(axis=0)  # only lowers the arm
+    more = _carried(period, [gap(column) for column in (opened - level).T])
     added = {name: getattr(change, name) + getattr(more, name)
              for name in ("rig_displacement", "relative_displacement", "friction_force", "upper_observation",
-                          "lower_observation")}
+                          "lower_observation", "approach")}
+    added["approach"] = added["approach"] - level[:, None]
     return replace(change, **added)
 
 
@@ -161,19 +162,22 @@ def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Peri
     """Return the change of a piece's channel (N,), through the sensors of both hypotheses."""
     before = rig.signals(period)
     thin = len(period.solution.state) // rig.observation.samples
-    after = rig.signals(replace(period, problem=_driven(period, one), solution=replace(
+    after = rig.signals(replace(period, problem=_driven(period, _problem_of(one, simulation, period)), solution=replace(
         period.solution,
         rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
         friction_force=period.solution.friction_force + change.friction_force[v],
         upper_observation=period.solution.upper_observation + change.upper_observation[v],
         lower_observation=period.solution.lower_observation + change.lower_observation[v])))
     after = _faced(rig, after, before, change.relative_displacement[v, ::thin])
-    return channel(one.model.sense(after), piece) - channel(simulation.model.sense(before), piece)
+    if before.approach is not None:
+        after = replace(after, approach=before.approach - change.approach[v, ::thin])
+    return channel(rig.sensed(one.model, after), piece) - channel(rig.sensed(simulation.model, before), piece)
 
 
-def _driven(period: Period, one: _Neighbour) -> PeriodicProblem:
-    driven = one.model.problem(one.slow[period.step.cycles])
-    return replace(period.problem, overtones=driven.overtones, rig_forces=driven.rig_forces)
+def _driven(period: Period, other: PeriodicProblem) -> PeriodicProblem:
+    """Return the period's problem with what `other` shows in the channels themselves."""
+    return replace(period.problem, overtones=other.overtones, rig_forces=other.rig_forces,
+                   normal_load=other.normal_load, load_slope=other.load_slope)
 
 
 def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:

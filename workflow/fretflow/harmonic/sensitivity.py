@@ -48,6 +48,7 @@ class PeriodSensitivity:
     friction_force: Array = quantity("N", "(P, N), x force of the upper specimen on the lower")
     upper_observation: Array = quantity("m", "(P, N, 3)")
     lower_observation: Array = quantity("m", "(P, N, 3)")
+    approach: Array = quantity("m", "(P, N), of the arm, positive upward")
     sliding_distance: Array = quantity("m", "(P,)")
     dissipated_energy: Array = quantity("J", "(P,), per cycle")
     pressure_sliding: Array = quantity("N/m", "(P, nodes), sum of p |du_t| per cycle")
@@ -168,6 +169,7 @@ def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: S
         arm=arm.T, rig_displacement=np.stack([block.T, moved.T], axis=-1),
         relative_displacement=contact.displacement.T, friction_force=-contact.forces[:, 0].T,
         upper_observation=upper.transpose(2, 0, 1), lower_observation=lower.transpose(2, 0, 1),
+        approach=contact.approach.T,
         sliding_distance=contact.displacement[np.argmax(mean)] - contact.displacement[np.argmin(mean)],
         dissipated_energy=contact.energy,
         pressure_sliding=contact.sliding.T / areas, slip_path=contact.path.T,

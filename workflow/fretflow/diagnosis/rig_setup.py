@@ -1,0 +1,130 @@
+"""The rig of a recording before anything is fitted: its case, where the fit begins, and what its meshes leave out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from fretflow.core.config import Case, Mesh, Rig, Specimens, Wear, validate_case
+from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
+from fretflow.diagnosis.observation import Array, Observation
+from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.recording import Recording
+
+Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
+
+COARSE, FINER = 4, 6  # elements per side of the contact square
+# Linear elements err by about h^2: (1/4)^2 / ((1/4)^2 - (1/6)^2) of the difference between the two meshes; the
+# corners' singularity makes it less regular, and half of the difference stays as an error.
+EXTRAPOLATED, MESH_ERROR = 1.3, 0.7
+PLATEAU = 0.9  # quantile of the force over a loop: near its friction limit, above noise and roundings
+SMALLEST_FRICTION, LARGEST_FRICTION = 0.05, 2.0
+EASED, MOST_EASED = 0.85, 4  # factor on a coefficient at which the joint sticks, and how often it is taken
+
+
+def case_of(recording: Recording, elements: int = Mesh().contact_elements, name: str = "recorded") -> Case:
+    """Return the case of a recording of the rig; what it does not say is as the defaults have it.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it lacks what no default can replace.
+    """
+    test = recording.test
+    for field in ("excitation_amplitude", "normal_load", "excitation_frequency"):
+        if getattr(test, field) is None:
+            raise UnreliableRecordingError(f"{recording.path}: test.{field} is not given; a recording of the rig is "
+                                           "predicted from it")
+    cycles = test.cycles or int(_loops(recording).cycles[-1])
+    case = validate_case({
+        "format": "fretflow-case/1", "name": name, "mesh": {"contact_elements": elements},
+        "test": {"excitation_amplitude": f"{test.excitation_amplitude!r} N", "cycles": cycles,
+                 "excitation_frequency": f"{test.excitation_frequency!r} Hz", "normal_load": f"{test.normal_load!r} N"}})
+    specimen = recording.specimen or Specimens()
+    distance = _loops(recording).displacement_of
+    if distance is not None and distance.distance > 0.0:
+        sides = {side: getattr(specimen, side).model_copy(update={"observation_distance": distance.distance})
+                 for side in ("upper", "lower")}
+        specimen = specimen.model_copy(update=sides)
+    return case.model_copy(update={"title": recording.title, "rig": recording.rig or Rig(), "specimen": specimen})
+
+
+def _loops(recording: Recording) -> LoopSet:
+    if recording.loops is None:
+        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
+    return recording.loops
+
+
+def first_friction(recording: Recording) -> float:
+    """Return the friction coefficient that the loops' plateaus show, of all loops together."""
+    loops = _loops(recording)
+    force = loops.mean(loops.force_name)
+    force = force - 0.5 * (force.max(axis=1) + force.min(axis=1))[:, None]
+    limit = np.quantile(np.abs(force), PLATEAU, axis=1)
+    load = float(recording.test.normal_load or np.nan)
+    return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
+
+
+def first_wear(recording: Recording, friction: float) -> float:
+    """Return the wear coefficient (m^2/N) that volume and dissipated energy show; the default without a volume."""
+    loops, volume = _loops(recording), recording.wear.worn_volume
+    if volume is None and recording.wear_depth is not None and recording.specimen is not None:
+        depth = recording.wear_depth.channels.get("depth", np.zeros(1))
+        volume = float(np.mean(depth)) * recording.specimen.upper.contact_width**2
+    x, force = loops.mean("displacement"), loops.mean(loops.force_name)
+    energy = np.abs(np.sum(force * 0.5 * (np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)), axis=1))
+    total = float(np.sum(0.5 * (energy[1:] + energy[:-1]) * np.diff(loops.cycles)))
+    if not volume or not total > 0.0:
+        return Wear().coefficient
+    return volume * friction / total
+
+
+def model_of(recording: Recording, observation: Observation, problem: PeriodicProblem, wear: float) -> RigModel:
+    """Return the model of a recording on the mesh of `problem`."""
+    loops = _loops(recording)
+    if loops.displacement_of is None:
+        raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of is not given")
+    return RigModel(problem=problem, wear_coefficient=wear, observation=observation,
+                    displacement_of=loops.displacement_of, samples=observation.samples,
+                    total_cycles=recording.test.cycles or int(loops.cycles[-1]))
+
+
+def first_simulation(model: RigModel) -> tuple[RigModel, Simulation]:
+    """Return the model with a friction coefficient at which it slides, and its simulation.
+
+    Raises
+    ------
+    NonConvergenceError
+        If there is none.
+    """
+    for _ in range(MOST_EASED):
+        try:
+            return model, model.simulate(Hypothesis())
+        except NonConvergenceError:
+            model = replace(model, problem=replace(
+                model.problem, friction_coefficient=EASED * model.problem.friction_coefficient))
+    return model, model.simulate(Hypothesis())
+
+
+def errors_of(observation: Observation, finer: Array, denser: Array, plain: Array) -> tuple[Array, Array]:
+    """Return what the coarse model leaves out (M,), and the modes (M, any) of what is not known of that.
+
+    Each loop's channel has an error of its own, as far as the differences between the meshes (samples) go.
+
+    Parameters
+    ----------
+    observation
+        What the predictions are of.
+    finer, denser, plain
+        Predictions (M,) on the finer mesh, with twice the samples, and of the coarse model.
+    """
+    mesh, sampled = finer - plain, denser - plain
+    modes = np.zeros((len(plain), 2 * len(observation.pieces)))
+    for column, piece in enumerate(observation.pieces):
+        modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
+        modes[piece.place, 2 * column + 1] = sampled[piece.place]
+    return EXTRAPOLATED * mesh + sampled, modes
