@@ -21,8 +21,10 @@ from fretflow.harmonic.continuation_curve import (
     ResponseCurve,
     label_branches,
     read_peak,
+    summit,
     turns,
 )
+from fretflow.harmonic.continuation_found import Trail
 from fretflow.harmonic.continuation_model import arm_rates
 from fretflow.harmonic.continuation_system import ArmSystem
 from fretflow.harmonic.periodic import PeriodicProblem
@@ -316,3 +318,31 @@ def test_a_curve_survives_its_file(tmp_path):
     again = read_record(write_record(tmp_path / "curve.h5", sticking()), ResponseCurve)
     np.testing.assert_array_equal(again.first_harmonic, sticking().first_harmonic)
     np.testing.assert_array_equal(again.stable, sticking().stable)
+
+
+def test_the_way_back_meets_the_points_of_the_way_there(monkeypatch):
+    sweep = Sweep(start=50.0, stop=70.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64)
+
+    def shared():
+        found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
+        up, down = (found.frequency[found.along(direction)] for direction in Direction)
+        return np.mean(np.isin(np.round(down, 6), np.round(up, 6)))
+
+    assert shared() > 0.7
+    monkeypatch.setattr(Trail, "ahead", lambda trail, now, along, reach: None)
+    assert shared() < 0.3
+
+
+def test_an_uneven_summit_is_smoothed():
+    """Amplitudes uneven by 0.2 % put the peak of an oscillator at one of several points; all of them tell where."""
+    frequency = np.linspace(90.0, 110.0, 41)
+    motion = 1.0 / (1.0 - (frequency / 100.0) ** 2 + 0.2j * frequency / 100.0)
+    uneven = motion * (1.0 + 0.002 * (-1.0) ** np.arange(41) * np.sign(frequency - 99.5))
+    one = replace(sticking(), frequency=frequency, first_harmonic=np.tile(uneven[:, None], 5),
+                  direction=np.ones(41, dtype=np.int8), excitation=1.0)
+    peak = read_peak(one)
+    exact = 100.0 * np.sqrt(1.0 - 2.0 * 0.1**2)
+    assert peak.frequency == pytest.approx(exact, abs=0.25)
+    assert abs(frequency[np.argmax(np.abs(uneven))] - exact) > 0.4
+    assert summit(np.array([0.5, 0.98, 0.995, 1.0, 0.999, 0.98, 0.995])) == (2, 4)
+    assert summit(np.array([0.5, 0.9, 1.0, 0.9])) == (1, 3)

@@ -84,7 +84,7 @@ def test_the_command_makes_curves_and_reads_them_off(home, capsys):
     points = rows(folder / "curves.csv")
     assert len(points) == sum(len(run.curve.frequency) for run in curves.values())
     assert {row["stable"] for row in points} == {"True"}
-    assert all(float(row["residual"]) <= 1e-5 for row in points)
+    assert all(float(row["residual"]) <= 1e-4 for row in points)
     assert imread(folder / "curves.png").shape[1] == 1600
     told = json.loads((folder / stage.PEAKS).read_text(encoding="utf-8"))
     assert told["stages"] == {"reduce": "reduce", "wear": "wear"}

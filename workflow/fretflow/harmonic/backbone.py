@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.harmonic.arm import ArmEquations
@@ -27,6 +28,7 @@ from fretflow.rig.joint import QuasiStaticJoint
 
 STEPS_TO_LIMIT = 40  # of the first push, at the stuck stiffness
 MAX_STEPS = 1000
+NEVER = -1
 STEADY = 1e-5  # change of the friction force in a step
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 MAX_ITERATIONS = 40
@@ -78,17 +80,29 @@ class Backbone:
         """
         k, s = self.stiffness, self.limit
         force = np.clip(-k * arm[-1], -s, s)
-        slope = np.where(np.abs(force) < s, -k, 0.0)[:, None] * directions[-1]
-        forces, tangent = np.empty(len(arm)), np.empty_like(directions)
-        moved, turned = np.diff(arm, prepend=arm[-1]), np.diff(directions, axis=0, prepend=directions[-1:])
+        slid = np.where(np.abs(force) < s, NEVER, len(arm) - 1)  # when last
+        forces, since = np.empty(len(arm)), np.empty((len(arm), len(k)), dtype=np.int64)
+        moved = np.diff(arm, prepend=arm[-1])
         for _ in range(2):  # the second period is steady: Masing's rule forgets the first loading
             for j in range(len(arm)):
                 trial = force - k * moved[j]
-                sticks = np.abs(trial) < s
-                force = np.clip(trial, -s, s)
-                slope = np.where(sticks[:, None], slope - k[:, None] * turned[j], 0.0)
-                forces[j], tangent[j] = force.sum(), slope.sum(axis=0)
-        return forces, tangent
+                force = np.minimum(np.maximum(trial, -s), s)
+                slid = np.where(np.abs(trial) < s, slid, j)
+                forces[j], since[j] = force.sum(), slid
+        return forces, self._tangent(since, directions)
+
+    def _tangent(self, since: NDArray[np.int64], directions: Array) -> Array:
+        """Return the tangent (N, p) of elements that slid last at the samples `since` (N, M).
+
+        From there an element has followed the arm: ``df = -k (dq - dq_since)``.
+        """
+        if not directions.shape[1]:
+            return np.empty_like(directions)
+        n = len(since)
+        steady = self.stiffness * (since != NEVER)
+        places = np.arange(n)[:, None] * n + np.where(since == NEVER, 0, since)
+        weights = np.bincount(places.ravel(), weights=steady.ravel(), minlength=n * n).reshape(n, n)
+        return np.asarray((weights - self.stiffness.sum() * np.eye(n)) @ directions)
 
     def solve(self, equations: ArmEquations, arm: Array, tolerance: float) -> Array:
         """Return the arm's coefficients (2 H + 1,) of the rig on this spring, from the guess `arm`.

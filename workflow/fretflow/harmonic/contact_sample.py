@@ -233,7 +233,7 @@ class SampleSolver:
             error = float(np.abs(residual).max())
             if not np.isfinite(error):
                 return None
-            if iteration and error < self.tolerance and (
+            if error < self.tolerance and (
                     settled or np.array_equal(self._project(u, f, trial, at.grip), state)):
                 return SampleState(u, f, approach, state)
             if self._factor is None or error > STALE * last:

@@ -3,7 +3,8 @@
 From each end of the frequency range the curve of periods is followed to where it leaves the range, around turning
 points, so that several periods at one frequency are all found. Each step is tried at a frequency, and where there is
 no period near, across the last chord. Its length is measured relative to the motion and the frequency themselves and
-set by how far the point found is from where the chord led, and by the effort. At the peak and its half-power points
+set by how far the point found is from where the chord led, and by the effort. Where another direction has been, its
+points are solved again, from the contact as it is now, while they lie ahead. At the peak and its half-power points
 more periods are solved, with finer settings. Where a curve cannot be followed (samples that begin to stick make it
 jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
 Equations: `continuation_system`.
@@ -33,8 +34,9 @@ from fretflow.harmonic.continuation_curve import (
     channel_index,
     half_power_bracket,
     label_branches,
+    summit,
 )
-from fretflow.harmonic.continuation_found import Face, Found, judge
+from fretflow.harmonic.continuation_found import STRAIGHT, Face, Found, Trail, judge
 from fretflow.harmonic.continuation_model import Plane
 from fretflow.harmonic.continuation_system import ArmSystem, Point
 from fretflow.harmonic.periodic import PeriodicProblem
@@ -58,8 +60,8 @@ MAX_POINTS = 1000
 class Sweep:
     """Range and settings of a forced response.
 
-    `harmonics` and `samples` serve along the curve; `fine_harmonics` and `fine_samples` at the peak and its
-    half-power points. Arcs are relative to motion and frequency.
+    `harmonics`, `samples` and `tolerance` serve along the curve; `fine_harmonics`, `fine_samples` and `fine_tolerance`
+    at the peak and its half-power points. Arcs are relative to motion and frequency.
     """
 
     start: float  # Hz
@@ -68,7 +70,8 @@ class Sweep:
     samples: int = 128
     fine_harmonics: int = 40
     fine_samples: int = 256
-    tolerance: float = 1e-5  # of the residual, relative to the excitation
+    tolerance: float = 1e-4  # of the residual, relative to the excitation
+    fine_tolerance: float = 1e-5
     max_iterations: int = 8
     first_arc: float = 0.05
     longest_arc: float = 0.2
@@ -83,6 +86,7 @@ class _Run:
     """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
 
     found: list[Found]
+    followed: list[Found]  # before the refinement
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
@@ -104,7 +108,7 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, f
         runs: dict[Direction, _Run] = {}
         for direction in sweep.directions:
             follower = _Follower(face, sweep, partial(note, direction))
-            runs[direction] = follower.follow(direction, [run.found[-1].point for run in runs.values()])
+            runs[direction] = follower.follow(direction, [run.followed for run in runs.values()])
         missed = np.any([p.touched for run in runs.values() for p in run.found], axis=0) & ~nodes
         if not missed.any():
             return _curve(problem, runs)
@@ -118,19 +122,22 @@ class _Follower:
         self.face, self.sweep, self.note = face, sweep, note
         self.problem = problem = face.part
         self.channel = channel_index(sweep.channel)
+        self.trails: list[Trail] = []
         backbone, s = _backbone(problem), sweep
         self.system = ArmSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
-        self.fine = ArmSystem(problem, s.fine_harmonics, s.fine_samples, s.tolerance, s.max_iterations, backbone)
+        self.fine = ArmSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations, backbone)
 
-    def follow(self, direction: Direction, reached: list[Point]) -> _Run:
-        """Return the points in order; `reached` are ends of other curves, from which to start if nothing serves."""
-        found = [self._keep(self.system, self._start(direction, reached))]
+    def follow(self, direction: Direction, others: list[list[Found]]) -> _Run:
+        """Return the points in order; `others` are curves followed the other way."""
+        found = [self._keep(self.system, self._start(direction, [other[-1].point for other in others]))]
+        self.trails = [Trail(other) for other in others]
         self._trace(found, direction)
+        followed = list(found)
         change = self._refine(found)
-        return _Run(found, *judge(found, self._top(found)), change)
+        return _Run(found, followed, *judge(found, self._top(found)), change)
 
     def _start(self, direction: Direction, reached: list[Point]) -> Point:
-        """Solve at the end of the range where `direction` begins, from rest if possible."""
+        """Solve at the end of the range where `direction` begins, from rest or from where another curve ended."""
         s = self.sweep
         omega = 2.0 * pi * (s.start if direction is Direction.UP else s.stop)
         try:
@@ -188,6 +195,9 @@ class _Follower:
 
     def _arc(self, now: Point, along: Array, arc: float) -> tuple[Point, float]:
         """Return the next point and the arc that led there; `along` has the length one."""
+        met = self._met(now, along, arc)
+        if met is not None:
+            return met, arc
         history: tuple[float, ...] = ()
         while arc >= self.sweep.shortest_arc:
             ahead = now.unknowns + arc * along * now.scales
@@ -205,6 +215,21 @@ class _Follower:
             arc *= SHORTER
         raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap", history)
 
+    def _met(self, now: Point, along: Array, arc: float) -> Point | None:
+        """Return the next point of another curve, solved again from the contact at `now`, or None."""
+        reach = FAR * max(arc, self.sweep.first_arc)
+        for trail in self.trails:
+            known = trail.ahead(now, along, reach)
+            if known is None:
+                continue
+            with suppress(NonConvergenceError):
+                new = self.system.at_frequency(known.omega, known.arm, now.end, known)
+                chord = (new.unknowns - now.unknowns) / now.scales
+                length = float(np.linalg.norm(chord))
+                if length < reach and chord @ along > STRAIGHT * length:
+                    return new
+        return None
+
     def _bridge(self, now: Point, way: float, error: NonConvergenceError) -> Point:
         """Go on at a frequency further on, where the curve cannot be followed."""
         for relative in BRIDGES:
@@ -221,15 +246,15 @@ class _Follower:
 
     def _refine(self, found: list[Found]) -> float:
         """Insert points at the peak and at half its power; return how much the finer settings change its top."""
-        top = self._top(found)
-        if top in (0, len(found) - 1):
+        if self._top(found) in (0, len(found) - 1):
             return float("nan")
-        coarse = found[top - 1:top + 2]
-        with suppress(NonConvergenceError):
-            for k in (top - 1, top, top + 1):
+        first, last = summit(self._amplitude(found))
+        coarse = found[first:last + 1]
+        for k in range(first, last + 1):
+            with suppress(NonConvergenceError):
                 found[k] = self._keep(self.fine, self._finer(found[k].point))
         change = max(abs(a.first_harmonic[self.channel] / b.first_harmonic[self.channel] - 1.0)
-                     for a, b in zip(coarse, found[top - 1:top + 2], strict=True))
+                     for a, b in zip(coarse, found[first:last + 1], strict=True))
         with suppress(NonConvergenceError):  # the curve then stays as coarse as it is
             self._refine_peak(found)
         for step in (-1, 1):
@@ -256,7 +281,7 @@ class _Follower:
 
     def _refine_half_power(self, found: list[Found], step: int) -> None:
         for _ in range(MAX_INSERTIONS):
-            amplitude = np.array([abs(p.first_harmonic[self.channel]) for p in found])
+            amplitude = self._amplitude(found)
             top = int(np.argmax(amplitude))
             bracket = half_power_bracket(amplitude, top, step)
             if bracket is None:
@@ -284,8 +309,11 @@ class _Follower:
         """Solve `point` again with the fine settings, at its frequency."""
         return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics), point.end)
 
+    def _amplitude(self, found: list[Found]) -> Array:
+        return np.array([abs(p.first_harmonic[self.channel]) for p in found])
+
     def _top(self, found: list[Found]) -> int:
-        return int(np.argmax([abs(p.first_harmonic[self.channel]) for p in found]))
+        return int(np.argmax(self._amplitude(found)))
 
     def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> Found:
         self.note(point.omega / (2.0 * pi))

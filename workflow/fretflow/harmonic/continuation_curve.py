@@ -14,6 +14,7 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 
 CHANNELS = ("block", "arm", "relative", "upper", "lower")
+SUMMIT = 0.99  # of the largest amplitude
 FOLD = 1e-3  # of the frequency
 SAME_BRANCH = 0.02  # relative distance of first harmonics
 
@@ -94,19 +95,20 @@ class Peak:
 
 @dataclass(frozen=True)
 class Parabola:
-    """The parabola through three points, about the middle one."""
+    """The largest value of a parabola, and where."""
 
     vertex: float
     value: float
 
     @classmethod
     def through(cls, x: NDArray[np.float64], y: NDArray[np.float64]) -> Parabola:
-        """Fit; `x` and `y` are (3,), y largest in the middle, so that the vertex lies within."""
-        origin, scale = float(x[1]), float(x[2] - x[0])
+        """Fit in least squares to `x` and `y`, (3,) or more; where it has no vertex among them, the largest of them."""
+        top = int(np.argmax(y))
+        origin, scale = float(x[top]), float(x[-1] - x[0])
         a, b, c = np.polyfit((x - origin) / scale, y, 2)
-        if a >= 0.0:
-            return cls(origin, float(y[1]))
-        place = -b / (2.0 * a)
+        place = -b / (2.0 * a) if a < 0.0 else np.inf
+        if not x[0] <= origin + scale * place <= x[-1]:
+            return cls(origin, float(y[top]))
         return cls(origin + scale * float(place), float(c - b * b / (4.0 * a)))
 
 
@@ -136,7 +138,8 @@ def read_peak(curve: ResponseCurve, channel: str = "block", direction: Direction
     ends: list[float | None] = [None, None]
     reason = "the amplitude is largest at an end of the frequency range"
     if top not in (0, len(a) - 1):
-        around = slice(top - 1, top + 2)
+        first, last = summit(a)
+        around = slice(first, last + 1)
         arc = arc_lengths(f[around], x[around])
         fitted = Parabola.through(arc, a[around])
         frequency, amplitude = _along(arc, f[around], fitted.vertex), fitted.value
@@ -161,6 +164,18 @@ def arc_lengths(frequency: NDArray[np.float64], motion: NDArray[np.complex128]) 
     df = np.diff(frequency) / (0.5 * (frequency[1:] + frequency[:-1]))
     dx = np.abs(np.diff(motion)) / (0.5 * (np.abs(motion[1:]) + np.abs(motion[:-1])))
     return np.concatenate([[0.0], np.cumsum(np.hypot(df, dx))])
+
+
+def summit(amplitude: NDArray[np.float64]) -> tuple[int, int]:
+    """Return the first and last of the points about the largest, not at an end, that lie within 1 % of it.
+
+    At least its neighbours: a few samples a period make a flat peak uneven by some tenths of a per cent.
+    """
+    top = int(np.argmax(amplitude))
+    high = amplitude >= SUMMIT * amplitude[top]
+    first = top - int(np.argmin(np.append(high[top::-1], False))) + 1
+    last = top + int(np.argmin(np.append(high[top:], False))) - 1
+    return min(first, top - 1), max(last, top + 1)
 
 
 def half_power_bracket(amplitude: NDArray[np.float64], top: int, step: int) -> tuple[int, int] | None:
@@ -227,5 +242,5 @@ def _crossing(f: NDArray[np.float64], a: NDArray[np.float64], bracket: tuple[int
 
 
 def _along(arc: NDArray[np.float64], f: NDArray[np.float64], place: float) -> float:
-    """Return the frequency at a place of the arc by the parabola through three points."""
-    return float(np.polyval(np.polyfit(arc - arc[1], f, 2), place - arc[1]))
+    """Return the frequency at a place of the arc."""
+    return float(np.interp(place, arc, f))

@@ -16,6 +16,7 @@ from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.reach import restrict
 from fretflow.harmonic.stability import Around, floquet_multipliers, is_stable
 
+NEARBY, STRAIGHT = 0.1, 0.9  # cosines of a bend: with less a point is passed by, with less it is left aside
 JUDGED = 10  # of so many points one has its stability found by itself
 
 
@@ -75,6 +76,29 @@ class Found:
         first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
         return cls(system, point, first_harmonic, np.ptp(motion, axis=0),
                    face.touched(trajectory.approach, forces), bridged)
+
+
+class Trail:
+    """The points of a curve followed before, to be met again the other way round.
+
+    Across a gap it does not lead: that is to be found, and said, again.
+    """
+
+    def __init__(self, found: list[Found]) -> None:
+        """Take the points in the order in which they were found."""
+        beyond = [*(p.bridged for p in found[1:]), False]
+        self._left = [(p.point, gap) for p, gap in zip(found, beyond, strict=True)]
+
+    def ahead(self, now: Point, along: Array, reach: float) -> Point | None:
+        """Return the next point if it lies within `reach` of `now`, where `along` leads, else None."""
+        while self._left:
+            point, gap = self._left[-1]
+            chord = (point.unknowns - now.unknowns) / now.scales
+            length = float(np.linalg.norm(chord))
+            if chord @ along > NEARBY * length:
+                return point if not gap and length < reach and chord @ along > STRAIGHT * length else None
+            self._left.pop()
+        return None
 
 
 def judge(found: list[Found], top: int) -> tuple[Array, NDArray[np.bool_]]:
