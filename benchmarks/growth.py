@@ -1,11 +1,11 @@
 """How time and memory grow with the contact nodes and the harmonics: reduction, DLFT, the default solver.
 
     .venv/bin/python benchmarks/growth.py [--nodes 36 121] [--harmonics 3] [--force 60] [--what dlft quasi-static]
-    .venv/bin/python benchmarks/growth.py --nodes 36 121 441 1681 --harmonics 3 7 15    # hours of CPU, some 8 GB
+    .venv/bin/python benchmarks/growth.py --nodes 36 121 441 1681 --harmonics 3 7 15 --limit 600 --write growth.md
 
 Every figure comes from a process of its own on one thread, so that its peak memory is its own: CPU seconds of the work
-alone, the peak with all that was read for it. The exponent is that of the nodes in a power law fitted to the seconds.
-Meshes and reduced specimens are made once and kept in the cache.
+alone, the peak with all that was read for it. What takes longer than the limit is said so. The exponent is that of the
+nodes in a power law fitted to the seconds. Meshes and reduced specimens are made once and kept in the cache.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -25,11 +26,12 @@ from fretflow.core.errors import FretflowError
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
 from growth_cases import case_file, meshed_folder, problem, reduced_folder
-from growth_fit import rows
+from growth_fit import markdown, rows
 from rich.console import Console
 from rich.table import Table
 
-TIMEOUT = 3600.0  # s of wall time for one figure
+LIMIT = 3600.0  # s of wall time for one figure
+COLUMNS = ("what", "harmonics", "nodes", "CPU s", "again, s", "MiB", "DOFs or iterations", "exponent")
 
 
 def reduction(nodes: int, _harmonics: int, _force: float) -> dict[str, float]:
@@ -73,15 +75,17 @@ def period(solver, given) -> dict[str, float]:
 WORK = {"reduction": reduction, "dlft": dlft, "quasi-static": quasi_static}
 
 
-def measure(what: str, nodes: int, harmonics: int, force: float) -> dict[str, float] | None:
-    """Run one figure in a process of its own; return its figures, or None if it failed."""
+def measure(what: str, nodes: int, harmonics: int, force: float, limit: float) -> dict[str, float] | str:
+    """Run one figure in a process of its own; return its figures, or why there are none."""
     command = [sys.executable, __file__, "--one", what, "--nodes", str(nodes), "--harmonics", str(harmonics),
                "--force", str(force)]
     try:
-        done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIMEOUT)
+        if what != "reduction":
+            reduced_folder(nodes, limit)
+        done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=limit)
     except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
         Console(stderr=True).print(f"{what}, {nodes} nodes, {harmonics} harmonics: {error}\n{error.stderr or ''}")
-        return None
+        return f"over {limit:.0f}" if isinstance(error, subprocess.TimeoutExpired) else "failed"
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
@@ -100,21 +104,23 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, nargs="+", default=[36, 121])
     parser.add_argument("--harmonics", type=int, nargs="+", default=[3])
     parser.add_argument("--force", type=float, default=60.0, help="amplitude of the excitation in N")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="wall time of one figure in s")
+    parser.add_argument("--write", type=Path, help="file for the table in Markdown")
     parser.add_argument("--what", choices=WORK, nargs="+", default=list(WORK))
     parser.add_argument("--one", choices=WORK, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         report(given.one, given.nodes[0], given.harmonics[0], given.force)
         return
-    table = Table("what", "harmonics", "nodes", "CPU s", "again, s", "MiB", "DOFs or iterations", "exponent",
-                  title=f"growth, {given.force:g} N")
-    for nodes in given.nodes:
-        reduced_folder(nodes)
+    table, lines = Table(*COLUMNS, title=f"growth, {given.force:g} N"), []
     for what in given.what:
         for harmonics in given.harmonics if what == "dlft" else given.harmonics[:1]:
-            found = {nodes: measure(what, nodes, harmonics, given.force) for nodes in given.nodes}
-            for row in rows(what, harmonics if what == "dlft" else None, found):
-                table.add_row(*row)
+            found = {nodes: measure(what, nodes, harmonics, given.force, given.limit) for nodes in given.nodes}
+            lines += rows(what, harmonics if what == "dlft" else None, found)
+            if given.write:
+                given.write.write_text(markdown(f"Growth, {given.force:g} N", COLUMNS, lines))
+    for line in lines:
+        table.add_row(*line)
     Console(width=120).print(table)
 
 

@@ -40,20 +40,20 @@ def case_file(nodes: int) -> Path:
     return path
 
 
-def reduced_folder(nodes: int) -> Path:
-    """Return the folder with both reduced specimens; made at the first call, then kept."""
-    return _stage(nodes, "reduce")
+def reduced_folder(nodes: int, limit: float | None = None) -> Path:
+    """Return the folder with both reduced specimens; made at the first call, in `limit` seconds or less, then kept."""
+    return _stage(nodes, "reduce", limit)
 
 
 def meshed_folder(nodes: int) -> Path:
     """Return the folder with both meshes; made at the first call, then kept."""
-    return _stage(nodes, "mesh")
+    return _stage(nodes, "mesh", None)
 
 
-def _stage(nodes: int, stage: str) -> Path:
+def _stage(nodes: int, stage: str, limit: float | None) -> Path:
     path = case_file(nodes)
     subprocess.run([ROOT / "fretflow", "run", path, "--until", stage, "--out", CACHE / "runs"], check=True,
-                   capture_output=True)
+                   capture_output=True, timeout=limit)
     folders = (CACHE / "runs" / path.stem).glob(f"{stage}-*")
     return max(folders, key=lambda folder: folder.stat().st_mtime)
 

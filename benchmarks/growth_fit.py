@@ -16,15 +16,21 @@ def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
-def rows(what: str, harmonics: int | None, found: Mapping[int, Figures | None]) -> list[tuple[str, ...]]:
-    """Return the table's rows of one series, figures by nodes; a size that failed is said so and not fitted."""
-    done = {nodes: figures for nodes, figures in found.items() if figures is not None}
+def markdown(title: str, columns: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    head = [f"# {title}", "", f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
+    return "\n".join([*head, *(f"| {' | '.join(line)} |" for line in lines)]) + "\n"
+
+
+def rows(what: str, harmonics: int | None, found: Mapping[int, Figures | str]) -> list[tuple[str, ...]]:
+    """Return the table's rows of one series, figures by nodes or why there are none; those are not fitted."""
+    done = {nodes: figures for nodes, figures in found.items() if not isinstance(figures, str)}
     power = exponent(list(done), [figures["seconds"] for figures in done.values()])
     lines = []
     for nodes, figures in found.items():
         head = (what, "" if harmonics is None else str(harmonics), str(nodes))
-        if figures is None:
-            lines.append((*head, "failed", "", "", "", ""))
+        if isinstance(figures, str):
+            lines.append((*head, figures, "", "", "", ""))
             continue
         again = f"{figures['again']:.2f}" if "again" in figures else ""
         last = f"{power:.2f}" if nodes == max(done) and not np.isnan(power) else ""

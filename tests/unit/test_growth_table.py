@@ -31,11 +31,16 @@ def test_one_size_has_no_exponent(fit):
 
 
 def test_a_size_that_failed_is_shown_and_not_fitted(fit):
-    lines = fit.rows("dlft", 15, {100: figures(1.0), 200: None, 400: figures(4.0)})
-    assert [line[2:4] for line in lines] == [("100", "1.00"), ("200", "failed"), ("400", "4.00")]
+    lines = fit.rows("dlft", 15, {100: figures(1.0), 200: "over 60", 400: figures(4.0)})
+    assert [line[2:4] for line in lines] == [("100", "1.00"), ("200", "over 60"), ("400", "4.00")]
     assert [line[-1] for line in lines] == ["", "", "1.00"]
 
 
 def test_what_has_no_harmonics_shows_none(fit):
     whole = {key: value for key, value in figures(3.0).items() if key != "again"}
     assert fit.rows("reduction", None, {36: whole}) == [("reduction", "", "36", "3.00", "", "100", "7", "")]
+
+
+def test_the_table_in_markdown(fit):
+    assert fit.markdown("Growth", ("what", "s"), [("dlft", "1.0")]).splitlines() == [
+        "# Growth", "", "| what | s |", "|---|---|", "| dlft | 1.0 |"]
