@@ -20,6 +20,7 @@ from markupsafe import Markup
 from fretflow_post import report_words as words
 from fretflow_post.report_loops import loop_views
 from fretflow_post.report_maps import law_view, map_views, plausible_range, wear_views
+from fretflow_post.report_tests import tests_view
 
 PAGE = Path(__file__).parent / "report_page"
 PROBABILITY_OF = {
@@ -57,6 +58,7 @@ def render_report(diagnosis: Diagnosis) -> str:
         "where": tuple(_where(diagnosis)), "parameters": tuple(_row(one) for one in diagnosis.parameters),
         "fit": None if diagnosis.held_out is None else _fit(diagnosis.held_out, with_after),
         "wear": wear_views(diagnosis.wear_map, with_after), "law": law_view(diagnosis.residual_law),
+        "tests": tests_view(diagnosis.wear_tests, diagnosis.verdict is not Verdict.NONE),
         "visible": tuple(sorted(diagnosis.smallest_visible.items(), key=lambda item: _last_if_unknown(item[1]))),
         "made": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"), "versions": versions(),
         "commit": commit(),

@@ -24,6 +24,7 @@ KIND_WORDS = {
     "imposed-displacement": "imposed displacement: the measured motion drives the contact model, which predicts the "
                             "force",
     "lumped": "lumped system: mass, spring and friction predict the motion or the force",
+    "wear-series": "wear series: one wear coefficient and the dissipated energy predict the worn volume of each test",
 }
 VERDICT_WORDS = {
     Verdict.NONE: "No missing physics seen",

@@ -138,6 +138,18 @@ class WearMap:
 
 
 @record
+class WearTests:
+    """Worn volumes of n tests, measured and predicted."""
+
+    rows: NDArray[np.int64] = quantity("1", "(n,), of the table")
+    measured: Array = quantity("m^3", "(n,)")
+    before: Array = quantity("m^3", "(n,)")
+    after: Array = quantity("m^3", "(n,)")
+    r2_before: float = quantity("1")  # share of the variance of the volumes
+    r2_after: float = quantity("1")
+
+
+@record
 class ResidualLaw:
     """What an unlisted effect does, from the data: a channel's residual against the state that explains it best."""
 
@@ -172,6 +184,7 @@ class Diagnosis:
     comparisons: tuple[Comparison, ...] = ()
     residual_maps: tuple[ResidualMap, ...] = ()
     wear_map: WearMap | None = None
+    wear_tests: WearTests | None = None
     residual_law: ResidualLaw | None = None
     notes: tuple[str, ...] = ()  # warnings of the recording, limits of the diagnosis
     case_file: str = ""  # text of a case with the named effects that `fretflow run` takes

@@ -41,7 +41,7 @@ ALIASES = {
     "repeat": ("repeat", "repetition"),
 }
 
-_BRACKETED = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
+BRACKETED = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 
 
 def unit_size(channel: str, unit: str) -> tuple[float, str]:
@@ -74,7 +74,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
     ``displacement_um``, ``x [um]`` and ``Force (kN)`` carry a unit; ``friction_force`` only seems to.
     """
-    if match := _BRACKETED.fullmatch(heading):
+    if match := BRACKETED.fullmatch(heading):
         return match[1].strip(), match[2]
     name, _, unit = heading.rpartition("_")
     return (name, unit) if name else (heading, "")

@@ -127,7 +127,8 @@ def _delimiter(line: str) -> tuple[str | None, bool]:
         values = [cell.replace(",", ".") if comma else cell for cell in cells]
         numbers = [_is_number(value) for value in values]
         plausible = all(number or value.lower() in EMPTY for number, value in zip(numbers, values, strict=True))
-        if any(numbers) and (plausible or (delimiter is not None and numbers[0])):
+        mostly = delimiter is not None and (numbers[0] or 2 * sum(numbers) > len(numbers))
+        if any(numbers) and (plausible or mostly):
             if delimiter is None and len(cells) == 1 and comma:
                 continue  # "1,5" is two numbers
             return delimiter, True
