@@ -39,7 +39,7 @@ def plot_curves(path: Path, curves: Sequence[RunCurve]) -> list[Path]:
         upper.tick_params(labelbottom=False)
         handles, labels = upper.get_legend_handles_labels()
         signs = _signs(curves)
-        upper.legend([*handles, *signs.values()], [*labels, *signs], loc="best", ncols=2)
+        upper.legend([*handles, *signs.values()], [*labels, *signs], loc="best")
         lower.set(xlabel="frequency of the force (Hz)", ylabel="phase lag (°)", yticks=[0, 45, 90, 135, 180])
         return [style.save_figure(figure, path)]
 

@@ -6,6 +6,7 @@ and wear, and is made once and again only when something that it depends on has 
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -150,3 +151,14 @@ def test_a_run_without_wear_has_no_worn_curve(home):
 def test_no_run_is_refused(tmp_path, capsys):
     assert cli.execute(["response", str(tmp_path)]) == 2
     assert "holds no run" in capsys.readouterr().err
+
+
+def test_gaps_in_a_curve_are_told(home, capsys):
+    assert cli.execute(["response", str(home), "--unworn", "--start", "39 Hz", "--stop", "41 Hz"]) == 0
+    assert "bridged" not in capsys.readouterr().out
+    (path,) = (home / stage.FOLDER).glob("*.h5")
+    run = read_record(path, stage.RunCurve)
+    bridged = np.zeros(len(run.curve.frequency), dtype=bool)
+    bridged[run.curve.along(Direction.UP)[1]] = True
+    cli_response.show_peaks([replace(run, curve=replace(run.curve, bridged=bridged))])
+    assert "1 gaps bridged, unworn, " in capsys.readouterr().out

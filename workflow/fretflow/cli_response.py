@@ -124,6 +124,9 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
         view.add_row(f"{peak.state}, {peak.excitation:g} N", peak.direction, f"{peak.frequency:.2f} Hz",
                      f"{peak.amplitude * 1e6:.2f} um", damping,
                      str(peak.turning_points) if peak.turning_points else "none", stable)
+        if peak.bridged_points:
+            name = f"{peak.state}, {peak.excitation:g} N, {peak.direction}"
+            reasons.append(f"{peak.bridged_points} gaps bridged, {name}: there the curve could not be followed")
         if peak.reason:
             reasons.append(f"no damping for {peak.state}, {peak.excitation:g} N, {peak.direction}: {peak.reason}")
     console = Console(highlight=False)

@@ -249,18 +249,17 @@ class _Follower:
         if self._top(found) in (0, len(found) - 1):
             return float("nan")
         first, last = summit(self._amplitude(found))
-        coarse = found[first:last + 1]
+        changes = []
         for k in range(first, last + 1):
-            with suppress(NonConvergenceError):
-                found[k] = self._keep(self.fine, self._finer(found[k].point))
-        change = max(abs(a.first_harmonic[self.channel] / b.first_harmonic[self.channel] - 1.0)
-                     for a, b in zip(coarse, found[first:last + 1], strict=True))
+            with suppress(NonConvergenceError):  # the point then stays as coarse as it is
+                coarse, found[k] = found[k], self._keep(self.fine, self._finer(found[k].point))
+                changes.append(abs(coarse.first_harmonic[self.channel] / found[k].first_harmonic[self.channel] - 1.0))
         with suppress(NonConvergenceError):  # the curve then stays as coarse as it is
             self._refine_peak(found)
         for step in (-1, 1):
             with suppress(NonConvergenceError):
                 self._refine_half_power(found, step)
-        return float(change)
+        return float(max(changes, default=np.nan))
 
     def _refine_peak(self, found: list[Found]) -> None:
         for _ in range(MAX_INSERTIONS):
