@@ -201,9 +201,14 @@ def _power(tests: Tests, curve: Array, laws: Sequence[Law]) -> float:
 
 
 def log_evidence(square: float, size: int, tests: Tests) -> float:
-    """Return log Z of a fit with `size` parameters up to a constant, by Schwarz (Ann. Stat. 6 (1978) 461)."""
+    """Return log Z of a fit with `size` parameters up to a constant.
+
+    A parameter costs what G. Schwarz, Ann. Stat. 6 (1978) 461-464 asks, or where that is more, among few tests, what
+    C. M. Hurvich, C.-L. Tsai, Biometrika 76 (1989) 297-307 ask.
+    """
     n = tests.count
-    return float(-0.5 * n * np.log(max(square / tests.scale**2, 1e-24)) - 0.5 * size * np.log(n))
+    cost = max(0.5 * np.log(n), n / max(n - size - 2.0, 0.1))
+    return float(-0.5 * n * np.log(max(square / tests.scale**2, 1e-24)) - cost * size)
 
 
 def tests_of_detection(data: WearData) -> dict[str, float]:

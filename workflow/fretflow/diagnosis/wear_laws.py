@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,34 +236,49 @@ def fit(law: Law, tests: Tests, references: Mapping[str, float], near: Array | N
         Parameters to begin from instead.
     """
     root = np.sqrt(tests.weight)
+    if law.shape is None:
+        found = _fit_powers(_design(law, tests, references), tests, near)
+    else:
+        def left(value: Array) -> Array:
+            return np.asarray(root * tests.residual(law.predict(tests, references, value)) / tests.scale)
 
-    def left(value: Array) -> Array:
-        return np.asarray(root * tests.residual(law.predict(tests, references, value)) / tests.scale)
+        starts = [near] if near is not None else _starts(law, tests, references)
+        found = min((least_squares(left, start, method="lm", x_scale="jac", max_nfev=400) for start in starts),
+                    key=lambda one: float(one.cost))
+    square = float(2.0 * found.cost) * tests.scale**2
+    return LawFit(law, references, np.asarray(found.x), square, np.asarray(found.jac) * tests.scale)
 
-    starts = [near] if near is not None else _starts(law, tests, references)
-    best = min((least_squares(left, start, x_scale="jac", max_nfev=200) for start in starts), key=lambda one: one.cost)
-    square = float(2.0 * best.cost) * tests.scale**2
-    return LawFit(law, references, np.asarray(best.x), square, np.asarray(best.jac) * tests.scale)
+
+def _design(law: Law, tests: Tests, references: Mapping[str, float]) -> Array:
+    columns = [np.log(tests.states[name] / references[name]) for name in law.states]
+    return np.stack([np.ones(len(tests.energy)), *columns], axis=1)
+
+
+def _linear(design: Array, tests: Tests) -> Array:
+    root = np.sqrt(tests.weight)
+    return np.asarray(np.linalg.lstsq(design * root[:, None], root * np.log(tests.volume / tests.energy),
+                                      rcond=None)[0])
 
 
 def _starts(law: Law, tests: Tests, references: Mapping[str, float]) -> list[Array]:
-    columns = [np.log(tests.states[name] / references[name]) for name in law.states]
-    design = np.stack([np.ones(len(tests.energy)), *columns], axis=1)
-    root = np.sqrt(tests.weight)
-    linear = np.linalg.lstsq(design * root[:, None], root * np.log(tests.volume / tests.energy), rcond=None)[0]
-    if law.shape is None:
-        return [linear]
-    return [np.r_[linear, np.log(sizes)] for sizes in law.shape.starts(tests)]
+    linear = _linear(_design(law, tests, references), tests)
+    return [np.r_[linear, np.log(sizes)] for sizes in (() if law.shape is None else law.shape.starts(tests))]
 
 
-def curve_square(design: Array, tests: Tests) -> float:
-    """Return the least sum of squares of ``V = E exp(design b)``, m^6; the `design` (n, k) has full rank."""
+def _fit_powers(design: Array, tests: Tests, near: Array | None = None) -> Any:
+    """Return the least squares of ``V = E exp(design b)``, with ``dh/db = G (M / G)^lambda design``."""
     root = np.sqrt(tests.weight)
-    start = np.linalg.lstsq(design * root[:, None], root * np.log(tests.volume / tests.energy), rcond=None)[0]
     middle = float(np.log(np.median(tests.volume / tests.energy)))
 
     def model(b: Array) -> Array:
         return np.asarray(tests.energy * np.exp(np.clip(design @ b, middle - STEEPEST, middle + STEEPEST)))
 
-    found = least_squares(lambda b: root * tests.residual(model(b)) / tests.scale, start, x_scale="jac", max_nfev=200)
-    return float(2.0 * found.cost) * tests.scale**2
+    return least_squares(lambda b: root * tests.residual(model(b)) / tests.scale,
+                         _linear(design, tests) if near is None else near,
+                         lambda b: -(root * (model(b) / tests.scale)**tests.power)[:, None] * design,
+                         method="lm", x_scale="jac", max_nfev=200)
+
+
+def curve_square(design: Array, tests: Tests) -> float:
+    """Return the least sum of squares of ``V = E exp(design b)``, m^6; the `design` (n, k) has full rank."""
+    return float(2.0 * _fit_powers(design, tests).cost) * tests.scale**2

@@ -78,6 +78,8 @@ def _form(path: Path) -> _Form:
     comma = delimiter != "," and any(_NUMBER_WITH_COMMA.fullmatch(cell) for cell in cells)
     width = len(_split(line, delimiter))
     above = [_split(text, delimiter) for _, text in head[max(0, first - 2):first]]
+    if delimiter and line.endswith(delimiter) and above and len(above[-1]) == width + 1:
+        width += 1  # the last cell is empty
     if delimiter == "," and above and len(above[-1]) * 2 == width:
         raise UnsupportedRecordingError(f"{path}: row 1 has {width} values for {width // 2} headings: commas both "
                                         "in and between numbers; export it with semicolons")

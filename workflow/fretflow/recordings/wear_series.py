@@ -207,7 +207,8 @@ def _energy(path: Path, values: Mapping[str, Array], states: Mapping[str, Array]
                                             "sliding and cycles; add the columns with their units, such as E_J")
         return energy, False, notes
     relative = bool(lacks.all())
-    factor = 1.0 if relative else float(np.nanmedian(energy / work))
+    both = np.isfinite(energy) & (np.nan_to_num(work) > 0.0)
+    factor = 1.0 if relative or not both.any() else float(np.median(energy[both] / work[both]))
     energy[lacks] = factor * work[lacks]
     if relative:
         notes.append(Note(path.name, "none is given; load or pressure times sliding stands for it", "energy"))
