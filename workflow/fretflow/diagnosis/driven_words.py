@@ -7,24 +7,12 @@ from collections.abc import Iterable, Mapping
 from fretflow.core.casefile import entries
 from fretflow.diagnosis.driven_search import NEEDS_TIME
 from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
-from fretflow.effects.catalogue import catalogue, tables
+from fretflow.diagnosis.words import blocks_of as blocks_of
+from fretflow.diagnosis.words import listed as listed
+from fretflow.effects.catalogue import tables
 from fretflow.effects.driven import DrivenJoint
-from fretflow.effects.effect import Block
 
-BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 BY_LOAD = frozenset({"directional-friction", "velocity-dependent-friction", "normal-load-coupling"})  # part of friction
-
-
-def blocks_of(effects: Iterable[str]) -> str:
-    """Return the blocks that effects change, in words."""
-    found = dict.fromkeys(BLOCKS.get(block, block.value) for block in (catalogue()[name].block for name in effects))
-    return " and ".join(found)
-
-
-def listed(names: Iterable[str], last: str = "and") -> str:
-    """Return names in one phrase."""
-    every = sorted(names)
-    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {last} {every[-1]}"
 
 
 def sentence(verdict: Verdict, chosen: Iterable[str], stand_ins: Mapping[str, tuple[str, ...]], share: float,

@@ -1,0 +1,123 @@
+"""What the report draws of a recording of the rig: loops and wear, measured and predicted, and where they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.diagnosis.observation import ABSOLUTE, Array, Observation, Piece
+from fretflow.diagnosis.verdict import Comparison, ResidualMap, WearMap
+
+MOST_SHOWN = 8  # cycle counts
+LOOPS = ("loops", "sweep")
+
+
+def loop_pieces(observation: Observation) -> dict[str, dict[str, Piece]]:
+    """Return the pieces of every loop by its label and channel: cycle counts, then conditions."""
+    found: dict[str, dict[str, Piece]] = {}
+    for block in LOOPS:
+        for piece in observation.pieces:
+            if piece.block == block:
+                found.setdefault(piece.label, {})[piece.channel] = piece
+    return found
+
+
+def level(observation: Observation, vector: Array) -> Array:
+    """Return a prediction (M,) with each loop's channel shifted to the mean of the measured one.
+
+    A loop's zero is not known, so that a difference of the means is none of the model's. The normal force is absolute.
+    """
+    moved = np.array(vector, dtype=float)
+    for piece in observation.pieces:
+        if piece.block in LOOPS and piece.channel not in ABSOLUTE:
+            moved[piece.place] += float(np.mean(observation.values[piece.place] - vector[piece.place]))
+    return moved
+
+
+def comparisons(observation: Observation, before: Array, after: Array, held_out: Collection[str] = ()
+                ) -> tuple[Comparison, ...]:
+    """Return up to eight cycle counts, the first and the last among them, and all conditions.
+
+    Parameters
+    ----------
+    observation
+        What was measured.
+    before, after
+        Predictions (M,) without and with the named effects.
+    held_out
+        Labels of the loops that were not fitted.
+    """
+    loops = loop_pieces(observation)
+    counts = [label for label, pieces in loops.items() if pieces["displacement"].block == "loops"]
+    kept = {counts[k] for k in np.unique(np.linspace(0, len(counts) - 1, MOST_SHOWN).round().astype(int))}
+    kept |= {label for label in loops if label not in counts}
+    before, after = level(observation, before), level(observation, after)
+    found = []
+    for label, pieces in loops.items():
+        if label not in kept:
+            continue
+        x, force = pieces["displacement"].place, pieces["friction_force"].place
+        found.append(Comparison(
+            label=label, held_out=label in held_out, displacement=observation.values[x],
+            force=observation.values[force], before_displacement=before[x], before_force=before[force],
+            after_displacement=after[x], after_force=after[force]))
+    return tuple(found)
+
+
+def residual_maps(observation: Observation, before: Array, after: Array) -> tuple[ResidualMap, ...]:
+    """Return the differences over their sd by loop and phase, one map for each channel of the loops."""
+    loops = loop_pieces(observation)
+    channels = dict.fromkeys(name for pieces in loops.values() for name in pieces)
+    sd = np.sqrt(observation.variance)
+    tables = [(observation.values - level(observation, one)) / sd for one in (before, after)]
+    phase = np.arange(observation.samples) / observation.samples
+    found = []
+    for channel in channels:
+        rows = {label: pieces[channel] for label, pieces in loops.items() if channel in pieces}
+        first, second = (np.array([table[piece.place] for piece in rows.values()]) for table in tables)
+        found.append(ResidualMap(channel=channel, rows=tuple(rows), phase=phase, before=first, after=second))
+    return tuple(found)
+
+
+def wear_map(observation: Observation, before: Array, after: Array) -> WearMap | None:
+    """Return the map of depth at the end; None where none was measured."""
+    for piece in observation.pieces:
+        if piece.block == "map":
+            x, y = observation.points.T
+            return WearMap(x=x, y=y, measured=observation.values[piece.place], before=before[piece.place],
+                           after=after[piece.place])
+    return None
+
+
+def held_out_error(observation: Observation, predicted: Array, rows: NDArray[np.bool_] | None = None) -> float:
+    """Return the root mean square of measured minus predicted (M,) over the repeatability sd.
+
+    Each row counts by the sd of a single repeat there. The measured loops are means over repeats: a perfect
+    prediction comes to 1 over the root of the number of repeats, which `held_out_floor` returns. Zeros of the loops
+    are left out, as repeats do not share them.
+
+    Parameters
+    ----------
+    observation
+        What was measured.
+    predicted
+        The prediction (M,).
+    rows
+        The rows (M,) that count; all loops where it is not given.
+    """
+    counted = _loop_rows(observation) if rows is None else rows
+    off = (observation.values - level(observation, predicted))[counted] / observation.floor[counted]
+    return float(np.sqrt(np.mean(off**2)))
+
+
+def held_out_floor(observation: Observation, rows: NDArray[np.bool_] | None = None) -> float:
+    """Return the error of a perfect prediction: what the scatter of the repeats leaves in their means."""
+    counted = _loop_rows(observation) if rows is None else rows
+    shown = (observation.variance * observation.noise)[counted]
+    return float(np.sqrt(np.mean(shown / observation.floor[counted]**2)))
+
+
+def _loop_rows(observation: Observation) -> NDArray[np.bool_]:
+    return np.asarray(observation.rows(block="loops") | observation.rows(block="sweep"))

@@ -1,0 +1,117 @@
+"""What is said of a diagnosis of the rig: the sentence, and what to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import combinations
+
+from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
+from fretflow.diagnosis.words import blocks_of as blocks_of
+from fretflow.diagnosis.words import listed
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import Block
+
+Names = Collection[str]
+WORTH_TELLING = 0.2  # of the squares that a law explains
+LOADS = "loops at another normal load"
+RATES = "loops at half and at twice the frequency"
+AMPLITUDES = "tests at other amplitudes and normal loads"
+EVERYTHING = "loops at another amplitude, another normal load and another frequency"
+UNLOADED = "the channels at rest and with the specimens apart, before and after the test,"
+PAIRS: dict[frozenset[str], str] = {frozenset(names): text for names, text in (
+    (("contact-stiffness", "sensor-path-compliance"), LOADS + ", with which the contact stiffens and the sensor's path "
+     "does not,"),
+    (("friction-run-in", "normal-load-drift"), "a record of the normal force over the test"),
+    (("wear-threshold", "wear-power-law"), AMPLITUDES),
+    (("velocity-dependent-friction", "viscous"), LOADS + ", with which friction changes and a dashpot does not,"),
+    (("channel-delay", "viscous"), RATES),
+    (("parallel-stiffness", "sensor-path-compliance"), "loops of sticking contact at small amplitudes"),
+    (("contact-stiffness", "contact-stiffness-evolution"), "more loops in the first tenth of the test"),
+    (("friction-run-in", "contact-stiffness-evolution"), "sticking loops of small amplitude, new and run in,"),
+    (("initial-gap", "contact-stiffness"), "the approach of the specimens and maps of both faces before the test"),
+    (("sensor-inertia", "channel-delay"), RATES),
+    (("excitation-distortion", "support-nonlinearity"), "the excitation force itself, at several amplitudes,"))}
+SINGLE = {
+    "sensor-drift": UNLOADED, "force-offset": UNLOADED,
+    "normal-load-drift": "a record of the normal force over the test",
+    "normal-load-coupling": "a record of the normal force over the loops",
+    "excitation-distortion": "a record of the excitation force",
+    "initial-gap": "maps of both faces before the test",
+    "sensor-inertia": RATES, "channel-delay": RATES, "viscous": RATES, "velocity-dependent-friction": RATES,
+    "load-dependent-friction": LOADS}
+
+
+def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None
+             ) -> str:
+    """Return the verdict in one sentence.
+
+    Parameters
+    ----------
+    verdict
+        What is said.
+    sets
+        The alternatives, each a set of effects; the most probable first.
+    explained
+        The share of the excess chi-squared that the first of them (or the best that was tried) explains.
+    location
+        Where measured and predicted part.
+    law
+        What an unlisted effect does.
+    """
+    share = f"{100.0 * explained:.0f} % of what the baseline leaves"
+    if verdict is Verdict.NONE:
+        return "The baseline with its own parameters refitted explains the recording within what repeats differ by."
+    if verdict is Verdict.NAMED:
+        (names,) = sets
+        return f"The model leaves out {listed(names)}, which {'explain' if len(names) > 1 else 'explains'} {share}."
+    if verdict is Verdict.AMBIGUOUS:
+        sure = frozenset.intersection(*map(frozenset, sets))
+        either = [listed(frozenset(names) - sure) for names in sets if frozenset(names) - sure]
+        also = f"{listed(sure)}, and " if sure else ""
+        return f"The model leaves out {also}one of {', or '.join(either)}, which act alike on this recording; " \
+               f"{share} is explained."
+    return _unknown(explained, location, law)
+
+
+def _unknown(explained: float, location: Location, law: ResidualLaw | None) -> str:
+    where = [f"in the block '{location.block}'"] if location.block else []
+    where += [f"on the {location.channel}"] if location.channel else []
+    where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
+    best = f"the best of it explains {100.0 * explained:.0f} % of what the baseline leaves" if explained > 0.0 \
+        else "no effect of it earns a place"
+    told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
+    return f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: {best}{told}."
+
+
+def separating(sets: Sequence[Names]) -> str:
+    """Return the measurement that would tell the alternatives apart, nothing where there is one only."""
+    told: dict[str, list[str]] = {}
+    for one, other in combinations([frozenset(names) for names in sets], 2):
+        left, right = one - other, other - one
+        told.setdefault(_between(left, right), []).append(f"{_named(left, one)} from {_named(right, other)}")
+    said = [f"{what[0].upper()}{what[1:]} would tell {' and '.join(pairs)}." for what, pairs in told.items()]
+    return " ".join(said)
+
+
+def _named(own: Names, whole: Names) -> str:
+    return listed(own) if own else f"{listed(whole)} alone"
+
+
+def _between(one: Names, other: Names) -> str:
+    if not one or not other:
+        return next((SINGLE[name] for name in sorted({*one, *other}) if name in SINGLE), EVERYTHING)
+    for first in sorted(one):
+        for second in sorted(other):
+            if frozenset((first, second)) in PAIRS:
+                return PAIRS[frozenset((first, second))]
+    known = catalogue()
+    if all(name in known and known[name].block is Block.WEAR for name in (*one, *other)):
+        return AMPLITUDES
+    return next((SINGLE[name] for name in sorted({*one, *other}) if name in SINGLE), EVERYTHING)
+
+
+def next_measurement(law: ResidualLaw) -> str:
+    """Return what to measure where nothing of the catalogue fits."""
+    return (f"Loops at other amplitudes, normal loads and frequencies, to see whether what is left still follows the "
+            f"{law.state}, and a record of the normal force, the approach and the excitation, where they were not "
+            "recorded.")
