@@ -25,9 +25,11 @@ from fretflow.rig.motion import FEWEST, Motion, measure
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MOST_ROWS = 200_000  # of a record; longer ones are averaged in groups
+MOST_ROWS = 200_000  # of a record; longer ones are thinned, and cut
 SAMPLES = {Kind.IMPOSED_DISPLACEMENT: 1000, Kind.LUMPED: 2500}  # that fits use
 LEAST_OF_LOOP = 60  # samples
+LEAST_OF_CYCLE = 200  # rows, of a long record that is thinned
+BACKWARDS = -0.05  # of the rectangle about a cycle: work that no friction gives back
 EQUAL = 0.02  # relative difference of amplitude and length of cycles that count as repeats
 STRETCHES = 12  # of a single cycle
 LEAST_PART = 8  # samples, fitted or held out
@@ -116,12 +118,14 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
             x, force, usable = np.interp(even, series.time, x), np.interp(even, series.time, force), usable[nearest]
             notes.append("series: rows are not evenly spaced in time and were interpolated to an even grid")
         step = float(series.time[-1] - series.time[0]) / (len(x) - 1)
-    group = -(-len(x) // MOST_ROWS)
-    if group > 1:
-        kept = len(x) // group * group
-        x, force = (values[:kept].reshape(-1, group).mean(axis=1) for values in (x, force))
-        usable, step = usable[:kept].reshape(-1, group).all(axis=1), step * group
-        notes.append(f"series: averaged over groups of {group} rows, as the record is longer than {MOST_ROWS:,} rows")
+    group, rows = _group(x)
+    if rows < len(x):
+        notes.append(f"series, rows {rows + 1:,}-{len(x):,}: not used, as fewer rows of a cycle would not show its "
+                     "corners; cut the record to diagnose them")
+        x, force, usable = x[:rows], force[:rows], usable[:rows]
+    if group > 1:  # means of groups would round off the corners of a loop, as no slider does
+        x, force, usable, step = x[::group], force[::group], usable[::group], step * group
+        notes.append(f"series: every row of {group} is used, as the record is longer than {MOST_ROWS:,} rows")
     cuts = _cuts(x)
     if len(cuts) < 2 and kind is Kind.IMPOSED_DISPLACEMENT and _closes(x, force):
         closed = _closed(kind, [(1, x, force)], [step], series.time is not None, ())
@@ -140,6 +144,16 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
     inside = usable.copy()  # rates are not to be had at the ends
     inside[:measured.half_width], inside[len(x) - measured.half_width:] = False, False
     return _split(data, inside[::every])
+
+
+def _group(x: Array) -> tuple[int, int]:
+    """Return of how many rows of a long record one is used, and how many rows from its start."""
+    group = -(-len(x) // MOST_ROWS)
+    cuts = _cuts(x[:MOST_ROWS]) if group > 1 else np.zeros(0)
+    if len(cuts) < 2:
+        return group, len(x)
+    group = min(group, max(1, int(np.median(np.diff(cuts))) // LEAST_OF_CYCLE))
+    return group, min(len(x), group * MOST_ROWS)
 
 
 def _of_loops(kind: Kind, loops: LoopSet) -> DrivenData:
@@ -243,4 +257,16 @@ def _split(data: DrivenData, usable: Mask) -> DrivenData:
     if min(fitted.sum(), held_out.sum()) < LEAST_PART:
         raise UnreliableRecordingError("series: too little is usable to fit one part and test on another; record more "
                                        "cycles without gaps")
-    return replace(data, fitted=fitted, held_out=held_out, held_out_words=words)
+    return replace(data, fitted=fitted, held_out=held_out, held_out_words=words, notes=(*data.notes, *_noticed(data)))
+
+
+def _noticed(data: DrivenData) -> list[str]:
+    """Return warnings about what was recorded; refuse a force that no passive joint has."""
+    notes, x, force = [], data.whole.displacement, data.whole_force
+    if len(data.cycles) < 2:
+        notes.append("fewer than two whole cycles: no repeats tell the noise, and what is held out is not independent")
+    work = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x))) / max(1, len(data.cycles))
+    if work < BACKWARDS * float(np.ptp(x)) * float(np.ptp(force)):
+        raise UnreliableRecordingError("force and displacement: the force gives energy instead of taking it; check the "
+                                       "sign of both, and whether their columns are swapped")
+    return notes
