@@ -20,6 +20,7 @@ from fretflow.rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
+CHANNELS = ("displacement", "friction_force", "normal_force", "approach")
 SAMPLES, COUNTS = 40, (0, 5000, 20000, 60000)
 CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, normal_load="50 N"),
               Condition(id=2, excitation_frequency="80 Hz"))
@@ -28,7 +29,7 @@ CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, norm
 def observation():
     pieces, at = [], 0
     places = [("loops", c, None) for c in COUNTS] + [("sweep", -1, c.id) for c in CONDITIONS]
-    for channel in ("displacement", "friction_force"):
+    for channel in CHANNELS:
         for block, cycles, condition in places:
             pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=at,
                                 stop=at + SAMPLES, label=f"{block} {cycles} {condition}"))
@@ -37,8 +38,9 @@ def observation():
         pieces.append(Piece(block=block, channel=channel, cycles=COUNTS[-1], condition=None, start=at, stop=at + size,
                             label=block))
         at += size
-    return Observation(values=np.zeros(at), variance=np.ones(at), modes=np.zeros((at, 0)), floor=np.ones(at),
-                       pieces=tuple(pieces), samples=SAMPLES, conditions=CONDITIONS, points=1e-3 * DATA["x"][FEW, :2])
+    return Observation(values=np.zeros(at), variance=np.ones(at), noise=np.ones(at), modes=np.zeros((at, 0)),
+                       floor=np.ones(at), pieces=tuple(pieces), samples=SAMPLES, aligned_to="excitation",
+                       conditions=CONDITIONS, points=1e-3 * DATA["x"][FEW, :2])
 
 
 def rig():
@@ -73,6 +75,36 @@ def test_neighbours_are_what_another_simulation_shows(effects):
             whole = max(np.abs(difference[other]).max() for name, other in places if name == channel)
             size = np.abs(model.predict(base)[place]).max()
             # the wear rate is followed at the recorded counts only, where a simulation takes more steps
-            share = 0.5 if channel in ("worn_volume", "wear_depth") else 0.3
-            assert np.abs(found[place, i] - difference[place]).max() < max(share * whole, 5e-4 * size), (
+            share, faint = (0.5, 1e-3) if channel in ("worn_volume", "wear_depth") else (0.3, 5e-4)
+            assert np.abs(found[place, i] - difference[place]).max() < max(share * whole, faint * size), (
                 coordinate.name, channel)
+
+
+def test_normal_force_and_approach_are_those_of_the_period():
+    """The contact carries the load at every sample; the backs stand nearer by what the mean pressure gives way."""
+    model = rig()
+    space = Space.of(("normal-load-coupling",))
+    base = model.simulate(space.hypothesis(np.zeros(space.size)))
+    for period in (base.loops[0], base.sweep[1]):
+        found = model.signals(period)
+        thin = len(period.solution.state) // SAMPLES
+        assert found.normal_force == pytest.approx(period.solution.force[::thin, :, 2].sum(axis=1), rel=1e-6)
+        assert np.ptp(found.normal_force) > 1e-3 * found.normal_force.mean()
+    lighter, heavier = (model.signals(base.sweep[k]) for k in (1, 0))  # 50 N and 60 N
+    assert lighter.approach.mean() < heavier.approach.mean()
+
+
+def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep():
+    """At another load the friction force of sliding changes by the same share of that load."""
+    model, space = rig(), Space.of(())
+    z = np.zeros(space.size)
+    base = model.simulate(space.hypothesis(z))
+    moved = z.copy()
+    moved[0] = 0.02
+    factor = space.hypothesis(moved).friction / space.hypothesis(z).friction
+    change = neighbours(model, base, [space.hypothesis(moved)])[:, 0]
+    before = model.predict(base)
+    for piece in model.observation.pieces:
+        if piece.channel == "friction_force" and piece.block == "sweep":
+            at = np.argmax(before[piece.place])
+            assert change[piece.place][at] == pytest.approx((factor - 1.0) * before[piece.place][at], rel=0.1)
