@@ -274,7 +274,7 @@ def diagnose(
     Parameters
     ----------
     recording
-        folder with a recording.toml
+        folder with a recording.toml, or a table of wear tests
     fast
         screening only: in a minute, on the linearised model
     json
