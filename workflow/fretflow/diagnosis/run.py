@@ -8,8 +8,10 @@ from pathlib import Path
 from fretflow.core.errors import InputError
 from fretflow.diagnosis.driven_run import diagnose_driven
 from fretflow.diagnosis.verdict import Diagnosis
+from fretflow.diagnosis.wear_series import diagnose_wear_series
 from fretflow.recordings.recording import read_recording
 from fretflow.recordings.schema import TestKind
+from fretflow.recordings.wear_series import is_wear_series, read_wear_series
 
 
 def diagnose(path: Path, fast: bool, out: Path, progress: Callable[[float, str], None]) -> Diagnosis:
@@ -34,6 +36,8 @@ def diagnose(path: Path, fast: bool, out: Path, progress: Callable[[float, str],
         If recordings of its kind cannot be diagnosed.
     """
     progress(0.0, "reading")
+    if is_wear_series(path):
+        return diagnose_wear_series(read_wear_series(path), fast, progress)
     recording = read_recording(path)
     if recording.kind is not TestKind.FRETTING_RIG:
         return diagnose_driven(recording, fast, progress)
