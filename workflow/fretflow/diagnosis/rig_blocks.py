@@ -227,9 +227,18 @@ def _contact(rig: RigModel, base: Fit, loops: list[_Loop]) -> Columns:
         return [_followed(loop, force) for force in forces] + _pressed(loop)
 
     def alike(loop: _Loop) -> list[dict[str, Array]]:
-        return [_followed(loop, force) for force in _laws(loop)]
+        return [_followed(loop, force) for force in (
+            *_laws(loop), *_likenesses(loop, loops, "friction_force", "arm"))]
 
-    return _by_loop(rig, loops, alike)[0], _by_loop(rig, loops, anything)[1]
+    return np.hstack([_by_loop(rig, loops, alike)[0], _worn(rig)]), _by_loop(rig, loops, anything)[1]
+
+
+def _worn(rig: RigModel) -> Array:
+    """Return any field of depth at the end alone: what is worn otherwise as other pressures act."""
+    found = np.zeros((len(rig.observation.values), rig.problem.interface.size))
+    for column, field in zip(found.T, np.eye(rig.problem.interface.size), strict=True):
+        rig.put_wear(column, GAP_SIZE * field)
+    return found
 
 
 def _followed(loop: _Loop, force: Array) -> dict[str, Array]:
@@ -262,7 +271,12 @@ def _rig(rig: RigModel, base: Fit, loops: list[_Loop]) -> Columns:
     def changes(loop: _Loop) -> list[dict[str, Array]]:
         return loop.answers([_on_arm(loop, loop.force_size * history, 0) for history in
                              loop.harmonics(RIG_HARMONICS).T])
-    return _by_loop(rig, loops, changes)
+
+    def alike(loop: _Loop) -> list[dict[str, Array]]:
+        return loop.answers([_on_arm(loop, history, 0) for history in
+                             _likenesses(loop, loops, "friction_force", "arm")])
+
+    return np.hstack([_by_loop(rig, loops, alike)[0], _worn(rig)]), _by_loop(rig, loops, changes)[1]
 
 
 def _parallel(rig: RigModel, base: Fit, loops: list[_Loop]) -> Columns:
@@ -307,29 +321,40 @@ def _excitation(rig: RigModel, base: Fit, loops: list[_Loop]) -> Columns:
 
 def _sensor(rig: RigModel, base: Fit, loops: list[_Loop], name: str, other: str) -> Columns:
     """Return what the sensor of a channel does: a filter of it or of another, a bent scale, or anything."""
-    own = max((loop for loop in loops), key=lambda loop: float(np.ptp(getattr(loop.signals, name))))
-    size = 0.5 * float(np.ptp(getattr(own.signals, name)))
-    across = size / (0.5 * float(np.ptp(getattr(own.signals, other))))
+    size, _ = _sizes(loops, name, other)
 
     def alike(loop: _Loop) -> list[dict[str, Array]]:
-        mine, its = getattr(loop.signals, name), across * getattr(loop.signals, other)
-        found = [power for k in (2, 3) for power in [size * (mine / size)**k]]
-        for signal in (mine, its, size * loop.harmonics(1)[:, 1]):
-            spectrum = np.fft.rfft(signal)
-            for k in range(1, FORCE_HARMONICS + 1):
-                for turn in (1.0, 1j):
-                    one = np.zeros_like(spectrum)
-                    one[k] = turn * spectrum[k]
-                    found.append(np.fft.irfft(one, len(signal)))
-        speed = np.fft.irfft(1j * np.arange(len(spectrum)) * np.fft.rfft(mine), len(mine))
-        others = np.fft.irfft(-np.arange(len(spectrum))**2 * np.fft.rfft(its), len(mine))
-        found += [speed, others, its]
-        return [{name: change} for change in found]
+        return [{name: change} for change in _likenesses(loop, loops, name, other)]
 
     def anything(loop: _Loop) -> list[dict[str, Array]]:
         return [{name: size * history} for history in loop.harmonics(FORCE_HARMONICS).T]
 
     return _by_loop(rig, loops, alike)[0], _by_loop(rig, loops, anything)[1]
+
+
+def _sizes(loops: list[_Loop], name: str, other: str) -> tuple[float, float]:
+    """Return half the largest ranges of two channels."""
+    first, second = (0.5 * max(float(np.ptp(getattr(loop.signals, one))) for loop in loops) for one in (name, other))
+    return first, second
+
+
+def _likenesses(loop: _Loop, loops: list[_Loop], name: str, other: str) -> list[Array]:
+    """Return histories (N,) of one law in all loops: a filter of a channel, of another or of the drive, and powers."""
+    size, across = _sizes(loops, name, other)
+    mine, its = getattr(loop.signals, name), size / across * getattr(loop.signals, other)
+    drive = size * loop.harmonics(1)[:, 1]
+    found = [size * (mine / size)**2, size * (mine / size)**3]
+    for signal, orders in ((mine, FORCE_HARMONICS), (its, FORCE_HARMONICS), (drive, 1)):
+        spectrum = np.fft.rfft(signal)
+        for k in range(1, orders + 1):
+            for turn in (1.0, 1j):
+                one = np.zeros_like(spectrum)
+                one[k] = turn * spectrum[k]
+                found.append(np.fft.irfft(one, len(signal)))
+    order = np.arange(len(mine) // 2 + 1)
+    for signal in (mine, its):
+        found += [np.fft.irfft(factor * np.fft.rfft(signal), len(mine)) for factor in (1.0, 1j * order, -order**2)]
+    return found
 
 
 def _force_sensor(rig: RigModel, base: Fit, loops: list[_Loop]) -> Columns:
@@ -356,10 +381,7 @@ def _gaps(rig: RigModel, base: Fit, loops: list[_Loop], course: Callable[[float]
             for t, weight in enumerate(weights):
                 found[:, m * times + t] += weight * one
     ends = np.array(course(1.0)) - np.array(course(0.0))
-    worn = np.zeros(len(found))
-    for m in range(nodes):
-        rig.put_wear(worn, GAP_SIZE * np.eye(nodes)[m])
-        found[:, m * times:(m + 1) * times] += worn[:, None] * ends
+    found += np.kron(_worn(rig), ends)
     return found, np.zeros((len(found), 0))
 
 

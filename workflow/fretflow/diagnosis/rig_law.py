@@ -13,6 +13,7 @@ from fretflow.diagnosis.rig_views import level, loop_pieces
 from fretflow.diagnosis.verdict import ResidualLaw
 
 BINS = 16
+ALIKE = 0.02  # of the explained share: the plainer state is told
 CHANNELS = {"friction_force": "N", "displacement": "m"}
 CYCLES, ENERGY = SLOW = ("cycles", "dissipated energy per cycle")  # over which a change is one along the motion
 
@@ -31,7 +32,7 @@ def residual_law(observation: Observation, predicted: Array) -> ResidualLaw:
     """Return what a prediction (M,) leaves of force or displacement against the state that explains most of it.
 
     The explained share is that of the squares beyond noise which the means over bins of the state take up. The channel
-    is the one that is further off.
+    is the one that is further off; of states that explain as much, the plainest is taken.
     """
     loops = list(loop_pieces(observation).values())
     left = observation.values - level(observation, predicted)
@@ -40,8 +41,9 @@ def residual_law(observation: Observation, predicted: Array) -> ResidualLaw:
             for name in CHANNELS}
     channel = max(size, key=lambda name: size[name])
     own, variance = (np.concatenate([vector[one[channel].place] for one in loops]) for vector in (left, noise))
-    return max((_law(channel, state, own, variance) for state in _states(observation, loops)),
-               key=lambda law: law.explained)
+    laws = [_law(channel, state, own, variance) for state in _states(observation, loops)]
+    most = max(law.explained for law in laws)
+    return next(law for law in laws if law.explained >= most - ALIKE)
 
 
 def _states(observation: Observation, loops: list[dict[str, Piece]]) -> list[_State]:

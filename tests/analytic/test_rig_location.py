@@ -1,0 +1,162 @@
+"""Where a recording of the rig and its prediction part, on recordings that another hypothesis makes.
+
+What carries the weight: noise alone is placed nowhere; a change that is put into one loop phase, cycle span, harmonic
+or channel is found there; and an effect's own change is taken up by the block that it belongs to, by equations that do
+not know its law.
+"""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.interface import Interface
+from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.diagnosis.fit import Fitter
+from fretflow.diagnosis.observation import Observation, Piece
+from fretflow.diagnosis.rig_blocks import cuts
+from fretflow.diagnosis.rig_location import locate
+from fretflow.diagnosis.rig_model import Hypothesis, RigModel
+from fretflow.diagnosis.rig_phases import PHASES, Strokes
+from fretflow.effects.catalogue import catalogue
+from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.rig.joint import QuasiStaticJoint
+from fretflow.rig.lumped import LumpedRig
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
+FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
+SAMPLES, COUNTS = 40, (0, 4000, 12000, 24000)
+CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"),)
+SD = {"displacement": 3e-8, "friction_force": 0.15, "excitation": 0.02}
+DEPTH_SD, VOLUME_SD = 3e-9, 2e-15
+
+
+def observed():
+    pieces, sd, at = [], [], 0
+
+    def add(block, channel, cycles, condition, size, one, label):
+        nonlocal at
+        pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=at, stop=at + size,
+                            label=label))
+        sd.append(np.full(size, one))
+        at += size
+
+    for channel, one in SD.items():
+        for count in COUNTS:
+            add("loops", channel, count, None, SAMPLES, one, f"{count:_} cycles")
+        add("sweep", channel, -1, 0, SAMPLES, one, "condition 0")
+    add("volume", "worn_volume", COUNTS[-1], None, 1, VOLUME_SD, "worn volume")
+    add("map", "wear_depth", COUNTS[-1], None, 9, DEPTH_SD, "wear map")
+    floor = np.concatenate(sd)
+    return Observation(values=np.zeros(at), variance=floor**2, noise=np.ones(at), modes=np.zeros((at, 0)), floor=floor,
+                       pieces=tuple(pieces), samples=SAMPLES, aligned_to="excitation", conditions=CONDITIONS,
+                       points=1e-3 * DATA["x"][FEW, :2])
+
+
+@cache
+def rig():
+    dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
+    stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
+    face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=np.zeros(9))
+    problem = PeriodicProblem(
+        joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
+                                              LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
+        interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)
+    return RigModel(problem=problem, wear_coefficient=1.1e-14, observation=observed(),
+                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SAMPLES, total_cycles=COUNTS[-1])
+
+
+@cache
+def baseline():
+    model = rig()
+    return model.simulate(Hypothesis())
+
+
+def fitted(change):
+    """Return the fitter and the baseline, not fitted any further, for a recording that differs by `change` (M,)."""
+    model, space = rig(), Space.of(())
+    noise = np.random.default_rng(5).standard_normal(len(change)) * np.sqrt(model.observation.variance)
+    seen = replace(model.observation, values=model.predict(baseline()) + change + noise)
+    fitter = Fitter(replace(model, observation=seen), Covariance(seen.variance, seen.modes), np.zeros(len(change)))
+    return fitter, fitter.fit(space, np.zeros(space.size), baseline(), 0)
+
+
+def of_effect(name, **parameters):
+    model = rig()
+    other = model.simulate(Hypothesis(effects=(catalogue()[name]().changed(**parameters),)), baseline())
+    return model.predict(other) - model.predict(baseline())
+
+
+def nothing():
+    return np.zeros(len(rig().observation.values))
+
+
+def test_noise_alone_is_placed_nowhere():
+    found = locate(*fitted(nothing()))
+    assert min(place.p_value for place in found.places) > 0.05
+    assert (found.block, found.channel, found.phase, found.cycles, found.text) == ("", "", "", (0, 0), "")
+
+
+@pytest.mark.parametrize(("name", "parameters", "block"), [
+    ("directional-friction", {"asymmetry": 0.05}, "contact law"),
+    ("velocity-dependent-friction", {"amplitude": 0.1}, "contact law"),
+    ("sensor-path-compliance", {"compliance": 2e-8}, "sensor"),
+    ("sensor-inertia", {"mass": 0.3}, "sensor"),
+    ("channel-delay", {"delay": 5e-5}, "sensor"),
+    ("excitation-distortion", {"second": 0.03, "third": 0.03}, "excitation"),
+    ("support-nonlinearity", {"stiffness": 3e14}, "rig"),
+    ("initial-gap", {"tilt_x": 5e-8}, "geometry"),
+    ("wear-power-law", {"pressure_exponent": 0.4}, "wear law")])
+def test_an_effect_is_taken_up_by_its_own_block(name, parameters, block):
+    found = cuts(*fitted(of_effect(name, **parameters)))
+    assert found[0].block == block, found
+    assert found[0].share > 0.8
+
+
+def test_a_change_in_one_phase_of_the_force_is_found_there():
+    change, model = nothing(), rig()
+    measured = model.predict(baseline())
+    for piece in model.observation.pieces:
+        if piece.channel == "friction_force":
+            x = measured[next(one.place for one in model.observation.pieces if one.channel == "displacement"
+                              and one.label == piece.label)]
+            change[piece.place] = (Strokes.of(x, measured[piece.place]).phase == PHASES.index("plateau")) * 0.6
+    found = locate(*fitted(change), block="contact law")
+    assert (found.block, found.channel, found.phase) == ("contact law", "friction force", "plateau")
+    assert "plateau" in found.text
+
+
+def test_a_change_from_a_cycle_count_on_is_dated():
+    change = nothing()
+    for piece in rig().observation.pieces:
+        if piece.channel == "friction_force" and piece.cycles >= COUNTS[2]:
+            change[piece.place] = 0.4 * np.cos(3.0 * 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES)
+    found = locate(*fitted(change), block="contact law")
+    assert found.cycles == (COUNTS[2], COUNTS[-1])
+    assert found.harmonic == "3"
+    jump = next(place for place in found.places if place.cut == "change")
+    assert jump.where == "12_000 cycles"
+    assert jump.p_value < 1e-6
+
+
+def test_a_force_along_the_motion_is_odd_in_its_direction():
+    change, model = nothing(), rig()
+    measured = model.predict(baseline())
+    for piece in model.observation.pieces:
+        if piece.channel == "friction_force":
+            x = measured[next(one.place for one in model.observation.pieces if one.channel == "displacement"
+                              and one.label == piece.label)]
+            change[piece.place] = 0.4 * Strokes.of(x, measured[piece.place]).way
+    assert locate(*fitted(change), block="contact law").parity == "odd in the direction of motion"
+
+
+def test_a_corner_of_the_map_is_a_zone():
+    change, model = nothing(), rig()
+    piece = next(one for one in model.observation.pieces if one.block == "map")
+    corner = np.abs(model.observation.points).min(axis=1) > 0.4e-3
+    change[piece.place] = np.where(corner, 8.0 * DEPTH_SD, 0.0)
+    found = locate(*fitted(change), block="wear law")
+    assert (found.channel, found.zone) == ("wear depth", "corners")

@@ -1,0 +1,147 @@
+"""What the report draws of the rig: loops shown, differences, held-out errors.
+
+What carries the weight: a prediction that is off by nothing but the scatter of the repeats comes to the floor, one with
+another zero of a loop is not worse, and a known error shows with its size and at its place.
+"""
+
+import numpy as np
+import pytest
+from fretflow.diagnosis.observation import Observation, Piece
+from fretflow.diagnosis.rig_law import residual_law
+from fretflow.diagnosis.rig_phases import PHASES, Strokes
+from fretflow.diagnosis.rig_views import (
+    comparisons,
+    held_out_error,
+    held_out_floor,
+    residual_maps,
+    wear_map,
+)
+from fretflow.recordings.schema import Condition
+
+SAMPLES, REPEATS, FLOOR = 100, 4, 0.1
+COUNTS = tuple(range(0, 120_000, 10_000))
+PHASE = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
+MOTION = 10e-6 * np.cos(PHASE)
+FORCE = 50.0 * np.tanh(4.0 * np.cos(PHASE + 0.25 * np.pi))
+
+
+def observation(values=None):
+    places = [("loops", count, None, f"{count:_} cycles") for count in COUNTS]
+    places += [("sweep", -1, one, f"condition {one}") for one in (0, 1)]
+    pieces, parts, floors = [], [], []
+    for channel, loop, floor in (("displacement", MOTION, 1e-8), ("friction_force", FORCE, FLOOR)):
+        for block, cycles, condition, label in places:
+            at = SAMPLES * len(pieces)
+            pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=at,
+                                stop=at + SAMPLES, label=label))
+            parts.append(loop)
+            floors.append(np.full(SAMPLES, floor))
+    at = SAMPLES * len(pieces)
+    pieces.append(Piece(block="map", channel="wear_depth", cycles=COUNTS[-1], condition=None, start=at, stop=at + 3,
+                        label="wear map"))
+    floor = np.concatenate([*floors, np.full(3, 1e-8)])
+    return Observation(
+        values=np.concatenate([*parts, [1e-6, 2e-6, 3e-6]]) if values is None else values,
+        variance=floor**2 / REPEATS, noise=np.ones(len(floor)), modes=np.zeros((len(floor), 0)), floor=floor,
+        pieces=tuple(pieces), samples=SAMPLES, aligned_to="excitation",
+        conditions=(Condition(id=0, normal_load="50 N"), Condition(id=1, normal_load="60 N")),
+        points=1e-3 * np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 1.0]]))
+
+
+def test_eight_counts_with_both_ends_and_all_conditions_are_shown():
+    seen = observation()
+    shown = comparisons(seen, seen.values, seen.values, {"condition 1"})
+    counts = [one.label for one in shown if "cycles" in one.label]
+    assert len(counts) == 8
+    assert counts[0] == "0 cycles"
+    assert counts[-1] == "110_000 cycles"
+    assert [one.label for one in shown if one.held_out] == ["condition 1"]
+    assert shown[-2].label == "condition 0"
+
+
+def test_another_zero_of_a_loop_is_no_difference():
+    seen = observation()
+    shifted = seen.values + np.where(seen.rows(channel="friction_force"), 3.0, 0.0)
+    shown = comparisons(seen, shifted, seen.values)[0]
+    assert shown.before_force == pytest.approx(shown.force)
+    assert residual_maps(seen, shifted, seen.values)[1].before == pytest.approx(0.0, abs=1e-9)
+    assert held_out_error(seen, shifted) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_known_error_shows_where_it_is_and_with_its_size():
+    seen = observation()
+    wrong = np.array(seen.values)
+    piece = next(one for one in seen.pieces if one.channel == "friction_force" and one.cycles == COUNTS[3])
+    wrong[piece.place] -= 0.5 * np.cos(PHASE)
+    force = residual_maps(seen, wrong, seen.values)[1]
+    assert force.channel == "friction_force"
+    assert force.rows[3] == piece.label
+    assert force.before[3] == pytest.approx(0.5 * np.cos(PHASE) / (FLOOR / np.sqrt(REPEATS)))
+    assert np.abs(np.delete(force.before, 3, axis=0)).max() == 0.0
+    assert np.abs(force.after).max() == 0.0
+    assert held_out_error(seen, wrong, seen.rows(label=piece.label, channel="friction_force")) == pytest.approx(
+        0.5 / FLOOR / np.sqrt(2.0))
+
+
+def test_a_perfect_prediction_comes_to_the_floor():
+    true = observation()
+    generator = np.random.default_rng(3)
+    seen = observation(true.values + generator.standard_normal(len(true.values)) * np.sqrt(true.variance))
+    assert held_out_floor(seen) == pytest.approx(1.0 / np.sqrt(REPEATS))
+    assert held_out_error(seen, true.values) == pytest.approx(held_out_floor(seen), rel=0.05)
+
+
+def test_the_map_of_wear_is_put_at_its_points():
+    seen = observation()
+    shown = wear_map(seen, 2.0 * seen.values, seen.values)
+    assert shown.measured == pytest.approx([1e-6, 2e-6, 3e-6], abs=0.0)
+    assert shown.before == pytest.approx(2.0 * shown.after, abs=0.0)
+    assert shown.x == pytest.approx([0.0, 5e-4, 1e-3], abs=0.0)
+
+
+@pytest.mark.parametrize(("way", "state"), [
+    (lambda seen: 2.0 * (MOTION / 10e-6) ** 3, "displacement"),
+    (lambda seen: -2.0 * np.sin(PHASE), "velocity over the angular frequency")])
+def test_a_law_of_one_state_is_found(way, state):
+    seen = observation()
+    predicted = np.array(seen.values)
+    for piece in seen.pieces:
+        if piece.channel == "friction_force":
+            predicted[piece.place] -= way(seen)
+    law = residual_law(seen, predicted)
+    assert (law.channel, law.state, law.state_unit) == ("friction_force", state, "m")
+    assert law.explained > 0.95
+    share = law.x / 10e-6
+    assert law.y == pytest.approx(2.0 * (share**3 if state == "displacement" else share), abs=0.15)
+
+
+def test_friction_that_grows_over_the_test_follows_the_cycles():
+    seen = observation()
+    predicted = np.array(seen.values)
+    for piece in seen.pieces:
+        if piece.channel == "friction_force":
+            late = COUNTS[-1] if piece.condition is not None else piece.cycles
+            way = Strokes.of(MOTION, FORCE).way
+            predicted[piece.place] -= 3.0 * late / COUNTS[-1] * way
+    law = residual_law(seen, predicted)
+    assert law.state == "cycles"
+    assert law.y == pytest.approx(3.0 * law.x / COUNTS[-1], abs=0.1)
+
+
+def test_phases_follow_each_other_along_a_stroke():
+    """An elastic slider whose spring is stuck over a tenth of the stroke: it slides from there on."""
+    x = 10e-6 * np.cos(PHASE)
+    force, held = np.empty(SAMPLES), 0.0
+    for _ in range(2):
+        for k in range(SAMPLES):
+            held = np.clip(held + 50.0 / 1e-6 * (x[k] - x[k - 1]), -50.0, 50.0)
+            force[k] = held
+    strokes = Strokes.of(x, force)
+    falling = strokes.phase[1:SAMPLES // 2 - 1]
+    assert np.all(np.diff(falling) >= 0)
+    assert set(np.unique(falling)) <= set(range(len(PHASES)))
+    sliding = strokes.phase >= PHASES.index("plateau")
+    away = np.abs(x) < 5e-6
+    assert np.all(sliding[away])
+    assert not np.any(sliding & (strokes.since < 0.5e-6))
+    assert np.all(strokes.way[1:SAMPLES // 2 - 1] == -1.0)

@@ -1,0 +1,61 @@
+"""What is said of a diagnosis of the rig: every verdict has a sentence, alternatives what would part them."""
+
+import numpy as np
+import pytest
+from fretflow.diagnosis.rig_words import next_measurement, sentence, separating
+from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
+
+PLACE = Location(block="contact law", channel="friction force", phase="knee", cycles=(0, 1000), zone="")
+LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),
+                  y=np.zeros(1), sd=np.zeros(1), explained=0.7)
+
+
+def test_a_pair_and_a_single_effect_are_named():
+    assert "leaves out viscous, which explains 93 %" in sentence(Verdict.NAMED, [{"viscous"}], 0.93, PLACE, None)
+    assert "backlash and viscous, which explain 93 %" in sentence(
+        Verdict.NAMED, [{"viscous", "backlash"}], 0.93, PLACE, None)
+
+
+def test_what_all_alternatives_share_is_sure():
+    text = sentence(Verdict.AMBIGUOUS, [{"viscous", "backlash"}, {"channel-delay", "backlash"}], 0.9, PLACE, None)
+    assert "leaves out backlash, and one of viscous, or channel-delay" in text
+
+
+def test_an_unlisted_effect_is_told_by_its_place_and_law():
+    text = sentence(Verdict.UNKNOWN, [], 0.3, PLACE, LAW)
+    for part in ("not in the catalogue", "'contact law'", "friction force", "'knee'", "30 %",
+                 "follows the displacement"):
+        assert part in text
+    assert "displacement" in next_measurement(LAW)
+
+
+def test_a_law_that_explains_little_is_not_told():
+    weak = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),
+                       y=np.zeros(1), sd=np.zeros(1), explained=0.1)
+    assert "follows" not in sentence(Verdict.UNKNOWN, [], 0.3, PLACE, weak)
+
+
+def test_nothing_found_says_so():
+    assert "explains the recording" in sentence(Verdict.NONE, [], 0.0, PLACE, None)
+
+
+@pytest.mark.parametrize(("one", "other", "wanted"), [
+    ("contact-stiffness", "sensor-path-compliance", "normal load"),
+    ("friction-run-in", "normal-load-drift", "record of the normal force"),
+    ("wear-threshold", "wear-power-law", "amplitudes"),
+    ("viscous", "velocity-dependent-friction", "normal load"),
+    ("channel-delay", "viscous", "frequency"),
+    ("backlash", "distributed-micro-slip", "another amplitude, another normal load and another frequency")])
+def test_alternatives_get_the_measurement_that_parts_them(one, other, wanted):
+    text = separating([{one}, {other}])
+    assert wanted in text
+    assert f"{one} from {other}" in text
+    assert separating([{other}, {one}]).split(" would")[0] == text.split(" would")[0]
+
+
+def test_one_alternative_needs_no_measurement():
+    assert separating([{"viscous"}]) == ""
+
+
+def test_what_a_larger_set_has_beside_is_told_from_the_smaller_alone():
+    assert "force-offset from viscous alone" in separating([{"viscous", "force-offset"}, {"viscous"}])
