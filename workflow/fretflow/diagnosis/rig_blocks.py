@@ -42,6 +42,7 @@ FORCE_HARMONICS = 7  # of a loop's friction force or of a channel
 LAW_POINTS = 8
 RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
 OVERTONES = (2, 3, 4, 5)
+SYSTEMATIC = 4.0  # by which errors of the model that the covariance does not know may raise a gain of nothing
 SMALL = 1e-3  # of a channel's size: changes are first order
 AMPLITUDES = np.geomspace(1e-4, 10.0, 21)  # of a space's changes, over the size of what they change
 GAP_SIZE = 3e-6  # m
@@ -99,7 +100,8 @@ def cuts(fitter: Fitter, base: Fit) -> tuple[Cut, ...]:
         share = float(np.clip((residual @ residual - rest @ rest) / excess, 0.0, 1.0))
         if space.block not in best or gain > best[space.block].gain:
             # twice the log ratio of likelihoods with one parameter, the amplitude; the gain is what Occam leaves of it
-            best[space.block] = Cut(space.block, gain, share, float(stats.chi2.sf(2.0 * max(gain, 0.0), 1)))
+            chance = float(stats.chi2.sf(2.0 * max(gain, 0.0) / SYSTEMATIC, 1))
+            best[space.block] = Cut(space.block, gain, share, chance)
     return tuple(sorted(best.values(), key=lambda cut: -cut.gain))
 
 
