@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fretflow_post import report_words as words
 from fretflow_post.report import write_report
@@ -16,7 +18,12 @@ from fretflow.core.store import write_csv, write_whole
 from fretflow.diagnosis.verdict import Diagnosis, write_json
 from fretflow.recordings.schema import FILE, name_of
 
+if TYPE_CHECKING:
+    from fretflow.core.config import Case
+    from fretflow.harmonic.periodic import PeriodicProblem
+
 HOME = Path("runs/diagnosis")
+MODELS = "models"  # folder of the reduced specimens
 MOST_RANKED = 5
 
 
@@ -42,14 +49,18 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
     InputError
         If there is no such recording, or the results cannot be written.
     """
+    from fretflow.diagnosis.rig_run import RigTools
     from fretflow.diagnosis.run import diagnose
+    from fretflow.stages.ensemble import LocalPool
 
     if not recording.exists():
         raise InputError(f"{recording}: there is no such folder or file; give a folder with a {FILE}")
     home = _folder(HOME / name_of(recording) if out is None else out)
-    with Progress() as shown:
+    models = (HOME if out is None else out) / MODELS
+    with Progress() as shown, LocalPool(len(os.sched_getaffinity(0))) as pool:
         shown.begin("diagnose")
-        found = diagnose(recording, fast, home, lambda share, text: shown.advance("diagnose", share, text))
+        found = diagnose(recording, fast, lambda share, text: shown.advance("diagnose", share, text),
+                         RigTools(lambda case: _reduced(case, models), pool))
     files = _write(found, home, json_file, case_file)
     console = Console(highlight=False)
     _show(console, found)
@@ -58,6 +69,17 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
                       soft_wrap=True)
     show_files(files, "report and numbers")
     return files
+
+
+def _reduced(case: Case, models: Path) -> PeriodicProblem:
+    """Return the unworn problem of a case, its specimens meshed and reduced under `models` unless they are there."""
+    from fretflow.cli_pipeline import pipeline
+    from fretflow.stages.problem import make_problem
+    from fretflow.stages.ranks import Ranks
+    from fretflow.stages.runner import Runner, Silent
+
+    folder = Runner(pipeline(), models, Ranks(together=False), Silent()).run(case, "reduce")["reduce"].folder
+    return make_problem(case, folder)
 
 
 def _folder(path: Path) -> Path:

@@ -11,8 +11,7 @@ from fretflow.core.config import Case
 from fretflow.core.errors import EnsembleError, StoreError
 from fretflow.stages.ensemble import Outcome, Workers, run_ensemble
 from fretflow.stages.ranks import Ranks, keep_to_itself, started_size
-from fretflow.stages.runner import Runner
-from fretflow.stages.stage import StageResult
+from fretflow.stages.runner import Runner, Silent
 
 if TYPE_CHECKING:
     from fretflow.stages.comparison import Comparison
@@ -36,19 +35,6 @@ class Ended:
 
     code: int = 0
     message: str = ""
-
-
-class Silent:
-    """Watches a run without a word."""
-
-    def begin(self, stage: str) -> None:
-        """Note that `stage` starts computing."""
-
-    def advance(self, stage: str, share: float, text: str) -> None:
-        """Note that `share` (0 to 1) of `stage` is done."""
-
-    def end(self, result: StageResult) -> None:
-        """Note that a stage is complete, computed or reused."""
 
 
 def run_task(task: Task) -> None:

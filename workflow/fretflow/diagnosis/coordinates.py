@@ -7,8 +7,8 @@ either sign has its range on the side where the search begins.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -53,6 +53,7 @@ class Space:
 
     effects: tuple[str, ...]
     coordinates: tuple[Coordinate, ...]
+    signs: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, effects: Sequence[str], signs: dict[str, float] | None = None) -> Space:
@@ -60,7 +61,7 @@ class Space:
         own = [Coordinate("", name, 0.0, sd, True) for name, sd in SPREAD.items()]
         for name in sorted(effects):
             own += _of_effect(catalogue()[name], signs or {})
-        return cls(tuple(sorted(effects)), tuple(own))
+        return cls(tuple(sorted(effects)), tuple(own), signs or {})
 
     @property
     def size(self) -> int:
@@ -87,21 +88,21 @@ class Space:
 
 def _of_effect(kind: type[Effect], signs: dict[str, float]) -> list[Coordinate]:
     found = []
-    for field, prior in kind.priors().items():
-        if getattr(kind(), field) is None:  # follows the case
+    for name, prior in kind.priors().items():
+        if getattr(kind(), name) is None:  # follows the case
             continue
-        lowest, highest = parameter_limits(kind, field)
+        lowest, highest = parameter_limits(kind, name)
         if prior.logarithmic:
             low, high = math.log(prior.low), math.log(prior.high)
         else:
             low, high = prior.low, prior.high
-        sign = signs.get(f"{kind.id}.{field}", 1.0) if lowest < 0.0 <= prior.low else 1.0
-        found.append(Coordinate(kind.id, field, 0.5 * (low + high), (high - low) / WIDTH, prior.logarithmic, lowest,
+        sign = signs.get(f"{kind.id}.{name}", 1.0) if lowest < 0.0 <= prior.low else 1.0
+        found.append(Coordinate(kind.id, name, 0.5 * (low + high), (high - low) / WIDTH, prior.logarithmic, lowest,
                                 highest, sign))
     return found
 
 
 def signed_fields(kind: type[Effect]) -> list[str]:
     """Return the parameters of an effect whose range is positive but which may be negative as well."""
-    return [field for field, prior in kind.priors().items()
-            if prior.low > 0.0 and parameter_limits(kind, field)[0] < 0.0]
+    return [name for name, prior in kind.priors().items()
+            if prior.low > 0.0 and parameter_limits(kind, name)[0] < 0.0]

@@ -22,12 +22,12 @@ from fretflow.diagnosis.tangent import neighbours
 
 STEP = 0.02  # of a coordinate, for derivatives
 LONGEST = 1.5  # step of a coordinate at once
-ENOUGH = 0.3  # fall of the objective that is not worth another simulation
+ENOUGH = 2.0  # fall of the objective that is not worth another simulation
 HALVINGS = 3
 Predictor = Callable[[Simulation], Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A hypothesis at its most probable parameters."""
 
@@ -73,8 +73,10 @@ class Fitter:
         """Return the vector (M,) of a simulation."""
         return self.rig.predict(simulation) + self.correction
 
-    def fit(self, space: Space, z: Array, near: Simulation | None, iterations: int) -> Fit:
+    def fit(self, space: Space, z: Array, near: Simulation | None, iterations: int, worth: float = np.inf) -> Fit:
         """Return the most probable parameters from the start `z`.
+
+        The search ends early where even the first-order prediction of its next step is above the objective `worth`.
 
         Raises
         ------
@@ -83,11 +85,12 @@ class Fitter:
         """
         now = self._at(space, z, near)
         for _ in range(iterations):
-            step = np.linalg.solve(now.information, now.whitened_jacobian.T @ now.residual - now.z)
-            step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+            step = _step(now)
             expected = now.objective - self._expected(now, step)
             if expected < ENOUGH:
                 return _converged(now)
+            if now.objective - expected > worth:
+                return now
             better = self._improved(now, step)
             if better is None:
                 return now
@@ -126,6 +129,25 @@ class Fitter:
         ways = np.where(z <= 0.0, STEP, -STEP)
         jacobian = np.nan_to_num(moved) / ways
         return Fit(space, z, simulation, predicted, residual, jacobian, self.covariance.whiten(jacobian), False)
+
+
+def _step(now: Fit) -> Array:
+    """Return the Gauss-Newton step, no coordinate further than `LONGEST`, and none beyond its limit."""
+    slope = now.whitened_jacobian.T @ now.residual - now.z
+    free = ~((np.abs(now.z) >= FARTHEST) & (np.sign(slope) == np.sign(now.z)))
+    step = np.zeros(len(now.z))
+    for _ in range(len(step)):
+        own = np.flatnonzero(free)
+        if not len(own):
+            break
+        step = np.zeros(len(step))
+        step[own] = np.linalg.solve(now.information[np.ix_(own, own)], slope[own])
+        step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+        beyond = free & (np.abs(now.z + step) > FARTHEST) & (np.abs(now.z) >= FARTHEST)
+        if not beyond.any():
+            break
+        free &= ~beyond
+    return step
 
 
 def _converged(fit: Fit) -> Fit:

@@ -41,7 +41,7 @@ class _Part:
     p_value: float  # not corrected
 
 
-def locate(fitter: Fitter, base: Fit, block: str = "") -> Location:
+def locate(fitter: Fitter, base: Fit, block: str = "", cut: bool = True) -> Location:
     """Return where the fitted baseline and the recording part.
 
     Parameters
@@ -51,10 +51,12 @@ def locate(fitter: Fitter, base: Fit, block: str = "") -> Location:
     block
         The block of the named effects, in words; where it is empty it is decided from cuts of the model (see
         `rig_blocks`).
+    cut
+        Whether that is to be decided at all.
     """
     observation = fitter.rig.observation
     parts = list(_parts(observation, base.residual))
-    found = cuts(fitter, base) if not block else ()
+    found = cuts(fitter, base) if cut and not block else ()
     looked = len(parts) + len(found)
     total = max(base.chi_squared - float(observation.noise.sum()), 1.0)
     places = [Place(cut=one.cut, where=one.where, share=float(np.clip(one.excess / total, 0.0, 1.0)),

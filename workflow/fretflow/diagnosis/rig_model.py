@@ -22,6 +22,7 @@ from fretflow.effects.model import EffectModel
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.harmonic.quasi_static import QuasiStaticSolver
 from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.rig.lumped import LumpedRig
 from fretflow.rig.sensors import Signals
 from fretflow.wear.history import WearSettings, WearStep
 from fretflow.wear.implicit import Implicit
@@ -29,6 +30,7 @@ from fretflow.wear.scheme import WearingJoint
 
 TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
 HARMONICS = 20
+MOST_PERIODS = 50  # of a simulation's wear: less plausible laws over cycles may need thousands
 WEAR_TOLERANCE = 0.2  # of the embedded solution of first order; the depth itself is a tenth as far off
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
 SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
@@ -87,7 +89,7 @@ class RigModel:
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
         joint = self.problem.joint.quasi_static()
-        rig = replace(joint.rig, moving_mass=joint.rig.moving_mass * hypothesis.mass)
+        rig = heavier(joint.rig, hypothesis.mass)
         soft = hypothesis.compliance
         scaled = replace(joint, rig=rig, stiffness=joint.stiffness / soft, flexibility=joint.flexibility * soft,
                          upper_compliance=joint.upper_compliance * soft, lower_compliance=joint.lower_compliance * soft)
@@ -115,7 +117,8 @@ class RigModel:
                                 tolerance=WEAR_TOLERANCE)
         joint = WearingJoint(cycle, settings)
         scheme: Implicit[PeriodicSolution] = Implicit(joint)
-        step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
+        known = {} if near is None else {one.step.cycles: one.solution for one in near.loops}
+        step, state = joint.settled(cycle.initial(), known.get(0), solves=1)
         steps, kept = [step], {}
         while True:
             if step.cycles in counts:
@@ -123,8 +126,10 @@ class RigModel:
                                            step.cycles / max(self.total_cycles, 1), cycle.model.baseline)
             if step.cycles >= last:
                 break
-            step, state = scheme.advance(step, state)
+            step, state = scheme.advance(step, known.get(settings.next_stop(step.cycles), state))
             steps.append(step)
+            if step.solves > MOST_PERIODS:
+                raise NonConvergenceError(f"the wear needs more than {MOST_PERIODS} periods for {last} cycles")
         end = kept[last]
         others = near.sweep if near is not None else (end,) * len(self.observation.conditions)
         sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
@@ -177,7 +182,7 @@ class RigModel:
         """Return the true channels of a period, thinned to the recording's samples."""
         found, thin = period.solution, len(period.solution.state) // self.observation.samples
         load = period.problem.normal_load + period.problem.load_slope * found.rig_displacement[:, 1]
-        return replace(true_signals(period.problem, found, self.displacement(found), period.elapsed, thin),
+        return replace(true_signals(period.problem, found, self.displacement(period), period.elapsed, thin),
                        approach=arm_approach(period)[::thin], normal_force=load[::thin])
 
     def sensed(self, model: EffectModel, signals: Signals) -> Signals:
@@ -191,14 +196,34 @@ class RigModel:
                                    if (values := getattr(found, name)) is not None}
         return replace(found, **shifted)
 
-    def displacement(self, found: PeriodicSolution) -> Array:
+    def displacement(self, period: Period) -> Array:
         """Return the displacement (N,) where the recording measured it, m."""
+        found = period.solution
         if self.displacement_of.place is Place.CONTACT_FACES:
             areas = self.problem.interface.areas
-            return np.asarray(found.displacement[:, :, 0] @ areas / areas.sum())
+            slid = found.displacement[:, :, 0] @ areas / areas.sum()
+            return np.asarray(slid - asperity_motion(period, period.problem))
         if self.displacement_of.place is Place.BACK_FACES:
             return found.rig_displacement[:, 1]
         return (found.upper_observation - found.lower_observation)[:, 0]
+
+
+def asperity_motion(period: Period, problem: PeriodicProblem) -> Array:
+    """Return by how much springs between the faces that `problem` has make these slide more than they move, (N,) m.
+
+    A sensor sees the faces of the bodies, on either side of asperities and debris.
+    """
+    bare, sprung = period.condition.joint.quasi_static(), problem.joint.quasi_static()
+    soft = np.diag(sprung.flexibility)[::3] - np.diag(bare.flexibility)[::3]
+    areas = problem.interface.areas
+    return np.asarray(period.solution.force[:, :, 0] @ (soft * areas / areas.sum()))
+
+
+def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
+    """Return the rig with another moving mass and the same in-phase mode, which is measured apart from it."""
+    total = (rig.moving_mass * factor + rig.arm_mass) / (rig.moving_mass + rig.arm_mass)
+    return replace(rig, moving_mass=rig.moving_mass * factor, ground_stiffness=rig.ground_stiffness * total,
+                   ground_damping=rig.ground_damping * total)
 
 
 def arm_approach(period: Period) -> Array:

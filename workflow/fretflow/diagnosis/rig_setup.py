@@ -21,6 +21,8 @@ COARSE, FINER = 4, 6  # elements per side of the contact square
 # Linear elements err by about h^2: (1/4)^2 / ((1/4)^2 - (1/6)^2) of the difference between the two meshes; the
 # corners' singularity makes it less regular, and half of the difference stays as an error.
 EXTRAPOLATED, MESH_ERROR = 1.3, 0.7
+# The march is of first order in the samples: twice as many halve the error.
+RICHARDSON, SAMPLING_ERROR = 2.0, 0.7
 PLATEAU = 0.9  # quantile of the force over a loop: near its friction limit, above noise and roundings
 SMALLEST_FRICTION, LARGEST_FRICTION = 0.05, 2.0
 EASED, MOST_EASED = 0.85, 4  # factor on a coefficient at which the joint sticks, and how often it is taken
@@ -43,7 +45,8 @@ def case_of(recording: Recording, elements: int = Mesh().contact_elements, name:
     case = validate_case({
         "format": "fretflow-case/1", "name": name, "mesh": {"contact_elements": elements},
         "test": {"excitation_amplitude": f"{test.excitation_amplitude!r} N", "cycles": cycles,
-                 "excitation_frequency": f"{test.excitation_frequency!r} Hz", "normal_load": f"{test.normal_load!r} N"}})
+                 "excitation_frequency": f"{test.excitation_frequency!r} Hz",
+                 "normal_load": f"{test.normal_load!r} N"}})
     specimen = recording.specimen or Specimens()
     distance = _loops(recording).displacement_of
     if distance is not None and distance.distance > 0.0:
@@ -126,5 +129,5 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     modes = np.zeros((len(plain), 2 * len(observation.pieces)))
     for column, piece in enumerate(observation.pieces):
         modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
-        modes[piece.place, 2 * column + 1] = sampled[piece.place]
-    return EXTRAPOLATED * mesh + sampled, modes
+        modes[piece.place, 2 * column + 1] = SAMPLING_ERROR * sampled[piece.place]
+    return EXTRAPOLATED * mesh + RICHARDSON * sampled, modes

@@ -1,8 +1,8 @@
 """Which effects could explain what is left, before any of them is fitted.
 
-At the fitted baseline, each effect is laid out at a few points of its ranges; the first-order changes of the recording
-from no effect to these points span what it can do. With a standard normal weight on each column, and the baseline's own
-parameters projected out, the gain in log evidence of a set of columns S over none is::
+At a fitted hypothesis, each effect is laid out at a few points of its ranges; the first-order changes of the recording
+from no effect to these points span what it can do. With a standard normal weight on each column, and what is fitted
+already projected out, the gain in log evidence of a set of columns S over none is::
 
     (S^T r)^T (1 + S^T S)^-1 (S^T r) / 2 - log det(1 + S^T S) / 2
 """
@@ -14,12 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fretflow.diagnosis.coordinates import Space
+from fretflow.core.errors import ConfigError
+from fretflow.diagnosis.coordinates import Space, signed_fields
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array
 from fretflow.diagnosis.rig_model import Hypothesis
 from fretflow.diagnosis.tangent import neighbours
-from fretflow.effects.catalogue import catalogue
+from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Kind
 
 AWAY = 1.2  # coordinate of a point beside the middle of the ranges
@@ -27,14 +28,27 @@ FAINT = 1e-9
 
 
 @dataclass(frozen=True)
+class Start:
+    """A point of an effect's ranges at which it is laid out: its coordinates, and the signs that go with them."""
+
+    effect: str
+    z: Array
+    signs: dict[str, float]
+
+
+@dataclass(frozen=True)
 class Signatures:
-    """Whitened changes (M, columns) by effect, with the baseline's own parameters projected out."""
+    """Whitened changes (M, columns) by effect, with what is fitted already projected out.
+
+    `starts` are the points of which the columns are; `whole` the changes before the projection.
+    """
 
     residual: Array
     columns: Mapping[str, Array]
+    starts: Mapping[str, tuple[Start, ...]]
 
     def gain(self, effects: Sequence[str]) -> float:
-        """Return the gain in log evidence over the baseline."""
+        """Return the gain in log evidence over what is fitted."""
         s = np.hstack([self.columns[name] for name in effects])
         inner = np.eye(s.shape[1]) + s.T @ s
         pulled = s.T @ self.residual
@@ -51,34 +65,83 @@ class Signatures:
         a, b = (_main(self.columns[name]) for name in (one, other))
         return float(np.sqrt(max(0.0, 1.0 - float(a @ b)**2)))
 
+    def ranked(self) -> list[str]:
+        """Return the effects, the one with the largest gain first."""
+        return sorted(self.columns, key=lambda name: -self.gain((name,)))
 
-def signatures(fitter: Fitter, base: Fit) -> Signatures:
-    """Return the signatures of all effects of the catalogue that act in the rig, at a fitted baseline."""
-    kinds = {name: kind for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds}
-    laid: list[tuple[str, Hypothesis]] = []
-    for name in kinds:
-        laid += [(name, one) for one in _points(name, base)]
-    changes = neighbours(fitter.rig, base.simulation, [one for _, one in laid])
-    own = _basis(base.whitened_jacobian)
-    found: dict[str, list[Array]] = {name: [] for name in kinds}
-    for (name, _), change in zip(laid, changes.T, strict=True):
-        if np.all(np.isfinite(change)):
-            white = fitter.covariance.whiten(change)
-            found[name].append(white - own @ (own.T @ white))
-    residual = base.residual - own @ (own.T @ base.residual)
-    return Signatures(residual, {name: np.column_stack(columns) for name, columns in found.items() if columns})
+    def start(self, effect: str) -> Start:
+        """Return the point of an effect's ranges from which a fit begins: where least would be left."""
+        left = np.sum((self.residual[:, None] - self.columns[effect])**2, axis=0)
+        return self.starts[effect][int(np.argmin(left))]
 
 
-def _points(name: str, base: Fit) -> list[Hypothesis]:
-    """Return the hypotheses at the middle of an effect's ranges and beside it, the baseline as fitted."""
-    space = Space.of((name,))
-    own = len(base.z)
-    points = [np.zeros(space.size - own)]
-    for i in range(space.size - own):
-        for way in (-AWAY, AWAY):
-            points.append(points[0].copy())
-            points[-1][i] = way
-    return [space.hypothesis(np.concatenate([base.z, point])) for point in points]
+def rig_effects() -> tuple[str, ...]:
+    """Return the ids of the effects that act in the rig."""
+    return tuple(name for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds)
+
+
+def starts_beside(fit: Fit, effects: Sequence[str]) -> list[Start]:
+    """Return the points at which `effects` are laid out beside a fit, those left out that it cannot work with."""
+    found = []
+    for name in effects:
+        if name in fit.space.effects:
+            continue
+        try:
+            check_together([catalogue()[one]() for one in (*fit.space.effects, name)])
+        except ConfigError:
+            continue
+        found += _starts(name)
+    return found
+
+
+def _starts(name: str) -> list[Start]:
+    """Return the middle of an effect's ranges and points beside it, for either sign of what may have both."""
+    signed = signed_fields(catalogue()[name])
+    found = []
+    for sign in (1.0, -1.0) if signed else (1.0,):
+        signs = {f"{name}.{field}": sign for field in signed}
+        own = Space.of((name,), signs).size - Space.of(()).size
+        found.append(Start(name, np.zeros(own), signs))
+        for i in range(own):
+            for way in (-AWAY, AWAY):
+                z = np.zeros(own)
+                z[i] = way
+                found.append(Start(name, z, signs))
+    return found
+
+
+def with_start(fit: Fit, start: Start) -> tuple[Space, Array]:
+    """Return the space of a fit's effects and another one, and the coordinates at which that is added."""
+    space = Space.of((*fit.space.effects, start.effect), {**fit.space.signs, **start.signs})
+    known = dict(zip((one.name for one in fit.space.coordinates), fit.z, strict=True))
+    own = iter(start.z)
+    z = [float(next(own)) if one.effect == start.effect else float(known[one.name]) for one in space.coordinates]
+    return space, np.array(z)
+
+
+def changes(fitter: Fitter, fit: Fit, starts: Sequence[Start]) -> Array:
+    """Return the first-order changes (M, starts) of the recording from a fit to each of `starts`."""
+    laid: list[Hypothesis] = []
+    for one in starts:
+        space, z = with_start(fit, one)
+        laid.append(space.hypothesis(z))
+    return neighbours(fitter.rig, fit.simulation, laid)
+
+
+def signatures(fitter: Fitter, fit: Fit, starts: Sequence[Start], moved: Array) -> Signatures:
+    """Return the signatures of effects beside a fit from the changes (M, starts) that they make."""
+    own = _basis(fit.whitened_jacobian)
+    usable = np.flatnonzero(np.all(np.isfinite(moved), axis=0))
+    white = fitter.covariance.whiten(moved[:, usable])
+    white -= own @ (own.T @ white)
+    columns: dict[str, list[Array]] = {}
+    points: dict[str, list[Start]] = {}
+    for place, column in zip(usable, white.T, strict=True):
+        columns.setdefault(starts[place].effect, []).append(column)
+        points.setdefault(starts[place].effect, []).append(starts[place])
+    return Signatures(fit.residual - own @ (own.T @ fit.residual),
+                      {name: np.column_stack(own) for name, own in columns.items()},
+                      {name: tuple(own) for name, own in points.items()})
 
 
 def _basis(columns: Array) -> Array:

@@ -15,7 +15,15 @@ import numpy as np
 
 from fretflow.core.errors import FretflowError
 from fretflow.diagnosis.observation import Array, Piece
-from fretflow.diagnosis.rig_model import HARMONICS, Hypothesis, Period, RigModel, Simulation, channel
+from fretflow.diagnosis.rig_model import (
+    HARMONICS,
+    Hypothesis,
+    Period,
+    RigModel,
+    Simulation,
+    asperity_motion,
+    channel,
+)
 from fretflow.effects.derivative import direction_between
 from fretflow.effects.model import EffectModel
 from fretflow.harmonic.direction import Direction, gap
@@ -162,13 +170,15 @@ def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Peri
     """Return the change of a piece's channel (N,), through the sensors of both hypotheses."""
     before = rig.signals(period)
     thin = len(period.solution.state) // rig.observation.samples
-    after = rig.signals(replace(period, problem=_driven(period, _problem_of(one, simulation, period)), solution=replace(
+    problem = _problem_of(one, simulation, period)
+    after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
         period.solution,
         rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
         friction_force=period.solution.friction_force + change.friction_force[v],
         upper_observation=period.solution.upper_observation + change.upper_observation[v],
         lower_observation=period.solution.lower_observation + change.lower_observation[v])))
-    after = _faced(rig, after, before, change.relative_displacement[v, ::thin])
+    moved = change.relative_displacement[v] - _more_asperity_motion(period, problem, change.friction_force[v])
+    after = _faced(rig, after, before, moved[::thin])
     if before.approach is not None:
         after = replace(after, approach=before.approach - change.approach[v, ::thin])
     return channel(rig.sensed(one.model, after), piece) - channel(rig.sensed(simulation.model, before), piece)
@@ -178,6 +188,15 @@ def _driven(period: Period, other: PeriodicProblem) -> PeriodicProblem:
     """Return the period's problem with what `other` shows in the channels themselves."""
     return replace(period.problem, overtones=other.overtones, rig_forces=other.rig_forces,
                    normal_load=other.normal_load, load_slope=other.load_slope)
+
+
+def _more_asperity_motion(period: Period, other: PeriodicProblem, force: Array) -> Array:
+    """Return the change (N,) of `asperity_motion` to `other`, as the friction force changes by `force` (N,) in all."""
+    now, then = (asperity_motion(period, problem) for problem in (period.problem, other))
+    if not np.any(then):
+        return -now
+    friction = period.solution.friction_force
+    return np.asarray(then - now + float(then @ friction) / float(friction @ friction) * force)
 
 
 def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:

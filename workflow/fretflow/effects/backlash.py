@@ -29,6 +29,7 @@ class Backlash(Effect):
     equation: ClassVar[str] = "k (|d| - g / 2) sign(d) where |d| > g / 2, else 0"
     source: ClassVar[str] = ("dead zone in series with a spring: M. Nordin, P.-O. Gutman, Automatica 38 (2002), "
                              "controlling mechanical systems with backlash")
+    first_order: ClassVar[bool] = False
     observables: ClassVar[tuple[str, ...]] = ("flat part of a loop where the force changes its sign",)
     kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
 

@@ -24,6 +24,7 @@ class ExtraMode(Effect):
     equation: ClassVar[str] = "T_meas = H T, H = 1 - r + r / (1 - (w/w_0)^2 + 2 i zeta w/w_0)"
     source: ClassVar[str] = ("transfer function of one mode: D. J. Ewins, Modal Testing: Theory, Practice and "
                              "Application, 2nd ed., Research Studies Press (2000)")
+    first_order: ClassVar[bool] = False
     observables: ClassVar[tuple[str, ...]] = ("ripple on the plateaus after a reversal", "high harmonics of the force")
     kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
     sensed_at: ClassVar[int] = 1

@@ -7,12 +7,13 @@ of the cores.
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
 import os
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Generic, TypeVar, cast
@@ -118,6 +119,43 @@ def run_ensemble(function: Callable[[T], R], arguments: Sequence[T], workers: Wo
         with _executor(Workers(), 1) as executor:
             for outcome in _gather(cast(Executor, executor), function, {index: arguments[index]}):
                 yield _died(index) if isinstance(outcome.error, BrokenExecutor) else outcome
+
+
+class LocalPool:
+    """Calls functions on many arguments at once, in processes that start with the first call and stay."""
+
+    def __init__(self, processes: int) -> None:
+        self.processes = processes
+        self._stack = ExitStack()
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> LocalPool:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    def __call__(self, function: Callable[[T], R], arguments: Sequence[T], /) -> list[R]:
+        """Return the values of all calls, in the order of the arguments.
+
+        Raises
+        ------
+        PlatformError
+            If a process died.
+        """
+        if self.processes < 2 or len(arguments) < 2:
+            return [function(argument) for argument in arguments]
+        if self._executor is None:
+            self._executor = self._stack.enter_context(_executor(Workers(jobs=self.processes), self.processes))
+        calls = [functools.partial(guarded, function)] * len(arguments)
+        try:
+            return list(cast(Executor, self._executor).map(_call, calls, arguments))
+        except BrokenExecutor as error:
+            raise PlatformError("a process died (killed, or out of memory); try again with fewer at a time") from error
+
+
+def _call(function: Callable[[T], R], argument: T) -> R:
+    return function(argument)
 
 
 def threads_each(processes: int) -> int:

@@ -54,6 +54,19 @@ class Watcher(Protocol):
         """Note that a stage is complete, computed or reused."""
 
 
+class Silent:
+    """Watches a run without a word."""
+
+    def begin(self, stage: str) -> None:
+        """Note that `stage` starts computing."""
+
+    def advance(self, stage: str, share: float, text: str) -> None:
+        """Note that `share` (0 to 1) of `stage` is done."""
+
+    def end(self, result: StageResult) -> None:
+        """Note that a stage is complete, computed or reused."""
+
+
 @dataclass(frozen=True)
 class _Task:
     """A collective stage as handed to the other ranks."""

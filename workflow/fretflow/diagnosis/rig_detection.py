@@ -1,0 +1,81 @@
+"""Whether the fitted baseline leaves more than errors explain, at a false-alarm rate that holds for all tests together.
+
+Thresholds are those of nulls drawn from the errors' covariance. What independent codes differ by where nothing is
+hidden is not in it; squares count less by `SYSTEMATIC` for that.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from fretflow.diagnosis.fit import Fit
+from fretflow.diagnosis.observation import Array, Observation
+from fretflow.diagnosis.screening import Signatures
+from fretflow.diagnosis.verdict import Detection
+
+FALSE_ALARMS = 0.05
+SYSTEMATIC = 4.0
+DRAWS = 400
+SEED = 20241
+HARMONICS = 5
+
+
+def detect(observation: Observation, base: Fit, seen: Signatures) -> Detection:
+    """Return whether anything is left at a fitted baseline."""
+    generator = np.random.default_rng(SEED)
+    draws = generator.standard_normal((len(seen.residual), DRAWS))
+    own, _ = np.linalg.qr(base.whitened_jacobian)
+    draws -= own @ (own.T @ draws)
+    tests = {
+        "chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, len(base.residual) - len(base.z))),
+        "gain of the effect that promises most": _of_draws(
+            max(seen.gain((name,)) for name in seen.columns) / SYSTEMATIC, _gains(seen, draws)),
+        "harmonics of the loops by their trend over the cycles": _harmonics(observation, seen.residual, own)}
+    name = min(tests, key=lambda key: tests[key])
+    return Detection(p_value=min(1.0, len(tests) * tests[name]), statistic=name, tests=tests,
+                     false_alarm_rate=FALSE_ALARMS)
+
+
+def _gains(seen: Signatures, draws: Array) -> Array:
+    """Return the largest gain of each draw (DRAWS,)."""
+    best = np.full(draws.shape[1], -np.inf)
+    for columns in seen.columns.values():
+        inner = np.eye(columns.shape[1]) + columns.T @ columns
+        pulled = columns.T @ draws
+        gain = 0.5 * np.sum(pulled * np.linalg.solve(inner, pulled), axis=0) - 0.5 * np.linalg.slogdet(inner)[1]
+        best = np.maximum(best, gain)
+    return best
+
+
+def _of_draws(value: float, draws: Array) -> float:
+    """Return the share of nulls above a value; beyond all of them by the exponential tail of the largest tenth."""
+    above = float(np.mean(draws >= value))
+    if above > 10.0 / len(draws):
+        return above
+    start = float(np.quantile(draws, 0.9))
+    scale = float(np.mean(draws[draws > start] - start))
+    return float(0.1 * np.exp(-(value - start) / max(scale, 1e-12)))
+
+
+def _harmonics(observation: Observation, residual: Array, own: Array) -> float:
+    """Return the p-value of the largest harmonic of a channel's residual, constant or linear in the loops' order."""
+    probes = []
+    angle = 2.0 * np.pi * np.arange(observation.samples) / observation.samples
+    waves = [shape(k * angle) for k in range(1, HARMONICS + 1) for shape in (np.cos, np.sin)]
+    for channel in dict.fromkeys(piece.channel for piece in observation.pieces if piece.block == "loops"):
+        pieces = [piece for piece in observation.pieces if piece.block == "loops" and piece.channel == channel]
+        trend = np.linspace(-1.0, 1.0, len(pieces)) if len(pieces) > 1 else np.zeros(1)
+        for wave in waves:
+            for weight in (np.ones(len(pieces)), trend):
+                probe = np.zeros(len(residual))
+                for piece, size in zip(pieces, weight, strict=True):
+                    probe[piece.place] = size * wave
+                if np.any(probe):
+                    probes.append(probe)
+    basis = np.column_stack(probes)
+    basis -= own @ (own.T @ basis)
+    size = np.linalg.norm(basis, axis=0)
+    kept = size > 0.1 * size.max()
+    squares = (basis[:, kept].T @ residual / size[kept])**2 / SYSTEMATIC
+    return float(min(1.0, kept.sum() * stats.chi2.sf(squares.max(), 1)))

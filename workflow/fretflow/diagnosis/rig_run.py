@@ -1,0 +1,209 @@
+"""The diagnosis of a recording of the rig: baseline, detection, place, name, and the fit before and after.
+
+The baseline's own parameters are refitted first. Everything is fitted on a coarse contact mesh, whose errors are in
+the covariance; a full diagnosis confirms its answer on the mesh of the pipeline.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.config import Case
+from fretflow.core.errors import FretflowError
+from fretflow.diagnosis import rig_words as words
+from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.diagnosis.fit import Fit, Fitter
+from fretflow.diagnosis.observation import Array, Observation, observe
+from fretflow.diagnosis.rig_detection import detect
+from fretflow.diagnosis.rig_estimates import case_text, estimates
+from fretflow.diagnosis.rig_law import residual_law
+from fretflow.diagnosis.rig_location import locate
+from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
+from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, RigSearch, chosen_set, search
+from fretflow.diagnosis.rig_setup import (
+    COARSE,
+    FINER,
+    Reduce,
+    case_of,
+    errors_of,
+    first_friction,
+    first_simulation,
+    first_wear,
+    model_of,
+)
+from fretflow.diagnosis.rig_verdict import decide, smallest_visible
+from fretflow.diagnosis.rig_views import comparisons, residual_maps, wear_map
+from fretflow.diagnosis.verdict import Diagnosis, HeldOut, Verdict
+from fretflow.diagnosis.words import blocks_of
+from fretflow.recordings.recording import Recording
+
+Progress = Callable[[float, str], None]
+SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
+BASE_STEPS, HELD_STEPS = 8, 2
+FULL_PERIODS = 4  # times the samples, on the mesh of the pipeline
+MOST_KEPT = 4  # loops that are all fitted
+JUDGED = ("displacement", "friction_force")
+HIDDEN = 1e12  # factor on the variance of what is held out
+
+
+@dataclass(frozen=True)
+class RigTools:
+    """What lies above the diagnosis: meshes and reduction of a case, and processes to call functions in."""
+
+    reduce: Reduce
+    pool: Pool
+
+
+@dataclass(frozen=True)
+class _Prediction:
+    """A prediction that a process is asked for."""
+
+    model: RigModel
+    hypothesis: Hypothesis
+
+
+def predict_task(asked: _Prediction) -> Array:
+    """Return the vector (M,) of a hypothesis."""
+    return asked.model.predict(asked.model.simulate(asked.hypothesis))
+
+
+@dataclass(frozen=True)
+class _Refit:
+    fitter: Fitter
+    fit: Fit
+
+
+def refit_task(asked: _Refit) -> Fit:
+    """Return a fit carried on under another covariance."""
+    return asked.fitter.fit(asked.fit.space, asked.fit.z, asked.fit.simulation, HELD_STEPS)
+
+
+def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
+    """Return what a recording of the rig shows that the baseline leaves out.
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not hold what is needed.
+    NonConvergenceError
+        If the baseline cannot be simulated.
+    """
+    began = time.monotonic()
+    progress(0.01, "specimens on two meshes")
+    observation = observe(recording, SAMPLES)
+    case = case_of(recording)
+    fitter, first = _fitter(recording, observation, tools, progress)
+    progress(0.15, "refitting the baseline")
+    base = fitter.fit(Space.of(()), np.zeros(Space.of(()).size), first, BASE_STEPS)
+    looked = RigSearch(fitter, tools.pool, {frozenset(): base})
+    progress(0.3, "screening all effects")
+    detection = detect(observation, base, looked.screen(frozenset()))
+    chosen: Names = frozenset()
+    if detection.p_value < detection.false_alarm_rate:
+        search(looked, FAST if fast else FULL, lambda share, text: progress(0.35 + 0.45 * share, text))
+        chosen = chosen_set(looked)
+    found = decide(looked, chosen, detection)
+    after = looked.fits[found.after]
+    progress(0.85, "held-out loops")
+    held = _held_out(looked, base, after)
+    location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
+                      cut=found.verdict is Verdict.UNKNOWN)
+    law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
+    notes = [str(note) for note in recording.notes]
+    if not fast:
+        progress(0.9, "confirming on the full mesh")
+        notes.append(_confirmed(case, fitter, list(dict.fromkeys((base, after))), tools))
+    named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    return Diagnosis(
+        title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=found.verdict,
+        effects=found.effects, probability=found.probability, ranking=found.ranking,
+        sentence=words.sentence(found.verdict, found.sets, found.explained, location, law), detection=detection,
+        location=location, parameters=estimates(fitter.rig, after, found.widened), held_out=held,
+        separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
+        residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
+        comparisons=comparisons(observation, base.predicted, after.predicted, held_out_labels(observation)),
+        residual_maps=residual_maps(observation, base.predicted, after.predicted),
+        wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
+        case_file=case_text(case, fitter.rig, after) if named else "", seconds=time.monotonic() - began, fast=fast)
+
+
+def _fitter(recording: Recording, observation: Observation, tools: RigTools, progress: Progress
+            ) -> tuple[Fitter, Simulation]:
+    """Return the fitter on the coarse mesh with what that leaves out, and the first simulation."""
+    friction = first_friction(recording)
+    wear = first_wear(recording, friction)
+
+    def on(elements: int, coefficient: float) -> RigModel:
+        problem = tools.reduce(case_of(recording, elements, f"{elements}-elements"))
+        return model_of(recording, observation, replace(problem, friction_coefficient=coefficient), wear)
+
+    model, first = first_simulation(on(COARSE, friction))
+    progress(0.08, "what the coarse mesh leaves out")
+    finer = on(FINER, float(np.mean(model.problem.friction_coefficient)))
+    denser = replace(model, samples=2 * model.samples)
+    predicted = tools.pool(predict_task, [_Prediction(finer, Hypothesis()), _Prediction(denser, Hypothesis())])
+    correction, modes = errors_of(observation, predicted[0], predicted[1], model.predict(first))
+    return Fitter(model, observation.covariance(modes), correction), first
+
+
+def held_out_labels(observation: Observation) -> frozenset[str]:
+    """Return the labels of the loops that are held out: every third cycle count, and every second condition."""
+    loops = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "loops"))
+    sweep = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "sweep"))
+    kept = loops[1:-1:3] if len(loops) > MOST_KEPT else []
+    return frozenset([*kept, *sweep[1::2]])
+
+
+def _held_out(looked: RigSearch, before: Fit, after: Fit) -> HeldOut | None:
+    """Return the errors on loops that a refit did not see; None where there are too few loops."""
+    fitter, observation = looked.fitter, looked.fitter.rig.observation
+    labels = held_out_labels(observation)
+    if not labels:
+        return None
+    out = np.zeros(len(observation.values), dtype=bool)
+    for piece in observation.pieces:
+        out[piece.place] = piece.label in labels
+    hidden = replace(fitter, covariance=Covariance(
+        np.where(out, HIDDEN, 1.0) * fitter.covariance.variance, np.where(out[:, None], 0.0, fitter.covariance.modes)))
+    refits = looked.pool(refit_task, [_Refit(hidden, one) for one in dict.fromkeys((before, after))])
+    sizes = [held_out_size(observation, one.predicted, out) for one in (refits[0], refits[-1])]
+    return HeldOut(what=f"{len(labels)} of the loops: {', '.join(sorted(labels))}", before=sizes[0], after=sizes[1],
+                   floor=1.0)
+
+
+def held_out_size(observation: Observation, predicted: Array, rows: NDArray[np.bool_]) -> float:
+    """Return the rms error of single repeats over their sd, 1 for a prediction without error.
+
+    The mean of the repeats is compared, each loop's zero free; the scatter of the repeats about it is added.
+    """
+    squares = []
+    for piece in observation.pieces:
+        if rows[piece.place].all() and piece.channel in JUDGED:
+            left = (observation.values - predicted)[piece.place]
+            floor = observation.floor[piece.place]
+            within = 1.0 - observation.variance[piece.place] * observation.noise[piece.place] / floor**2
+            squares.append(((left - left.mean()) / floor)**2 + np.clip(within, 0.0, 1.0))
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:
+    """Return in words how well fits predict the recording on the pipeline's own mesh, without any correction."""
+    rig, observation = fitter.rig, fitter.rig.observation
+    problem = replace(tools.reduce(case), friction_coefficient=rig.problem.friction_coefficient)
+    full = replace(rig, problem=problem, samples=FULL_PERIODS * rig.samples)
+    loops = observation.rows(block="loops") | observation.rows(block="sweep")
+    try:
+        found = tools.pool(predict_task, [_Prediction(full, fit.space.hypothesis(fit.z)) for fit in fits])
+    except FretflowError as error:
+        return f"on the mesh of the pipeline the answer could not be confirmed: {error}"
+    sizes = [held_out_size(observation, one, loops) for one in found]
+    nodes = problem.interface.size
+    return (f"on the mesh of the pipeline ({nodes} contact nodes) all loops are predicted to "
+            f"{', '.join(f'{size:.3g}' for size in sizes)} times what repeats differ by "
+            f"({'baseline, then ' if len(sizes) > 1 else ''}the model of the verdict)")

@@ -1,0 +1,236 @@
+"""The search for the effects that explain a recording of the rig: screening, fits of single effects, then of pairs.
+
+All effects are screened by their first-order changes at the fitted baseline; the most promising are fitted, first a
+few steps each, then the best of them to the end. Around the best single effects the catalogue is screened again for
+a second one. Models are compared by their evidence, tempered: two independent codes differ by more than noise even
+where nothing is hidden, and laws are never exactly those of the catalogue, so that differences in log evidence count
+less by `SYSTEMATIC`, and less again where even the best fit leaves more than noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from math import log
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.fit import Fit, Fitter
+from fretflow.diagnosis.observation import Array
+from fretflow.diagnosis.rig_model import Simulation
+from fretflow.diagnosis.screening import (
+    Signatures,
+    Start,
+    changes,
+    rig_effects,
+    signatures,
+    starts_beside,
+    with_start,
+)
+from fretflow.effects.catalogue import catalogue
+
+T = TypeVar("T")
+R = TypeVar("R")
+Names = frozenset[str]
+
+SYSTEMATIC = 4.0  # by which differences of log evidence count less
+SLACK = 1.25  # of the expected chi-squared: what independent codes differ by where nothing is hidden
+LEAST_GAIN = 30.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
+SECOND = 0.4  # share of what one effect leaves that a second one must explain
+PLACED = 0.02  # share of the baseline's excess that it must explain
+
+
+BEYOND = 1.0  # of the recording's own size: a first-order change that is larger says nothing
+
+
+class Pool(Protocol):
+    """Calls a function of a module's top level on many arguments at once; the values come in their order."""
+
+    def __call__(self, function: Callable[[T], R], arguments: Sequence[T], /) -> list[R]:
+        """Return the values of all calls."""
+        ...
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is fitted: how many single effects, steps of each, how many go on, and pairs."""
+
+    singles: int
+    first_steps: int
+    kept: int
+    last_steps: int
+    bases: int  # single effects to which a second one is sought
+    pairs: int  # for each of them
+
+
+FAST = Effort(singles=6, first_steps=2, kept=2, last_steps=3, bases=1, pairs=2)
+FULL = Effort(singles=100, first_steps=2, kept=6, last_steps=10, bases=2, pairs=4)
+
+
+@dataclass(frozen=True)
+class _Task:
+    fitter: Fitter
+    space: Space
+    z: Array
+    near: Simulation
+    steps: int
+    worth: float  # objective without the effect
+
+
+@dataclass(frozen=True)
+class _Laid:
+    fitter: Fitter
+    fit: Fit
+    starts: tuple[Start, ...]
+
+
+def fit_task(task: _Task) -> Fit | None:
+    """Return the fit that a task asks for; None where its start has no simulation."""
+    for share in (1.0, 0.5, 0.0):
+        try:
+            return task.fitter.fit(task.space, share * task.z, task.near, task.steps, task.worth)
+        except NonConvergenceError:
+            continue
+    return None
+
+
+def changes_task(laid: _Laid) -> Array:
+    """Return the changes of `screening.changes`."""
+    return changes(laid.fitter, laid.fit, laid.starts)
+
+
+@dataclass
+class RigSearch:
+    """The fits of sets of effects so far, the baseline's among them."""
+
+    fitter: Fitter
+    pool: Pool
+    fits: dict[Names, Fit]
+    screened: dict[Names, Signatures] = field(default_factory=dict)
+
+    @property
+    def baseline(self) -> Fit:
+        """Return the fit without effects."""
+        return self.fits[frozenset()]
+
+    @property
+    def expected(self) -> float:
+        """Return the chi-squared that repeats explain."""
+        return float(self.fitter.rig.observation.noise.sum())
+
+    def excess(self, fit: Fit) -> float:
+        """Return by how much chi-squared is larger than what noise and independent codes explain."""
+        return max(0.0, fit.chi_squared - SLACK * self.expected)
+
+    def explained(self, names: Names) -> float:
+        """Return the share of the baseline's excess that a set explains."""
+        before, after = self.baseline.chi_squared, self.fits[names].chi_squared
+        gain = before - after
+        return float(np.clip(gain / max(gain + self.excess(self.fits[names]), 1e-9), 0.0, 1.0))
+
+    def temper(self) -> float:
+        """Return by how much differences of log evidence count less."""
+        best = min(fit.chi_squared for fit in self.fits.values())
+        return SYSTEMATIC * max(1.0, best / (SLACK * self.expected))
+
+    def log_probability(self, names: Names) -> float:
+        """Return the log of a set's probability, up to a constant: each effect is one of the catalogue's."""
+        return self.fits[names].log_evidence / self.temper() - len(names) * log(len(rig_effects()))
+
+    def probabilities(self) -> dict[Names, float]:
+        """Return the probability of each set that was fitted, the largest first."""
+        weight = {names: self.log_probability(names) for names in self.fits}
+        most = max(weight.values())
+        total = sum(np.exp(value - most) for value in weight.values())
+        return {names: float(np.exp(value - most) / total)
+                for names, value in sorted(weight.items(), key=lambda item: -item[1])}
+
+    def screen(self, names: Names) -> Signatures:
+        """Return the signatures of all further effects beside a fitted set."""
+        if names not in self.screened:
+            fit = self.fits[names]
+            starts = starts_beside(fit, rig_effects())
+            halves = (tuple(starts[::2]), tuple(starts[1::2]))
+            found = self.pool(changes_task, [_Laid(self.fitter, fit, half) for half in halves])
+            moved = np.empty((len(found[0]), len(starts)))
+            moved[:, ::2], moved[:, 1::2] = found
+            self._simulate_beyond(fit, starts, moved)
+            self.screened[names] = signatures(self.fitter, fit, starts, moved)
+        return self.screened[names]
+
+    def _simulate_beyond(self, fit: Fit, starts: Sequence[Start], moved: Array) -> None:
+        """Put simulated changes in place of first-order ones where these tell nothing; drop those beyond all sense."""
+        size = float(np.linalg.norm(self.fitter.covariance.whiten(self.fitter.rig.observation.values)))
+        white = np.linalg.norm(self.fitter.covariance.whiten(np.nan_to_num(moved)), axis=0)
+        moved[:, white > BEYOND * size] = np.nan
+        asked = [k for k, start in enumerate(starts) if not catalogue()[start.effect].first_order]
+        tasks = [_Task(self.fitter, *with_start(fit, starts[k]), fit.simulation, 0, np.inf) for k in asked]
+        moved[:, asked] = np.nan
+        for k, found in zip(asked, self.pool(fit_task, tasks), strict=True):
+            if found is not None:
+                moved[:, k] = found.predicted - fit.predicted
+
+    def add(self, to: Names, effects: Iterable[str], steps: int) -> None:
+        """Fit a set with each of `effects` added, some steps each."""
+        seen, fit = self.screen(to), self.fits[to]
+        chosen = [name for name in effects if name in seen.columns and to | {name} not in self.fits]
+        tasks = [_Task(self.fitter, *with_start(fit, seen.start(name)), fit.simulation, steps, fit.objective)
+                 for name in chosen]
+        for name, found in zip(chosen, self.pool(fit_task, tasks), strict=True):
+            if found is not None:
+                self.fits[to | {name}] = found
+
+    def carry_on(self, sets: Iterable[Names], steps: int) -> None:
+        """Fit the sets that have not converged further."""
+        open_ = [names for names in sets if not self.fits[names].converged]
+        tasks = [_Task(self.fitter, self.fits[names].space, self.fits[names].z, self.fits[names].simulation, steps,
+                       np.inf) for names in open_]
+        for names, found in zip(open_, self.pool(fit_task, tasks), strict=True):
+            if found is not None and found.objective < self.fits[names].objective:
+                self.fits[names] = found
+
+    def best(self, size: int, most: int, containing: Names = frozenset()) -> list[Names]:
+        """Return the sets of a size with the largest evidence."""
+        own = [names for names in self.fits if len(names) == size and containing <= names]
+        return sorted(own, key=lambda names: -self.fits[names].log_evidence)[:most]
+
+
+def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], None]) -> None:
+    """Fit the sets of effects that may explain the recording."""
+    progress(0.0, "screening all effects")
+    ranked = found.screen(frozenset()).ranked()
+    progress(0.1, "fitting single effects")
+    found.add(frozenset(), ranked[:effort.singles], effort.first_steps)
+    progress(0.5, "fitting the most promising")
+    found.carry_on(found.best(1, effort.kept), effort.last_steps)
+    for place, one in enumerate(found.best(1, effort.bases)):
+        progress(0.65 + 0.3 * place / effort.bases, f"what could act beside {', '.join(one)}")
+        if found.excess(found.fits[one]) < PLACED * found.excess(found.baseline):
+            continue
+        seen = found.screen(one)
+        promising = [name for name in seen.ranked()[:effort.pairs] if seen.gain((name,)) > LEAST_GAIN]
+        found.add(one, promising, effort.first_steps)
+        found.carry_on(found.best(2, 2, one), effort.last_steps)
+
+
+def chosen_set(found: RigSearch) -> Names:
+    """Return the set that explains best and in which each effect earns its place; none if no effect does."""
+    best: Names = frozenset()
+    for size in (1, 2):
+        more = [names for names in found.best(size, 1) if not best or size > len(best)]
+        if not more:
+            continue
+        wider = more[0]
+        fewer = max((names for names in found.fits if names < wider and len(names) == size - 1),
+                    key=lambda names: found.fits[names].log_evidence)
+        if found.fits[wider].log_evidence - found.fits[fewer].log_evidence < LEAST_GAIN:
+            continue
+        gain = found.fits[fewer].chi_squared - found.fits[wider].chi_squared
+        if size > 1 and (gain < SECOND * (gain + found.excess(found.fits[wider]))
+                         or gain < PLACED * (found.baseline.chi_squared - found.expected)):
+            continue
+        best = wider
+    return best

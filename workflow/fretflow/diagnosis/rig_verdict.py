@@ -1,0 +1,94 @@
+"""What the search in the rig's recordings comes to: verdict, alternatives, probabilities, what would have been seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, sqrt
+
+import numpy as np
+
+from fretflow.diagnosis.rig_search import LEAST_GAIN, SYSTEMATIC, Names, RigSearch
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Verdict
+
+SURE = 0.9  # probability from which one set is named alone
+MOST_ALTERNATIVES = 3
+GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
+MOST_RANKED = 40
+SEEN = 3.0  # standard deviations at which an effect would have been seen, after tempering
+
+
+@dataclass(frozen=True)
+class Found:
+    """The verdict: the sets that are left as alternatives, the one that "after" is predicted with, and how sure."""
+
+    verdict: Verdict
+    sets: tuple[Names, ...]
+    after: Names
+    explained: float
+    probability: float
+    ranking: tuple[Candidate, ...]
+    widened: float  # factor on intervals: how much more than noise even the best fit leaves
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Return all effects that the verdict names."""
+        return tuple(sorted(frozenset().union(*self.sets)))
+
+
+def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
+    """Return the verdict on a finished search."""
+    probability, ranking = looked.probabilities(), _ranking(looked)
+    if detection.p_value >= detection.false_alarm_rate:
+        return Found(Verdict.NONE, (), frozenset(), 0.0, _of_none(looked), ranking, _widened(looked, frozenset()))
+    share = looked.explained(chosen) if chosen else 0.0
+    claim = 1.0 / (1.0 + exp(-(share - EXPLAINED_GATE) / GATE_WIDTH))
+    if not chosen or share < EXPLAINED_GATE:
+        best = chosen or next((names for names in probability if names), frozenset())
+        return Found(Verdict.UNKNOWN, (), best, share, 1.0 - claim, ranking, _widened(looked, best))
+    rivals = {names: value for names, value in probability.items()
+              if len(names) <= len(chosen) and looked.explained(names) >= EXPLAINED_GATE}
+    total = sum(rivals.values())
+    sets, sum_ = [chosen], rivals.get(chosen, 0.0) / max(total, 1e-300)
+    for names, value in rivals.items():
+        if sum_ >= SURE or len(sets) == MOST_ALTERNATIVES:
+            break
+        if names != chosen:
+            sets.append(names)
+            sum_ += value / total
+    verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
+    return Found(verdict, tuple(sets), chosen, share, sum_ * claim, ranking, _widened(looked, chosen))
+
+
+def _widened(looked: RigSearch, names: Names) -> float:
+    return sqrt(max(1.0, looked.fits[names].chi_squared / looked.expected))
+
+
+def _of_none(looked: RigSearch) -> float:
+    """Return the probability that nothing is left out, by the effects' gains at the baseline."""
+    seen = looked.screen(frozenset())
+    gains = np.array([seen.gain((name,)) for name in seen.columns]) / SYSTEMATIC
+    return float(1.0 / (1.0 + np.mean(np.exp(np.minimum(gains, 50.0)))))
+
+
+def _ranking(looked: RigSearch) -> tuple[Candidate, ...]:
+    """Return all sets that were fitted, and the effects that were only screened, most probable first."""
+    rows = [Candidate(effects=tuple(sorted(names)), probability=value, explained=looked.explained(names) if names
+                      else 0.0, chi_squared=looked.fits[names].chi_squared,
+                      degrees_of_freedom=len(looked.fits[names].residual) - len(looked.fits[names].z),
+                      log_evidence=looked.fits[names].log_evidence, confirmed=looked.fits[names].converged)
+            for names, value in looked.probabilities().items()]
+    return tuple(rows[:MOST_RANKED])
+
+
+def smallest_visible(looked: RigSearch) -> dict[str, float]:
+    """Return the share of its plausible range at which each effect would have been seen.
+
+    An effect at the middle of its ranges stands out by the norm of its signature; it is taken as linear in its size.
+    """
+    seen = looked.screen(frozenset())
+    least = SEEN * sqrt(SYSTEMATIC * 2.0 * LEAST_GAIN / 9.0)
+    found = {}
+    for name, columns in seen.columns.items():
+        size = float(np.linalg.norm(columns[:, 0]))
+        found[name] = float(min(1.0, least / size)) if size > 0.0 else 1.0
+    return found
