@@ -331,7 +331,7 @@ def response(
         respond(case, folders, out / case.name, states, (start, stop), excitation, progress)
 
 
-@app.command(show=False)  # until recordings of the rig are diagnosed
+@app.command
 def trial(
     *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial")
 ) -> None:

@@ -22,7 +22,8 @@ from fretflow.diagnosis.tangent import neighbours
 
 STEP = 0.02  # of a coordinate, for derivatives
 LONGEST = 1.5  # step of a coordinate at once
-ENOUGH = 2.0  # fall of the objective that is not worth another simulation
+# fall of the objective, and share of it, that are not worth another simulation
+ENOUGH, ENOUGH_SHARE = 2.0, 0.005
 HALVINGS = 3
 Predictor = Callable[[Simulation], Array]
 
@@ -87,7 +88,8 @@ class Fitter:
         for _ in range(iterations):
             step = _step(now)
             expected = now.objective - self._expected(now, step)
-            if expected < ENOUGH:
+            enough = max(ENOUGH, ENOUGH_SHARE * now.objective)
+            if expected < enough:
                 return _converged(now)
             if now.objective - expected > worth:
                 return now
@@ -95,7 +97,7 @@ class Fitter:
             if better is None:
                 return now
             fell, now = now.objective - better.objective, better
-            if fell < ENOUGH:
+            if fell < enough:
                 return _converged(now)
         return now
 

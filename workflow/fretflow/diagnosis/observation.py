@@ -34,6 +34,7 @@ FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02, 
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
 TIMING = 0.15  # of a sample, to which the model and the recording agree on when sliding begins and ends
+SYNCHRONISED = 1.5e-3  # of a period, to which a channel is in step with the drive, in all loops alike
 CORRELATED = 3.0  # samples over which noise of measured loops is taken to be one where nothing tells
 
 
@@ -197,6 +198,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Co
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
                                  spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * size))),
+                             (f"{channel} synchronisation", place, SYNCHRONISED * samples * moving),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * centred),
                              (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * size))]
 

@@ -45,7 +45,7 @@ from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
 SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
-BASE_STEPS, HELD_STEPS = 8, 2
+BASE_STEPS, BASE_STEPS_FAST, HELD_STEPS = 8, 4, 2
 FULL_PERIODS = 4  # times the samples, on the mesh of the pipeline
 MOST_KEPT = 4  # loops that are all fitted
 JUDGED = ("displacement", "friction_force")
@@ -100,7 +100,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     case = case_of(recording)
     fitter, first = _fitter(recording, observation, tools, progress)
     progress(0.15, "refitting the baseline")
-    base = fitter.fit(Space.of(()), np.zeros(Space.of(()).size), first, BASE_STEPS)
+    base = fitter.fit(Space.of(()), np.zeros(Space.of(()).size), first,
+                      BASE_STEPS_FAST if fast else BASE_STEPS)
     looked = RigSearch(fitter, tools.pool, {frozenset(): base})
     progress(0.3, "screening all effects")
     detection = detect(observation, base, looked.screen(frozenset()))

@@ -166,9 +166,10 @@ class RigSearch:
         size = float(np.linalg.norm(self.fitter.covariance.whiten(self.fitter.rig.observation.values)))
         white = np.linalg.norm(self.fitter.covariance.whiten(np.nan_to_num(moved)), axis=0)
         moved[:, white > BEYOND * size] = np.nan
-        asked = [k for k, start in enumerate(starts) if not catalogue()[start.effect].first_order]
+        unlike = [k for k, start in enumerate(starts) if not catalogue()[start.effect].first_order]
+        asked = [k for k in unlike if not np.any(starts[k].z)]
         tasks = [_Task(self.fitter, *with_start(fit, starts[k]), fit.simulation, 0, np.inf) for k in asked]
-        moved[:, asked] = np.nan
+        moved[:, unlike] = np.nan
         for k, found in zip(asked, self.pool(fit_task, tasks), strict=True):
             if found is not None:
                 moved[:, k] = found.predicted - fit.predicted

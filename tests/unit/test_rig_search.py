@@ -1,0 +1,93 @@
+"""Which sets of effects are chosen and how sure the verdict is, on fits whose evidence is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fretflow.diagnosis.rig_search import LEAST_GAIN, SLACK, RigSearch, chosen_set
+from fretflow.diagnosis.rig_verdict import decide
+from fretflow.diagnosis.verdict import Detection, Verdict
+
+EXPECTED = 1000.0
+
+
+@dataclass(frozen=True)
+class FakeFit:
+    """A fit of which only the misfit is known."""
+
+    chi_squared: float
+    converged: bool = True
+    z: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    residual: np.ndarray = field(default_factory=lambda: np.zeros(2000))
+
+    @property
+    def log_evidence(self) -> float:
+        """Return that of a fit whose parameters cost nothing."""
+        return -0.5 * self.chi_squared
+
+
+def searched(**fits: float) -> RigSearch:
+    """Return a search with chi-squared by set: names joined by two underscores, `none` for the baseline."""
+    observation = SimpleNamespace(noise=np.ones(int(EXPECTED)))
+    fitter: Any = SimpleNamespace(rig=SimpleNamespace(observation=observation))
+    names = {key: frozenset() if key == "none" else frozenset(key.split("__")) for key in fits}
+    made: Any = {names[key]: FakeFit(value) for key, value in fits.items()}
+    return RigSearch(fitter, lambda function, arguments: [function(one) for one in arguments], made)
+
+
+def seen(p_value: float) -> Detection:
+    """Return a detection with a p-value."""
+    return Detection(p_value=p_value, statistic="s", tests={"s": p_value}, false_alarm_rate=0.05)
+
+
+def test_one_effect_that_explains_all_is_named() -> None:
+    """The baseline leaves nine times the noise, one effect nothing, the others most of it."""
+    found = searched(none=9000.0, viscous=1010.0, backlash=7000.0)
+    assert chosen_set(found) == {"viscous"}
+    verdict = decide(found, chosen_set(found), seen(1e-9))
+    assert verdict.verdict is Verdict.NAMED
+    assert verdict.effects == ("viscous",)
+    assert verdict.explained == pytest.approx(1.0)
+    assert verdict.probability > 0.9
+
+
+def test_second_effect_must_earn_its_place() -> None:
+    """What a second effect takes off a law that is not quite the catalogue's is no second effect."""
+    assert chosen_set(searched(none=9000.0, viscous=1600.0, viscous__backlash=1500.0)) == {"viscous"}
+    assert chosen_set(searched(none=9000.0, viscous=5000.0, viscous__backlash=1050.0)) == {"viscous", "backlash"}
+
+
+def test_gain_within_what_codes_differ_by_is_no_effect() -> None:
+    """An effect that takes off less than the least gain is not taken."""
+    base = 1000.0 * SLACK
+    assert chosen_set(searched(none=base, viscous=base - 2.0 * LEAST_GAIN + 2.0)) == frozenset()
+    assert chosen_set(searched(none=base, viscous=base - 2.0 * LEAST_GAIN - 2.0)) == {"viscous"}
+
+
+def test_two_that_explain_alike_are_ambiguous() -> None:
+    """Evidence that differs by no more than codes do leaves both open."""
+    found = searched(none=9000.0, viscous=1010.0, backlash=1014.0, third=6000.0)
+    verdict = decide(found, chosen_set(found), seen(1e-9))
+    assert verdict.verdict is Verdict.AMBIGUOUS
+    assert set(verdict.sets) == {frozenset({"viscous"}), frozenset({"backlash"})}
+
+
+def test_nothing_of_the_catalogue_is_unknown() -> None:
+    """The best effect explains half of what is left."""
+    found = searched(none=9000.0, viscous=5000.0, backlash=7000.0)
+    verdict = decide(found, chosen_set(found), seen(1e-9))
+    assert verdict.verdict is Verdict.UNKNOWN
+    assert verdict.effects == ()
+    assert verdict.explained == pytest.approx(4000.0 / (4000.0 + 5000.0 - SLACK * 1000.0))
+    assert verdict.probability > 0.9
+
+
+def test_intervals_widen_with_what_the_best_fit_leaves() -> None:
+    """Parameters of a fit that leaves four times the noise are twice as uncertain."""
+    found = searched(none=90000.0, viscous=4000.0)
+    assert decide(found, chosen_set(found), seen(1e-9)).widened == pytest.approx(2.0)

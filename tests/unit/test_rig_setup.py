@@ -1,0 +1,82 @@
+"""Where a fit of the rig begins: friction and wear as the recording itself shows them, and its case."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.diagnosis.rig_setup import case_of, errors_of, first_friction, first_wear
+from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.recording import Recording
+from fretflow.recordings.schema import DisplacementOf, Place, Test, TestKind, Wear
+
+SAMPLES, FRICTION, LOAD, STROKE, COUNTS = 400, 0.6, 50.0, 20e-6, (0, 10_000, 30_000)
+
+
+def recorded(volume: float | None = 1e-12, **test: float | None) -> Recording:
+    """Return rigid Coulomb loops: force mu N sign(v), the displacement a cosine."""
+    phase = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
+    x = 0.5 * STROKE * np.cos(phase)
+    force = FRICTION * LOAD * np.sign(-np.sin(phase))
+    shape = (len(COUNTS), 1, SAMPLES)
+    loops = LoopSet(cycles=np.array(COUNTS), frequency=np.full(len(COUNTS), 100.0), phase=phase,
+                    channels={"displacement": np.broadcast_to(x, shape).copy(),
+                              "friction_force": np.broadcast_to(force, shape).copy()},
+                    units={"displacement": "m", "friction_force": "N"}, sd={}, calibration_sd={},
+                    displacement_of=DisplacementOf(Place.CONTACT_FACES), aligned_to="displacement")
+    stated: Any = {"excitation_frequency": 100.0, "excitation_amplitude": 60.0, "normal_load": LOAD, **test}
+    return Recording(path=Path("a-recording"), title="t", given={}, rig=None, specimen=None, notes=(), series=None,
+                     test=Test.model_construct(kind=TestKind.FRETTING_RIG, cycles=30_000, **stated), sweep=None,
+                     wear=Wear.model_construct(worn_volume=volume), loops=loops, frf=None, wear_depth=None)
+
+
+def test_friction_is_read_off_the_plateaus() -> None:
+    """A rigid slider's force is mu N all the time."""
+    assert first_friction(recorded()) == pytest.approx(FRICTION, rel=1e-6)
+
+
+def test_wear_coefficient_follows_from_volume_and_energy() -> None:
+    """V = K (E / mu), with E the energy 2 mu N stroke of each cycle."""
+    slid = 2.0 * STROKE * COUNTS[-1]
+    assert first_wear(recorded(), FRICTION) == pytest.approx(1e-12 / (LOAD * slid), rel=2e-3)
+
+
+def test_without_volume_the_usual_coefficient_is_the_start() -> None:
+    """Nothing tells the wear."""
+    assert first_wear(recorded(volume=None), FRICTION) == pytest.approx(1.1e-14, abs=0.0)
+
+
+def test_case_has_what_the_recording_says() -> None:
+    """The case runs at the recording's load, drive and length."""
+    case = case_of(recorded(), 6)
+    assert (case.test.normal_load, case.test.excitation_amplitude) == (LOAD, 60.0)
+    assert case.test.total_cycles == 30_000
+    assert case.mesh.contact_elements == 6
+
+
+@pytest.mark.parametrize("field", ["normal_load", "excitation_amplitude", "excitation_frequency"])
+def test_what_cannot_be_predicted_from_is_named(field: str) -> None:
+    """One clear line names the field that is missing."""
+    with pytest.raises(UnreliableRecordingError, match=f"test.{field} is not given"):
+        case_of(recorded(**{field: None}))
+
+
+def test_errors_of_the_coarse_model_are_extrapolated_loop_by_loop() -> None:
+    """Of an error c / N, twice the samples leave half: what is added is twice the difference; modes are a piece each."""
+    pieces = [SimpleNamespace(place=slice(0, 3)), SimpleNamespace(place=slice(3, 5))]
+    plain, denser = np.full(5, 10.0), np.full(5, 10.0) - 1.0
+    correction, modes = errors_of(SimpleNamespace(pieces=pieces), plain, denser, plain)  # type: ignore[arg-type]
+    assert correction == pytest.approx(np.full(5, -2.0))
+    assert np.count_nonzero(modes, axis=0).tolist() == [0, 3, 0, 2]
+
+
+def test_recording_without_loops_is_refused() -> None:
+    """There is nothing to compare."""
+    with pytest.raises(UnreliableRecordingError, match=r"has no \[loops\]"):
+        first_friction(replace(recorded(), loops=None))
