@@ -30,6 +30,7 @@ from fretflow.wear.scheme import WearingJoint
 
 TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
 HARMONICS = 20
+MOST_ITERATIONS = 15
 MOST_PERIODS = 50  # of a simulation's wear: less plausible laws over cycles may need thousands
 WEAR_TOLERANCE = 0.2  # of the embedded solution of first order; the depth itself is a tenth as far off
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
@@ -99,7 +100,7 @@ class RigModel:
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=min(HARMONICS, self.samples // 4),
-                                        tolerance=TOLERANCE, estimate_error=False))
+                                        tolerance=TOLERANCE, max_iterations=MOST_ITERATIONS, estimate_error=False))
 
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
         """March the wear through the recorded cycle counts and solve the other conditions at the end.
@@ -117,8 +118,9 @@ class RigModel:
                                 tolerance=WEAR_TOLERANCE)
         joint = WearingJoint(cycle, settings)
         scheme: Implicit[PeriodicSolution] = Implicit(joint)
-        known = {} if near is None else {one.step.cycles: one.solution for one in near.loops}
-        step, state = joint.settled(cycle.initial(), known.get(0), solves=1)
+        known = {} if near is None or not _alike(near, hypothesis) else {
+            one.step.cycles: one.solution for one in near.loops}
+        step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
         steps, kept = [step], {}
         while True:
             if step.cycles in counts:
@@ -131,7 +133,7 @@ class RigModel:
             if step.solves > MOST_PERIODS:
                 raise NonConvergenceError(f"the wear needs more than {MOST_PERIODS} periods for {last} cycles")
         end = kept[last]
-        others = near.sweep if near is not None else (end,) * len(self.observation.conditions)
+        others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)
         sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
                       zip(self.observation.conditions, others, strict=True))
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
@@ -224,6 +226,11 @@ def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
     total = (rig.moving_mass * factor + rig.arm_mass) / (rig.moving_mass + rig.arm_mass)
     return replace(rig, moving_mass=rig.moving_mass * factor, ground_stiffness=rig.ground_stiffness * total,
                    ground_damping=rig.ground_damping * total)
+
+
+def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
+    """Return whether the periods of `near` are good guesses at all times: those of the same effects."""
+    return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
 
 
 def arm_approach(period: Period) -> Array:
