@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from fretflow.diagnosis.rig_search import LEAST_GAIN, SLACK, RigSearch, chosen_set
 from fretflow.diagnosis.rig_verdict import decide
 from fretflow.diagnosis.verdict import Detection, Verdict

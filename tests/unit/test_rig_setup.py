@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.diagnosis.rig_setup import case_of, errors_of, first_friction, first_wear
 from fretflow.recordings.loopset import LoopSet
@@ -68,7 +67,7 @@ def test_what_cannot_be_predicted_from_is_named(field: str) -> None:
 
 
 def test_errors_of_the_coarse_model_are_extrapolated_loop_by_loop() -> None:
-    """Of an error c / N, twice the samples leave half: what is added is twice the difference; modes are a piece each."""
+    """Of an error c / N twice the samples leave half, so that twice the difference is added; modes are a piece each."""
     pieces = [SimpleNamespace(place=slice(0, 3)), SimpleNamespace(place=slice(3, 5))]
     plain, denser = np.full(5, 10.0), np.full(5, 10.0) - 1.0
     correction, modes = errors_of(SimpleNamespace(pieces=pieces), plain, denser, plain)  # type: ignore[arg-type]

@@ -25,7 +25,7 @@ from fretflow.diagnosis.rig_estimates import case_text, estimates
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_location import locate
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
-from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, RigSearch, chosen_set, search
+from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, RigSearch, chosen_set, polished, search
 from fretflow.diagnosis.rig_setup import (
     COARSE,
     FINER,
@@ -108,6 +108,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     chosen: Names = frozenset()
     if detection.p_value < detection.false_alarm_rate:
         search(looked, FAST if fast else FULL, lambda share, text: progress(0.35 + 0.45 * share, text))
+        progress(0.8, "fitting the best to the end")
+        polished(looked, chosen_set(looked))
         chosen = chosen_set(looked)
     found = decide(looked, chosen, detection)
     after = looked.fits[found.after]

@@ -43,6 +43,8 @@ SECOND = 0.4  # share of what one effect leaves that a second one must explain
 PLACED = 0.02  # share of the baseline's excess that it must explain
 
 
+POLISHING = 8  # steps at most
+ASTRAY = 5.0  # times the expected chi-squared, from which a fitted baseline says little about its own parameters
 BEYOND = 1.0  # of the recording's own size: a first-order change that is larger says nothing
 
 
@@ -178,11 +180,21 @@ class RigSearch:
         """Fit a set with each of `effects` added, some steps each."""
         seen, fit = self.screen(to), self.fits[to]
         chosen = [name for name in effects if name in seen.columns and to | {name} not in self.fits]
-        tasks = [_Task(self.fitter, *with_start(fit, seen.start(name)), fit.simulation, steps, fit.objective)
+        tasks = [_Task(self.fitter, *self._begun(to, seen.start(name)), fit.simulation, steps, fit.objective)
                  for name in chosen]
         for name, found in zip(chosen, self.pool(fit_task, tasks), strict=True):
             if found is not None:
                 self.fits[to | {name}] = found
+
+    def _begun(self, to: Names, start: Start) -> tuple[Space, Array]:
+        """Return the space and the coordinates at which a fit with another effect begins.
+
+        A baseline that has been bent to explain what it cannot is no start: its own readings are.
+        """
+        space, z = with_start(self.fits[to], start)
+        if not to and self.baseline.chi_squared > ASTRAY * self.expected:
+            z[:Space.of(()).size] = 0.0
+        return space, z
 
     def carry_on(self, sets: Iterable[Names], steps: int) -> None:
         """Fit the sets that have not converged further."""
@@ -215,6 +227,11 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
         promising = [name for name in seen.ranked()[:effort.pairs] if seen.gain((name,)) > LEAST_GAIN]
         found.add(one, promising, effort.first_steps)
         found.carry_on(found.best(2, 2, one), effort.last_steps)
+
+
+def polished(found: RigSearch, chosen: Names) -> None:
+    """Fit the chosen set to the end."""
+    found.carry_on([chosen], POLISHING)
 
 
 def chosen_set(found: RigSearch) -> Names:
