@@ -1,0 +1,45 @@
+"""Diagnoses of the two recordings of a rig that an independent program made: nothing hidden, and friction that runs in.
+
+In both the friction coefficient is known (0.84; from 0.40 to 0.88), so that its interval is judged as well.
+"""
+
+import json
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.real_data, pytest.mark.fem]
+ROOT = Path(__file__).parents[2]
+
+
+def diagnosed(recording: Path, out: Path) -> dict:
+    """Return the JSON of ``fretflow diagnose --fast``, run as a user does."""
+    subprocess.run([str(ROOT / "fretflow"), "diagnose", str(recording), "--fast", "--out", str(out)], check=True,
+                   cwd=out.parent, capture_output=True)
+    return json.loads((out / "diagnosis.json").read_text())
+
+
+def test_baseline_is_none_with_its_friction(recordings, tmp_path):
+    found = diagnosed(recordings / "example_baseline", tmp_path / "out")
+    assert (found["verdict"], found["effects"]) == ("none", [])
+    assert found["detection"]["p_value"] > 0.05
+    friction = found["parameters"]["contact.friction_coefficient"]
+    assert friction["low"] < 0.84 < friction["high"]
+    assert friction["high"] - friction["low"] < 0.04
+    assert not (tmp_path / "out" / "case.toml").exists()
+
+
+def test_run_in_is_named_and_predicts_what_was_held_out(recordings, tmp_path):
+    found = diagnosed(recordings / "example_run_in", tmp_path / "out")
+    assert found["effects"] == ["friction-run-in"]
+    assert found["verdict"] == "named"
+    assert found["location"]["block"] == "contact law"
+    assert found["parameters"]["friction-run-in.initial"]["value"] == pytest.approx(0.40, abs=0.03)
+    assert found["parameters"]["contact.friction_coefficient"]["value"] == pytest.approx(0.88, abs=0.03)
+    assert found["fit"]["after"] < 0.2 * found["fit"]["before"]
+    case = tomllib.loads((tmp_path / "out" / "case.toml").read_text())
+    assert set(case["effects"]) == {"friction-run-in"}
+    subprocess.run([str(ROOT / "fretflow"), "show", str(tmp_path / "out" / "case.toml")], check=True,
+                   capture_output=True)
