@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fretflow.core.errors import FretflowError
-from fretflow.diagnosis.observation import Array, Piece
+from fretflow.diagnosis.observation import Array
 from fretflow.diagnosis.rig_model import (
     HARMONICS,
     Hypothesis,
@@ -66,11 +66,14 @@ def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypot
         opened = worn[period.step.cycles]
         if np.any(opened):
             changes[key] = _with_gap(period, changes[key], opened)
-    for piece, seen in rig.pieces(simulation):
-        if seen is not None:
-            found[piece.place] = np.stack([
-                _sensed(rig, simulation, one, seen, changes[id(seen)], v, piece)
-                for v, one in enumerate(chosen)], axis=1)
+    for key, period in periods.items():
+        pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
+        before = rig.signals(period)
+        shown = rig.sensed(simulation.model, before)
+        for v, one in enumerate(chosen):
+            after = _sensed(rig, simulation, one, period, changes[key], v, before)
+            for piece in pieces:
+                found[piece.place, v] = channel(after, piece) - channel(shown, piece)
     for v in range(len(chosen)):
         rig.put_wear(found[:, v], worn[simulation.loops[-1].step.cycles][:, v])
     columns[:, usable] = found
@@ -166,9 +169,8 @@ def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> Perio
 
 
 def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Period, change: PeriodSensitivity, v: int,
-            piece: Piece) -> Array:
-    """Return the change of a piece's channel (N,), through the sensors of both hypotheses."""
-    before = rig.signals(period)
+            before: Signals) -> Signals:
+    """Return what the sensors of a neighbour show of a period whose true channels were `before`."""
     thin = len(period.solution.state) // rig.observation.samples
     problem = _problem_of(one, simulation, period)
     after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
@@ -181,7 +183,7 @@ def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Peri
     after = _faced(rig, after, before, moved[::thin])
     if before.approach is not None:
         after = replace(after, approach=before.approach - change.approach[v, ::thin])
-    return channel(rig.sensed(one.model, after), piece) - channel(rig.sensed(simulation.model, before), piece)
+    return rig.sensed(one.model, after)
 
 
 def _driven(period: Period, other: PeriodicProblem) -> PeriodicProblem:
