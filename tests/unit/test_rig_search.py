@@ -86,6 +86,14 @@ def test_nothing_of_the_catalogue_is_unknown() -> None:
     assert verdict.probability > 0.9
 
 
+def test_a_bad_fit_is_no_name_though_it_explains_most() -> None:
+    """Nine tenths of a large misfit explained, and still four times the noise left."""
+    found = searched(none=31000.0, viscous=4000.0)
+    assert decide(found, chosen_set(found), seen(1e-9)).verdict is Verdict.UNKNOWN
+    found = searched(none=31000.0, viscous=2900.0)
+    assert decide(found, chosen_set(found), seen(1e-9)).verdict is Verdict.NAMED
+
+
 def test_intervals_widen_with_what_the_best_fit_leaves() -> None:
     """Parameters of a fit that leaves four times the noise are twice as uncertain."""
     found = searched(none=90000.0, viscous=4000.0)

@@ -14,6 +14,8 @@ SURE = 0.9  # probability from which one set is named alone
 MOST_ALTERNATIVES = 3
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
 MOST_RANKED = 40
+# A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
+BAD, NEARLY_ALL = 3.0, 0.97
 SEEN = 3.0  # standard deviations at which an effect would have been seen, after tempering
 
 
@@ -42,11 +44,11 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
         return Found(Verdict.NONE, (), frozenset(), 0.0, _of_none(looked), ranking, _widened(looked, frozenset()))
     share = looked.explained(chosen) if chosen else 0.0
     claim = 1.0 / (1.0 + exp(-(share - EXPLAINED_GATE) / GATE_WIDTH))
-    if not chosen or share < EXPLAINED_GATE:
+    if not chosen or not explains(looked, chosen):
         best = chosen or next((names for names in probability if names), frozenset())
-        return Found(Verdict.UNKNOWN, (), best, share, 1.0 - claim, ranking, _widened(looked, best))
+        return Found(Verdict.UNKNOWN, (), best, share, max(0.5, 1.0 - claim), ranking, _widened(looked, best))
     rivals = {names: value for names, value in probability.items()
-              if len(names) <= len(chosen) and looked.explained(names) >= EXPLAINED_GATE}
+              if len(names) <= len(chosen) and names and explains(looked, names)}
     total = sum(rivals.values())
     sets, sum_ = [chosen], rivals.get(chosen, 0.0) / max(total, 1e-300)
     for names, value in rivals.items():
@@ -57,6 +59,12 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
             sum_ += value / total
     verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
     return Found(verdict, tuple(sets), chosen, share, sum_ * claim, ranking, _widened(looked, chosen))
+
+
+def explains(looked: RigSearch, names: Names) -> bool:
+    """Return whether a set explains enough to be named."""
+    share, left = looked.explained(names), looked.fits[names].chi_squared / looked.expected
+    return share >= EXPLAINED_GATE and (left <= BAD or share >= NEARLY_ALL)
 
 
 def _widened(looked: RigSearch, names: Names) -> float:
