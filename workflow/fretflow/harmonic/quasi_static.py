@@ -220,17 +220,24 @@ class _ArmNewton:
 
     def solve(self, arm: Array, before: SampleState, near: Trajectory | None,
               max_iterations: int, block: Array | None = None) -> tuple[_Iterate, tuple[float, ...]]:
-        """Return the root and the residual history.
+        """Return the root and the residual history; where former tangents lead astray, again without them.
 
         Raises
         ------
         NonConvergenceError
             With the residual history.
         """
+        try:
+            return self._solve(arm, before, near, max_iterations, block, NEAR)
+        except NonConvergenceError:
+            return self._solve(arm, before, near, max_iterations, block, 0.0)
+
+    def _solve(self, arm: Array, before: SampleState, near: Trajectory | None, max_iterations: int,
+               block: Array | None, lagged_below: float) -> tuple[_Iterate, tuple[float, ...]]:
         now = self.evaluate(arm, before, near, 1.0, block)
         history = [now.norm]
         while not now.norm <= self.tolerance:  # nan included
-            following = self._step(now) if len(history) <= max_iterations else None
+            following = self._step(now, lagged_below) if len(history) <= max_iterations else None
             if following is None:
                 raise NonConvergenceError(
                     f"quasi-static period: residual {now.norm:.1e} of the excitation after {len(history) - 1} "
@@ -239,8 +246,8 @@ class _ArmNewton:
             history.append(now.norm)
         return now, tuple(history)
 
-    def _step(self, now: _Iterate) -> _Iterate | None:
-        while now.norm < NEAR:
+    def _step(self, now: _Iterate, lagged_below: float) -> _Iterate | None:
+        while now.norm < lagged_below:
             following = self._lagged(now)
             if following is not None:
                 return following
