@@ -18,7 +18,7 @@ from fretflow.harmonic.contact_march import ContactMarch
 from fretflow.harmonic.contact_sample import ContactSystem
 from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver, press
+from fretflow.harmonic.quasi_static import QuasiStaticSolver, _ArmNewton, press
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
 
@@ -152,3 +152,16 @@ def test_giving_up_keeps_the_history():
         QuasiStaticSolver(Solver(harmonics=25, samples=128, max_iterations=1)).solve(problem(60.0))
     assert len(error.value.history) == 2
     assert error.value.exit_code == 3
+
+
+def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
+    """Where steps with a former tangent end in a dead end, the period is the one that is found without them."""
+    found = solution(53.0)
+
+    def astray(newton, now):
+        raise NonConvergenceError("a dead end", [now.norm])
+
+    monkeypatch.setattr(_ArmNewton, "_lagged", astray)
+    solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
+    again = solver.solve(problem(53.0))
+    assert again.rig_displacement == pytest.approx(found.rig_displacement, rel=1e-6, abs=1e-12)
