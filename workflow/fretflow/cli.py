@@ -276,7 +276,7 @@ def diagnose(
     recording
         folder with a recording.toml, or a table of wear tests
     fast
-        screening only: in a minute, on the linearised model
+        looks at fewer effects: in a minute or two
     json
         file for a copy of the JSON
     out

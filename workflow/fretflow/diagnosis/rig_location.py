@@ -68,7 +68,7 @@ def locate(fitter: Fitter, base: Fit, block: str = "", cut: bool = True) -> Loca
     span, jump = _span(observation, places)
     return Location(block=chosen, channel=most["channel"], phase=most["phase"], cycles=span, zone=most["zone"],
                     parity=most["parity"], harmonic=most["harmonic"], condition=most["condition"],
-                    places=tuple(places), text=_text(chosen, most, span, jump, places))
+                    places=tuple(places), text=_text("" if block else chosen, most, span, jump, places))
 
 
 def _block(found: tuple[Cut, ...], looked: int) -> str:
