@@ -189,8 +189,12 @@ def verdict_right(answer: Answer, key: Key) -> bool:
 
 
 def located(answer: Answer, key: Key) -> bool:
-    """Return whether the block is one in which something is hidden."""
-    return answer.block in key.blocks
+    """Return whether every block that is named is one in which something is hidden.
+
+    A diagnosis says "contact law and excitation" where the key has ``contact`` and ``excitation``.
+    """
+    named = {part.removesuffix(" law") for part in answer.block.split(" and ") if part}
+    return bool(named) and named <= key.blocks
 
 
 def covered(answer: Answer, key: Key) -> dict[str, bool]:

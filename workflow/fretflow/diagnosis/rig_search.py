@@ -30,6 +30,7 @@ from fretflow.diagnosis.screening import (
     starts_beside,
     with_start,
 )
+from fretflow.diagnosis.verdict import EXPLAINED_GATE
 from fretflow.effects.catalogue import catalogue
 
 T = TypeVar("T")
@@ -38,9 +39,9 @@ Names = frozenset[str]
 
 SYSTEMATIC = 4.0  # by which differences of log evidence count less
 SLACK = 1.25  # of the expected chi-squared: what independent codes differ by where nothing is hidden
-LEAST_GAIN = 30.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
-SECOND = 0.4  # share of what one effect leaves that a second one must explain
-PLACED = 0.02  # share of the baseline's excess that it must explain
+LEAST_GAIN = 12.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
+SECOND = 0.6  # share of what one effect leaves that a second one must explain
+PLACED = 0.005  # share of the baseline's excess that it must explain
 
 
 POLISHING = 8  # steps at most
@@ -64,12 +65,13 @@ class Effort:
     first_steps: int
     kept: int
     last_steps: int
+    more: int  # single effects that are fitted where the first ones explain too little
     bases: int  # single effects to which a second one is sought
     pairs: int  # for each of them
 
 
-FAST = Effort(singles=6, first_steps=2, kept=2, last_steps=3, bases=1, pairs=2)
-FULL = Effort(singles=100, first_steps=2, kept=6, last_steps=10, bases=2, pairs=4)
+FAST = Effort(singles=6, first_steps=2, kept=2, last_steps=3, more=8, bases=1, pairs=2)
+FULL = Effort(singles=100, first_steps=2, kept=6, last_steps=10, more=0, bases=2, pairs=4)
 
 
 @dataclass(frozen=True)
@@ -217,11 +219,13 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     ranked = found.screen(frozenset()).ranked()
     progress(0.1, "fitting single effects")
     found.add(frozenset(), ranked[:effort.singles], effort.first_steps)
+    if max(map(found.explained, found.fits)) < EXPLAINED_GATE:
+        found.add(frozenset(), ranked[effort.singles:effort.singles + effort.more], effort.first_steps)
     progress(0.5, "fitting the most promising")
     found.carry_on(found.best(1, effort.kept), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):
         progress(0.65 + 0.3 * place / effort.bases, f"what could act beside {', '.join(one)}")
-        if found.excess(found.fits[one]) < PLACED * found.excess(found.baseline):
+        if found.excess(found.fits[one]) == 0.0:
             continue
         seen = found.screen(one)
         promising = [name for name in seen.ranked()[:effort.pairs] if seen.gain((name,)) > LEAST_GAIN]
