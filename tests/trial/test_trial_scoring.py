@@ -129,6 +129,10 @@ def test_location_and_coverage() -> None:
         "viscous.damping": False}
     assert located(answer, truth("viscous"))
     assert not located(replace(answer, block="wear"), truth("viscous"))
+    assert not located(replace(answer, block=""), truth("viscous"))
+    both = replace(truth("viscous"), blocks=frozenset({"contact", "excitation"}))
+    assert located(replace(answer, block="contact law and excitation"), both)
+    assert not located(replace(answer, block="contact law and rig"), both)
 
 
 def test_key_is_read_from_its_file() -> None:
