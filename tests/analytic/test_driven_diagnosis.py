@@ -14,6 +14,7 @@ from fretflow.diagnosis.driven_estimates import estimates
 from fretflow.diagnosis.driven_noise import correlation_length, effective
 from fretflow.diagnosis.driven_run import diagnose_driven
 from fretflow.diagnosis.driven_search import baseline_fit
+from fretflow.diagnosis.rig_run import RigTools
 from fretflow.diagnosis.run import diagnose
 from fretflow.diagnosis.verdict import Verdict
 from fretflow.recordings.loopset import LoopSet, Series
@@ -195,6 +196,9 @@ def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
     assert widths[1] > 2.5 * widths[0]
 
 
+NO_TOOLS = RigTools(reduce=lambda case: None, pool=lambda function, arguments: [])  # only the rig needs them
+
+
 def test_recordings_without_a_model_are_refused(tmp_path):
     whole = made(lambda t, x, v: slid(x))
     lacking = replace(whole, series=replace(whole.series, channels={"displacement": whole.series.channels[
@@ -202,4 +206,4 @@ def test_recordings_without_a_model_are_refused(tmp_path):
     with pytest.raises(UnreliableRecordingError, match="displacement and force are both needed"):
         diagnose_driven(lacking, True, quiet)
     with pytest.raises(RecordingError, match="cannot be read"):
-        diagnose(tmp_path / "absent", True, tmp_path, quiet)
+        diagnose(tmp_path / "absent", True, quiet, NO_TOOLS)

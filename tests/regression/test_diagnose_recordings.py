@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from fretflow.cli import app
 from fretflow.core.errors import InputError
+from fretflow.diagnosis.rig_run import RigTools
 from fretflow.diagnosis.run import diagnose
 from fretflow.diagnosis.verdict import Verdict, write_json
 
@@ -28,9 +29,12 @@ force = {{ column = "Ftr_kN", unit = "kN" }}
 """
 
 
+NO_TOOLS = RigTools(reduce=lambda case: None, pool=lambda function, arguments: [])  # only the rig needs them
+
+
 @cache
 def diagnosed(path: Path, fast: bool = False):
-    return diagnose(path, fast, path, lambda share, text: None)
+    return diagnose(path, fast, lambda share, text: None, NO_TOOLS)
 
 
 def test_the_drive_lacks_dry_friction_and_an_offset_of_the_published_size(recordings):
@@ -97,4 +101,4 @@ def test_the_command_writes_a_report_of_the_drive(recordings, tmp_path, capsys):
 
 def test_what_cannot_be_diagnosed_is_told_in_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
-        diagnose(tmp_path / "absent", True, tmp_path, lambda share, text: None)
+        diagnose(tmp_path / "absent", True, lambda share, text: None, NO_TOOLS)

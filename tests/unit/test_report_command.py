@@ -36,11 +36,11 @@ def calls(monkeypatch, tmp_path):
     seen = []
 
     def prepare(answer):
-        def diagnose(path, fast, out, progress):
-            assert out.is_dir()
+        def diagnose(path, fast, progress, tools):
+            assert tools.pool(len, ["four"]) == [4]
             for share in (0.0, 0.4, 1.0):
                 progress(share, f"step {share}")
-            seen.append((path, fast, out))
+            seen.append((path, fast))
             if isinstance(answer, Exception):
                 raise answer
             return answer
@@ -57,7 +57,7 @@ def test_every_verdict_ends_well_with_its_files(maker, cases, calls, tmp_path, c
     seen = calls(found)
     assert cli.execute(["diagnose", "my rig"]) == 0
     home = Path("runs/diagnosis/my rig")
-    assert seen == [(Path("my rig"), False, home)]
+    assert seen == [(Path("my rig"), False)]
     assert json.loads((home / "diagnosis.json").read_text())["verdict"] == found.verdict.value
     assert "</html>" in (home / "report.html").read_text(encoding="utf-8")
     with (home / "places.csv").open(newline="") as file:
@@ -86,7 +86,7 @@ def test_further_copies_go_where_they_are_wanted(cases, calls, tmp_path, capsys)
     seen = calls(cases.named())
     arguments = ["diagnose", "my rig", "--fast", "--out", "here", "--json", "new/a.json", "--case", "new/b.toml"]
     assert cli.execute(arguments) == 0
-    assert seen == [(Path("my rig"), True, Path("here"))]
+    assert seen == [(Path("my rig"), True)]
     assert Path("new/a.json").read_bytes() == Path("here/diagnosis.json").read_bytes()
     assert Path("new/b.toml").read_text() == cases.named().case_file
     calls(cases.unknown())
