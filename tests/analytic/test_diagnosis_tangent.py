@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
+from fretflow.diagnosis import rig_model
 from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.observation import Observation, Piece
 from fretflow.diagnosis.rig_model import RigModel
@@ -55,8 +56,15 @@ def rig():
                     displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SAMPLES, total_cycles=COUNTS[-1])
 
 
+@pytest.fixture(autouse=True)
+def accurate(monkeypatch):
+    """Solve well below the differences that are looked at; a diagnosis stops at what noise hides."""
+    monkeypatch.setattr(rig_model, "TOLERANCE", 1e-8)
+    monkeypatch.setattr(rig_model, "WEAR_TOLERANCE", 0.05)
+
+
 @pytest.mark.parametrize("effects", [("friction-run-in",), ("normal-load-drift", "sensor-path-compliance"),
-                                     ("wear-power-law", "excitation-distortion")])
+                                     ("wear-power-law",), ("directional-friction", "excitation-distortion")])
 def test_neighbours_are_what_another_simulation_shows(effects):
     model, space = rig(), Space.of(effects)
     z = np.zeros(space.size)
@@ -73,10 +81,9 @@ def test_neighbours_are_what_another_simulation_shows(effects):
         places = [(piece.channel, piece.place) for piece in model.observation.pieces]
         for channel, place in places:
             whole = max(np.abs(difference[other]).max() for name, other in places if name == channel)
-            size = np.abs(model.predict(base)[place]).max()
-            # the wear rate is followed at the recorded counts only, where a simulation takes more steps
-            share, faint = (0.5, 1e-3) if channel in ("worn_volume", "wear_depth") else (0.3, 5e-4)
-            assert np.abs(found[place, i] - difference[place]).max() < max(share * whole, faint * size), (
+            shown = model.predict(base)[place]
+            size = np.ptp(shown) if channel in ("displacement", "friction_force") else np.abs(shown).max()
+            assert np.abs(found[place, i] - difference[place]).max() < max(0.3 * whole, 2e-4 * size), (
                 coordinate.name, channel)
 
 
@@ -88,7 +95,7 @@ def test_normal_force_and_approach_are_those_of_the_period():
     for period in (base.loops[0], base.sweep[1]):
         found = model.signals(period)
         thin = len(period.solution.state) // SAMPLES
-        assert found.normal_force == pytest.approx(period.solution.force[::thin, :, 2].sum(axis=1), rel=1e-5)
+        assert found.normal_force == pytest.approx(period.solution.force[::thin, :, 2].sum(axis=1), rel=1e-6)
         assert np.ptp(found.normal_force) > 1e-3 * found.normal_force.mean()
     lighter, heavier = (model.signals(base.sweep[k]) for k in (1, 0))  # 50 N and 60 N
     assert lighter.approach.mean() < heavier.approach.mean()

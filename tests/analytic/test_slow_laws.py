@@ -84,10 +84,10 @@ def test_a_drifting_load_wears_what_its_integral_says(dragged, winkler):
 @pytest.mark.parametrize("share", [0.2, 4.0])
 def test_an_evolving_coefficient_wears_its_integral(dragged, winkler, share):
     effect = make("wear-coefficient-evolution", final_share=share, settling=2e4)
-    history = run_history(dragged(winkler(), [effect]), settings(150_000, tolerance=2e-3))
+    history = run_history(dragged(winkler(), [effect]), settings(150_000, tolerance=1e-3))
     n = history.cycles
     integral = share * n + (1.0 - share) * 2e4 * -np.expm1(-n / 2e4)
-    np.testing.assert_allclose(history.depth[1:], np.outer(RATE * integral[1:], np.ones(9)), rtol=2e-3)
+    np.testing.assert_allclose(history.depth[1:], np.outer(RATE * integral[1:], np.ones(9)), rtol=1e-3)
 
 
 def test_a_threshold_bars_wear_below_and_is_linear_above(dragged, winkler):
