@@ -1,6 +1,6 @@
 """What the report draws of the rig: loops shown, differences, held-out errors.
 
-What carries the weight: a prediction that is off by nothing but the scatter of the repeats comes to the floor, one with
+What carries the weight: a prediction that is off by nothing but the scatter of the repeats comes to 1, one with
 another zero of a loop is not worse, and a known error shows with its size and at its place.
 """
 
@@ -9,16 +9,11 @@ import pytest
 from fretflow.diagnosis.observation import Observation, Piece
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_phases import PHASES, Strokes
-from fretflow.diagnosis.rig_views import (
-    comparisons,
-    held_out_error,
-    held_out_floor,
-    residual_maps,
-    wear_map,
-)
+from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.recordings.schema import Condition
 
 SAMPLES, REPEATS, FLOOR = 100, 4, 0.1
+WITHIN = 1.0 - 1.0 / REPEATS  # variance of a repeat about the mean of all, over that of a repeat
 COUNTS = tuple(range(0, 120_000, 10_000))
 PHASE = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
 MOTION = 10e-6 * np.cos(PHASE)
@@ -65,7 +60,7 @@ def test_another_zero_of_a_loop_is_no_difference():
     shown = comparisons(seen, shifted, seen.values)[0]
     assert shown.before_force == pytest.approx(shown.force)
     assert residual_maps(seen, shifted, seen.values)[1].before == pytest.approx(0.0, abs=1e-9)
-    assert held_out_error(seen, shifted) == pytest.approx(0.0, abs=1e-9)
+    assert held_out_error(seen, shifted) == pytest.approx(held_out_error(seen, seen.values), rel=1e-12)
 
 
 def test_a_known_error_shows_where_it_is_and_with_its_size():
@@ -80,15 +75,15 @@ def test_a_known_error_shows_where_it_is_and_with_its_size():
     assert np.abs(np.delete(force.before, 3, axis=0)).max() == 0.0
     assert np.abs(force.after).max() == 0.0
     assert held_out_error(seen, wrong, seen.rows(label=piece.label, channel="friction_force")) == pytest.approx(
-        0.5 / FLOOR / np.sqrt(2.0))
+        np.sqrt(0.5 * (0.5 / FLOOR)**2 + WITHIN))
 
 
-def test_a_perfect_prediction_comes_to_the_floor():
+def test_a_perfect_prediction_errs_as_single_repeats_do():
     true = observation()
     generator = np.random.default_rng(3)
     seen = observation(true.values + generator.standard_normal(len(true.values)) * np.sqrt(true.variance))
-    assert held_out_floor(seen) == pytest.approx(1.0 / np.sqrt(REPEATS))
-    assert held_out_error(seen, true.values) == pytest.approx(held_out_floor(seen), rel=0.05)
+    assert held_out_error(seen, seen.values) == pytest.approx(np.sqrt(WITHIN))
+    assert held_out_error(seen, true.values) == pytest.approx(1.0, rel=0.05)
 
 
 def test_the_map_of_wear_is_put_at_its_points():

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.config import Case
 from fretflow.core.errors import FretflowError
@@ -38,7 +37,7 @@ from fretflow.diagnosis.rig_setup import (
     model_of,
 )
 from fretflow.diagnosis.rig_verdict import decide, smallest_visible
-from fretflow.diagnosis.rig_views import comparisons, residual_maps, wear_map
+from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.diagnosis.verdict import Diagnosis, HeldOut, Verdict
 from fretflow.diagnosis.words import blocks_of
 from fretflow.recordings.recording import Recording
@@ -48,7 +47,6 @@ SAMPLES = 50  # of a period, at most; each loop's error by it is in the covarian
 BASE_STEPS, BASE_STEPS_FAST, HELD_STEPS = 8, 4, 2
 FULL_PERIODS = 4  # times the samples, on the mesh of the pipeline
 MOST_KEPT = 4  # loops that are all fitted
-JUDGED = ("displacement", "friction_force")
 HIDDEN = 1e12  # factor on the variance of what is held out
 
 
@@ -175,24 +173,9 @@ def _held_out(looked: RigSearch, before: Fit, after: Fit) -> HeldOut | None:
     hidden = replace(fitter, covariance=Covariance(
         np.where(out, HIDDEN, 1.0) * fitter.covariance.variance, np.where(out[:, None], 0.0, fitter.covariance.modes)))
     refits = looked.pool(refit_task, [_Refit(hidden, one) for one in dict.fromkeys((before, after))])
-    sizes = [held_out_size(observation, one.predicted, out) for one in (refits[0], refits[-1])]
+    sizes = [held_out_error(observation, one.predicted, out) for one in (refits[0], refits[-1])]
     return HeldOut(what=f"{len(labels)} of the loops: {', '.join(sorted(labels))}", before=sizes[0], after=sizes[1],
                    floor=1.0)
-
-
-def held_out_size(observation: Observation, predicted: Array, rows: NDArray[np.bool_]) -> float:
-    """Return the rms error of single repeats over their sd, 1 for a prediction without error.
-
-    The mean of the repeats is compared, each loop's zero free; the scatter of the repeats about it is added.
-    """
-    squares = []
-    for piece in observation.pieces:
-        if rows[piece.place].all() and piece.channel in JUDGED:
-            left = (observation.values - predicted)[piece.place]
-            floor = observation.floor[piece.place]
-            within = 1.0 - observation.variance[piece.place] * observation.noise[piece.place] / floor**2
-            squares.append(((left - left.mean()) / floor)**2 + np.clip(within, 0.0, 1.0))
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
 def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:
@@ -200,12 +183,11 @@ def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools)
     rig, observation = fitter.rig, fitter.rig.observation
     problem = replace(tools.reduce(case), friction_coefficient=rig.problem.friction_coefficient)
     full = replace(rig, problem=problem, samples=FULL_PERIODS * rig.samples)
-    loops = observation.rows(block="loops") | observation.rows(block="sweep")
     try:
         found = tools.pool(predict_task, [_Prediction(full, fit.space.hypothesis(fit.z)) for fit in fits])
     except FretflowError as error:
         return f"on the mesh of the pipeline the answer could not be confirmed: {error}"
-    sizes = [held_out_size(observation, one, loops) for one in found]
+    sizes = [held_out_error(observation, one) for one in found]
     nodes = problem.interface.size
     return (f"on the mesh of the pipeline ({nodes} contact nodes) all loops are predicted to "
             f"{', '.join(f'{size:.3g}' for size in sizes)} times what repeats differ by "

@@ -12,6 +12,7 @@ from fretflow.diagnosis.verdict import Comparison, ResidualMap, WearMap
 
 MOST_SHOWN = 8  # cycle counts
 LOOPS = ("loops", "sweep")
+JUDGED = ("displacement", "friction_force")  # by how well held-out loops are predicted
 
 
 def loop_pieces(observation: Observation) -> dict[str, dict[str, Piece]]:
@@ -92,11 +93,9 @@ def wear_map(observation: Observation, before: Array, after: Array) -> WearMap |
 
 
 def held_out_error(observation: Observation, predicted: Array, rows: NDArray[np.bool_] | None = None) -> float:
-    """Return the root mean square of measured minus predicted (M,) over the repeatability sd.
+    """Return the rms error of single repeats over their sd, 1 for a prediction without error.
 
-    Each row counts by the sd of a single repeat there. The measured loops are means over repeats: a perfect
-    prediction comes to 1 over the root of the number of repeats, which `held_out_floor` returns. Zeros of the loops
-    are left out, as repeats do not share them.
+    The mean of the repeats is compared, each loop's zero free; the scatter of the repeats about it is added.
 
     Parameters
     ----------
@@ -105,19 +104,14 @@ def held_out_error(observation: Observation, predicted: Array, rows: NDArray[np.
     predicted
         The prediction (M,).
     rows
-        The rows (M,) that count; all loops where it is not given.
+        The rows (M,) that count, of whole loops; all loops where it is not given.
     """
-    counted = _loop_rows(observation) if rows is None else rows
-    off = (observation.values - level(observation, predicted))[counted] / observation.floor[counted]
-    return float(np.sqrt(np.mean(off**2)))
-
-
-def held_out_floor(observation: Observation, rows: NDArray[np.bool_] | None = None) -> float:
-    """Return the error of a perfect prediction: what the scatter of the repeats leaves in their means."""
-    counted = _loop_rows(observation) if rows is None else rows
-    shown = (observation.variance * observation.noise)[counted]
-    return float(np.sqrt(np.mean(shown / observation.floor[counted]**2)))
-
-
-def _loop_rows(observation: Observation) -> NDArray[np.bool_]:
-    return np.asarray(observation.rows(block="loops") | observation.rows(block="sweep"))
+    counted = observation.rows(block="loops") | observation.rows(block="sweep") if rows is None else rows
+    off = observation.values - level(observation, predicted)
+    squares = []
+    for piece in observation.pieces:
+        if counted[piece.place].all() and piece.channel in JUDGED:
+            floor = observation.floor[piece.place]
+            within = 1.0 - observation.variance[piece.place] * observation.noise[piece.place] / floor**2
+            squares.append((off[piece.place] / floor)**2 + np.clip(within, 0.0, 1.0))
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
