@@ -8,52 +8,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.contact.interface import Interface
 from fretflow.diagnosis import rig_model
 from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.observation import Observation, Piece
-from fretflow.diagnosis.rig_model import RigModel
 from fretflow.diagnosis.tangent import neighbours
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.recordings.schema import Condition, DisplacementOf, Place
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.recordings.schema import Condition
 
-DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
-FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
 CHANNELS = ("displacement", "friction_force", "normal_force", "approach")
-SAMPLES, COUNTS = 40, (0, 5000, 20000, 60000)
+COUNTS = (0, 5000, 20000, 60000)
 CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, normal_load="50 N"),
               Condition(id=2, excitation_frequency="80 Hz"))
 
 
-def observation():
-    pieces, at = [], 0
-    places = [("loops", c, None) for c in COUNTS] + [("sweep", -1, c.id) for c in CONDITIONS]
-    for channel in CHANNELS:
-        for block, cycles, condition in places:
-            pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=at,
-                                stop=at + SAMPLES, label=f"{block} {cycles} {condition}"))
-            at += SAMPLES
-    for block, channel, size in (("volume", "worn_volume", 1), ("map", "wear_depth", 9)):
-        pieces.append(Piece(block=block, channel=channel, cycles=COUNTS[-1], condition=None, start=at, stop=at + size,
-                            label=block))
-        at += size
-    return Observation(values=np.zeros(at), variance=np.ones(at), noise=np.ones(at), modes=np.zeros((at, 0)),
-                       floor=np.ones(at), pieces=tuple(pieces), samples=SAMPLES, aligned_to="excitation",
-                       conditions=CONDITIONS, points=1e-3 * DATA["x"][FEW, :2])
+@pytest.fixture
+def rig(monkeypatch):
+    """Return the rig whose tests tell more than a diagnosis would need."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
 
-
-def rig():
-    dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
-    stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
-    face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=np.zeros(9))
-    problem = PeriodicProblem(
-        joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
-                                              LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
-        interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)
-    return RigModel(problem=problem, wear_coefficient=1.1e-14, observation=observation(),
-                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SAMPLES, total_cycles=COUNTS[-1])
+    return small_rig.rig(small_rig.observed(dict.fromkeys(CHANNELS, 1.0), COUNTS, CONDITIONS, 1.0, 1.0))
 
 
 @pytest.fixture(autouse=True)
@@ -65,8 +37,8 @@ def accurate(monkeypatch):
 
 @pytest.mark.parametrize("effects", [("friction-run-in",), ("normal-load-drift", "sensor-path-compliance"),
                                      ("wear-power-law",), ("directional-friction", "excitation-distortion")])
-def test_neighbours_are_what_another_simulation_shows(effects):
-    model, space = rig(), Space.of(effects)
+def test_neighbours_are_what_another_simulation_shows(rig, effects):
+    model, space = rig, Space.of(effects)
     z = np.zeros(space.size)
     base = model.simulate(space.hypothesis(z))
     step = 0.02
@@ -87,23 +59,23 @@ def test_neighbours_are_what_another_simulation_shows(effects):
                 coordinate.name, channel)
 
 
-def test_normal_force_and_approach_are_those_of_the_period():
+def test_normal_force_and_approach_are_those_of_the_period(rig):
     """The contact carries the load at every sample; the backs stand nearer by what the mean pressure gives way."""
-    model = rig()
+    model = rig
     space = Space.of(("normal-load-coupling",))
     base = model.simulate(space.hypothesis(np.zeros(space.size)))
     for period in (base.loops[0], base.sweep[1]):
         found = model.signals(period)
-        thin = len(period.solution.state) // SAMPLES
+        thin = len(period.solution.state) // model.observation.samples
         assert found.normal_force == pytest.approx(period.solution.force[::thin, :, 2].sum(axis=1), rel=1e-6)
         assert np.ptp(found.normal_force) > 1e-3 * found.normal_force.mean()
     lighter, heavier = (model.signals(base.sweep[k]) for k in (1, 0))  # 50 N and 60 N
     assert lighter.approach.mean() < heavier.approach.mean()
 
 
-def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep():
+def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep(rig):
     """At another load the friction force of sliding changes by the same share of that load."""
-    model, space = rig(), Space.of(())
+    model, space = rig, Space.of(())
     z = np.zeros(space.size)
     base = model.simulate(space.hypothesis(z))
     moved = z.copy()

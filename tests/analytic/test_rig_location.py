@@ -11,62 +11,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.contact.interface import Interface
 from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.fit import Fitter
-from fretflow.diagnosis.observation import Observation, Piece
 from fretflow.diagnosis.rig_blocks import cuts
 from fretflow.diagnosis.rig_location import locate
-from fretflow.diagnosis.rig_model import Hypothesis, RigModel
+from fretflow.diagnosis.rig_model import Hypothesis
 from fretflow.diagnosis.rig_phases import PHASES, Strokes
 from fretflow.effects.catalogue import catalogue
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.recordings.schema import Condition, DisplacementOf, Place
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.recordings.schema import Condition
 
-DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
-FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
+HERE = Path(__file__).parent
 SAMPLES, COUNTS = 40, (0, 4000, 12000, 24000)
 CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"),)
 SD = {"displacement": 3e-8, "friction_force": 0.15, "excitation": 0.02}
 DEPTH_SD, VOLUME_SD = 3e-9, 2e-15
 
-
-def observed():
-    pieces, sd, at = [], [], 0
-
-    def add(block, channel, cycles, condition, size, one, label):
-        nonlocal at
-        pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=at, stop=at + size,
-                            label=label))
-        sd.append(np.full(size, one))
-        at += size
-
-    for channel, one in SD.items():
-        for count in COUNTS:
-            add("loops", channel, count, None, SAMPLES, one, f"{count:_} cycles")
-        add("sweep", channel, -1, 0, SAMPLES, one, "condition 0")
-    add("volume", "worn_volume", COUNTS[-1], None, 1, VOLUME_SD, "worn volume")
-    add("map", "wear_depth", COUNTS[-1], None, 9, DEPTH_SD, "wear map")
-    floor = np.concatenate(sd)
-    return Observation(values=np.zeros(at), variance=floor**2, noise=np.ones(at), modes=np.zeros((at, 0)), floor=floor,
-                       pieces=tuple(pieces), samples=SAMPLES, aligned_to="excitation", conditions=CONDITIONS,
-                       points=1e-3 * DATA["x"][FEW, :2])
+@pytest.fixture(autouse=True)
+def shared(monkeypatch):
+    """Let functions here import `small_rig`."""
+    monkeypatch.syspath_prepend(HERE)
 
 
 @cache
 def rig():
-    dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
-    stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
-    face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=np.zeros(9))
-    problem = PeriodicProblem(
-        joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
-                                              LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
-        interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)
-    return RigModel(problem=problem, wear_coefficient=1.1e-14, observation=observed(),
-                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SAMPLES, total_cycles=COUNTS[-1])
+    import small_rig
+
+    return small_rig.rig(small_rig.observed(SD, COUNTS, CONDITIONS, VOLUME_SD, DEPTH_SD))
 
 
 @cache
