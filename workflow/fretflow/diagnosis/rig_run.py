@@ -16,11 +16,11 @@ from fretflow.core.config import Case
 from fretflow.core.errors import FretflowError
 from fretflow.diagnosis import rig_words as words
 from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array, Observation, observe
 from fretflow.diagnosis.rig_detection import detect
 from fretflow.diagnosis.rig_estimates import case_text, estimates
+from fretflow.diagnosis.rig_held_out import held_out
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_location import locate
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
@@ -38,16 +38,14 @@ from fretflow.diagnosis.rig_setup import (
 )
 from fretflow.diagnosis.rig_verdict import decide, smallest_visible
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
-from fretflow.diagnosis.verdict import Diagnosis, HeldOut, Verdict
+from fretflow.diagnosis.verdict import Diagnosis, Verdict
 from fretflow.diagnosis.words import blocks_of
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
 SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
-BASE_STEPS, BASE_STEPS_FAST, HELD_STEPS = 8, 4, 2
+BASE_STEPS, BASE_STEPS_FAST = 8, 4
 FULL_PERIODS = 4  # times the samples, on the mesh of the pipeline
-MOST_KEPT = 4  # loops that are all fitted
-HIDDEN = 1e12  # factor on the variance of what is held out
 
 
 @dataclass(frozen=True)
@@ -69,17 +67,6 @@ class _Prediction:
 def predict_task(asked: _Prediction) -> Array:
     """Return the vector (M,) of a hypothesis."""
     return asked.model.predict(asked.model.simulate(asked.hypothesis))
-
-
-@dataclass(frozen=True)
-class _Refit:
-    fitter: Fitter
-    fit: Fit
-
-
-def refit_task(asked: _Refit) -> Fit:
-    """Return a fit carried on under another covariance."""
-    return asked.fitter.fit(asked.fit.space, asked.fit.z, asked.fit.simulation, HELD_STEPS)
 
 
 def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
@@ -112,7 +99,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     found = decide(looked, chosen, detection)
     after = looked.fits[found.after]
     progress(0.85, "held-out loops")
-    held = _held_out(looked, base, after)
+    unseen = held_out(looked, base, after)
     location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
@@ -125,10 +112,10 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=words.sentence(found.verdict, found.sets, found.explained, location, law), detection=detection,
-        location=location, parameters=estimates(fitter.rig, after, found.widened), held_out=held,
+        location=location, parameters=estimates(fitter.rig, after, found.widened), held_out=unseen.error,
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
-        comparisons=comparisons(observation, base.predicted, after.predicted, held_out_labels(observation)),
+        comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
         residual_maps=residual_maps(observation, base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, fitter.rig, after) if named else "", seconds=time.monotonic() - began, fast=fast)
@@ -151,31 +138,6 @@ def _fitter(recording: Recording, observation: Observation, tools: RigTools, pro
     predicted = tools.pool(predict_task, [_Prediction(finer, Hypothesis()), _Prediction(denser, Hypothesis())])
     correction, modes = errors_of(observation, predicted[0], predicted[1], model.predict(first))
     return Fitter(model, observation.covariance(modes), correction), first
-
-
-def held_out_labels(observation: Observation) -> frozenset[str]:
-    """Return the labels of the loops that are held out: every third cycle count, and every second condition."""
-    loops = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "loops"))
-    sweep = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "sweep"))
-    kept = loops[1:-1:3] if len(loops) > MOST_KEPT else []
-    return frozenset([*kept, *sweep[1::2]])
-
-
-def _held_out(looked: RigSearch, before: Fit, after: Fit) -> HeldOut | None:
-    """Return the errors on loops that a refit did not see; None where there are too few loops."""
-    fitter, observation = looked.fitter, looked.fitter.rig.observation
-    labels = held_out_labels(observation)
-    if not labels:
-        return None
-    out = np.zeros(len(observation.values), dtype=bool)
-    for piece in observation.pieces:
-        out[piece.place] = piece.label in labels
-    hidden = replace(fitter, covariance=Covariance(
-        np.where(out, HIDDEN, 1.0) * fitter.covariance.variance, np.where(out[:, None], 0.0, fitter.covariance.modes)))
-    refits = looked.pool(refit_task, [_Refit(hidden, one) for one in dict.fromkeys((before, after))])
-    sizes = [held_out_error(observation, one.predicted, out) for one in (refits[0], refits[-1])]
-    return HeldOut(what=f"{len(labels)} of the loops: {', '.join(sorted(labels))}", before=sizes[0], after=sizes[1],
-                   floor=1.0)
 
 
 def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:

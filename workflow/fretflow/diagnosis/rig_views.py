@@ -48,7 +48,7 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     before, after
         Predictions (M,) without and with the named effects.
     held_out
-        Labels of the loops that were not fitted.
+        Labels of the loops that the fits of these predictions did not see there.
     """
     loops = loop_pieces(observation)
     counts = [label for label, pieces in loops.items() if pieces["displacement"].block == "loops"]

@@ -1,0 +1,56 @@
+"""Loops of the rig that are held out: what is shown and judged there comes from fits that did not see them.
+
+What carries the weight: whatever was measured in a loop that is held out, its prediction stays the same, while a fit
+of all loops follows it.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.diagnosis.fit import Fitter
+from fretflow.diagnosis.rig_held_out import held_out
+from fretflow.diagnosis.rig_model import Hypothesis
+from fretflow.diagnosis.rig_search import RigSearch
+from fretflow.recordings.schema import Condition
+
+SD = {"displacement": 3e-8, "friction_force": 0.15}
+CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, normal_load="50 N"))
+
+
+@pytest.fixture
+def model(monkeypatch):
+    """Return a rig with two cycle counts and two conditions, the second of which is held out."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    return small_rig.rig(small_rig.observed(SD, (0, 4000), CONDITIONS, 2e-15, 3e-9))
+
+
+def test_what_is_held_out_does_not_move_its_own_prediction(model):
+    space, start = Space.of(()), model.simulate(Hypothesis())
+    z, true = np.zeros(space.size), model.predict(start)
+    rows = model.observation.rows(label="condition 1")
+    shift = 2.0 * rows * model.observation.rows(channel="friction_force") * np.sign(true)
+
+    def unseen(change, friction):
+        seen = replace(model, observation=replace(model.observation, values=true + change))
+        fitter = Fitter(seen, Covariance(seen.observation.variance, seen.observation.modes), np.zeros(len(true)))
+        fit = fitter.fit(space, friction, start, 0)
+        looked = RigSearch(fitter, lambda function, arguments: [function(one) for one in arguments], {})
+        return held_out(looked, fit, fit), fitter.fit(space, friction, start, 2), fit
+
+    off = z + 0.1 * (np.arange(len(z)) == 0)  # friction 3 % too large
+    (plain, _, fit), (shifted, all_seen, _) = unseen(0.0, off), unseen(shift, off)
+    assert plain.labels == {"condition 1"}
+    assert shifted.before[rows] == pytest.approx(plain.before[rows], rel=1e-6)
+    assert np.array_equal(shifted.before, shifted.after)
+    size = np.abs(all_seen.predicted - shifted.before)[rows].max()
+    assert size > 0.15
+    assert np.array_equal(plain.before[~rows], fit.predicted[~rows])
+    assert np.abs(plain.before - true)[rows].max() < 0.1 * np.abs(fit.predicted - true)[rows].max()
+    assert plain.error.before < 1.1
+    assert shifted.error.before > 5.0

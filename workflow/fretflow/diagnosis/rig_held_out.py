@@ -1,0 +1,68 @@
+"""Loops of the rig that are held out: what refits without them predict there, and how far these are off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.diagnosis.fit import Fit, Fitter
+from fretflow.diagnosis.observation import Array, Observation
+from fretflow.diagnosis.rig_search import RigSearch
+from fretflow.diagnosis.rig_views import held_out_error
+from fretflow.diagnosis.verdict import HeldOut
+
+MOST_KEPT = 4  # loops that are all fitted
+STEPS = 2  # of a refit, from where all loops were fitted
+HIDDEN = 1e12  # factor on the variance of what is held out
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """The loops that are held out, and predictions (M,) that are of refits without them there.
+
+    Everywhere else they are of the fits to all loops.
+    """
+
+    labels: frozenset[str]
+    error: HeldOut | None  # None where there are too few loops to hold any out
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class _Refit:
+    fitter: Fitter
+    fit: Fit
+
+
+def refit_task(asked: _Refit) -> Fit:
+    """Return a fit carried on under another covariance."""
+    return asked.fitter.fit(asked.fit.space, asked.fit.z, asked.fit.simulation, STEPS)
+
+
+def held_out_labels(observation: Observation) -> frozenset[str]:
+    """Return the labels of the loops that are held out: every third cycle count, and every second condition."""
+    loops = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "loops"))
+    sweep = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "sweep"))
+    kept = loops[1:-1:3] if len(loops) > MOST_KEPT else []
+    return frozenset([*kept, *sweep[1::2]])
+
+
+def held_out(looked: RigSearch, before: Fit, after: Fit) -> Unseen:
+    """Return what the fits before and after predict where they are made again without some of the loops."""
+    fitter, observation = looked.fitter, looked.fitter.rig.observation
+    labels = held_out_labels(observation)
+    if not labels:
+        return Unseen(labels, None, before.predicted, after.predicted)
+    out = np.zeros(len(observation.values), dtype=bool)
+    for piece in observation.pieces:
+        out[piece.place] = piece.label in labels
+    hidden = replace(fitter, covariance=Covariance(
+        np.where(out, HIDDEN, 1.0) * fitter.covariance.variance, np.where(out[:, None], 0.0, fitter.covariance.modes)))
+    refits = looked.pool(refit_task, [_Refit(hidden, one) for one in dict.fromkeys((before, after))])
+    sizes = [held_out_error(observation, one.predicted, out) for one in (refits[0], refits[-1])]
+    shown = [np.where(out, own.predicted, fit.predicted) for own, fit in ((refits[0], before), (refits[-1], after))]
+    return Unseen(labels, HeldOut(what=f"{len(labels)} of the loops: {', '.join(sorted(labels))}", before=sizes[0],
+                                  after=sizes[1], floor=1.0), shown[0], shown[1])
