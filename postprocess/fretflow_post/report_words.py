@@ -131,17 +131,8 @@ def leading(diagnosis: Diagnosis) -> Candidate | None:
 
 
 def after_words(diagnosis: Diagnosis) -> str:
-    """Return what "after" was predicted with."""
-    if diagnosis.after_model:
-        return diagnosis.after_model
-    best = leading(diagnosis)
-    if diagnosis.verdict is Verdict.NAMED and diagnosis.effects:
-        return f"baseline + {together(diagnosis.effects)}"
-    if best is None:
-        return "baseline"
-    if diagnosis.verdict is Verdict.UNKNOWN:
-        return f"baseline + {together(best.effects)}, the best of the catalogue"
-    return f"baseline + {together(best.effects)}"
+    """Return what "after" was predicted with; the baseline with the named effects where that is not told."""
+    return diagnosis.after_model or " + ".join(("baseline", *diagnosis.effects))
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ def wear():
 
 
 RANKING = tuple(Candidate(effects=effects, probability=p, explained=s, chi_squared=chi, degrees_of_freedom=5_200,
-                          log_evidence=-chi / 2, confirmed=k < 3)
+                          log_evidence=-chi / 2, converged=k < 3)
                 for k, (effects, p, s, chi) in enumerate((
                     (("friction-run-in",), 0.962, 0.974, 5_420.0),
                     (("friction-run-in", "sensor-inertia"), 0.031, 0.975, 5_415.0),
@@ -180,6 +180,7 @@ def ambiguous(kind: str = "fretting-rig") -> Diagnosis:
     ranking = (replace(RANKING[0], effects=pair[:1], probability=0.52),
                replace(RANKING[0], effects=pair[1:], probability=0.45), *RANKING[2:])
     return replace(found, verdict=Verdict.AMBIGUOUS, effects=pair, probability=0.97, ranking=ranking,
+                   after_model="baseline + sensor-inertia, one of the set",
                    sentence="Either a mass in front of the force sensor or a spring beside the contact: both tilt the "
                             "plateaus alike at one frequency.",
                    separating_measurement="A loop at 60 Hz or 140 Hz: a mass tilts it with the square of the "
@@ -193,6 +194,7 @@ def unknown(kind: str = "fretting-rig") -> Diagnosis:
     ranking = tuple(replace(one, explained=0.38 * one.explained) for one in RANKING)
     return replace(
         found, verdict=Verdict.UNKNOWN, effects=(), probability=0.99, ranking=ranking, case_file="", parameters=(),
+        after_model="baseline + friction-run-in, the best of the catalogue",
         sentence="Something that is not in the catalogue acts on the friction force on the plateau.",
         residual_law=ResidualLaw(channel="friction force", state="sliding speed", state_unit="m/s", channel_unit="N",
                                  x=speed, y=6.0 * np.tanh(speed / 2e-3) ** 3, sd=np.full(31, 0.6), explained=0.71),

@@ -246,6 +246,14 @@ def test_the_file_is_of_reasonable_size(cases, tmp_path):
 
 def test_what_after_was_predicted_with_can_be_said(cases):
     assert "after: baseline + friction-run-in" in page_of(cases.named()).text
+    assert "after: baseline + sensor-inertia, one of the set" in page_of(cases.ambiguous()).text
     found = replace(cases.unknown(), after_model="baseline + the law from the data")
     assert "after: baseline + the law from the data" in page_of(found).text
     assert "after:" not in page_of(replace(cases.none(), verdict=Verdict.NONE)).text
+
+
+def test_fits_that_were_given_up_are_told_from_finished_ones(cases):
+    page = page_of(cases.named())
+    finished = sum(one.converged for one in cases.RANKING)
+    assert page.text.count("to the end") == finished
+    assert page.text.count("given up early") == len(cases.RANKING) - finished + 1, "and once in the caption"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from fretflow.diagnosis.rig_words import next_measurement, sentence, separating
 from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
+from fretflow.diagnosis.words import after_model
 
 PLACE = Location(block="contact law", channel="friction force", phase="knee", cycles=(0, 1000), zone="")
 LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),
@@ -59,3 +60,13 @@ def test_one_alternative_needs_no_measurement():
 
 def test_what_a_larger_set_has_beside_is_told_from_the_smaller_alone():
     assert "force-offset from viscous alone" in separating([{"viscous", "force-offset"}, {"viscous"}])
+
+
+@pytest.mark.parametrize(("verdict", "effects", "said"), [
+    (Verdict.NONE, (), "baseline"),
+    (Verdict.NAMED, ("viscous", "backlash"), "baseline + backlash + viscous"),
+    (Verdict.AMBIGUOUS, ("viscous",), "baseline + viscous, one of the set"),
+    (Verdict.UNKNOWN, ("viscous",), "baseline + viscous, the best of the catalogue"),
+    (Verdict.UNKNOWN, (), "baseline")])
+def test_what_after_is_predicted_with(verdict, effects, said):
+    assert after_model(verdict, effects) == said

@@ -28,6 +28,7 @@ from fretflow.diagnosis.driven_search import (
 )
 from fretflow.diagnosis.driven_views import comparisons, residual_maps
 from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Diagnosis, HeldOut, Verdict
+from fretflow.diagnosis.words import after_model
 from fretflow.effects.driven_fit import DrivenFit, Scale, scaled_priors
 from fretflow.effects.effect import Kind
 from fretflow.recordings.recording import Recording
@@ -98,6 +99,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress) -> Dia
         residual_maps=residual_maps(data, noise, baseline, found.after),
         notes=_notes(recording, data, noise, left_out, found),
         case_file=words.case_text(recording.title, final.joint) if named else "",
+        after_model=after_model(found.verdict, (one.id for one in found.after.joint.effects)),
         seconds=time.monotonic() - began, fast=fast)
 
 
@@ -140,7 +142,7 @@ def _ranking(looked: Search, chosen: Names) -> tuple[Candidate, ...]:
         explained=looked.explained(sets[k]), log_evidence=float(evidence[k]),
         chi_squared=used * looked.square(looked.fits[sets[k]]) / looked.noise.sd**2,
         degrees_of_freedom=used - len(looked.fits[sets[k]].names),
-        confirmed=True) for k in order[:MOST_RANKED])
+        converged=True) for k in order[:MOST_RANKED])
 
 
 def _probability(looked: Search, found: _Found, detection: Detection) -> float:

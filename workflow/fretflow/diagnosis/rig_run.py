@@ -39,7 +39,7 @@ from fretflow.diagnosis.rig_setup import (
 from fretflow.diagnosis.rig_verdict import decide, smallest_visible
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.diagnosis.verdict import Diagnosis, Verdict
-from fretflow.diagnosis.words import blocks_of
+from fretflow.diagnosis.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
@@ -118,7 +118,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
         residual_maps=residual_maps(observation, base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
-        case_file=case_text(case, fitter.rig, after) if named else "", seconds=time.monotonic() - began, fast=fast)
+        case_file=case_text(case, fitter.rig, after) if named else "",
+        after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
 
 
 def _fitter(recording: Recording, observation: Observation, tools: RigTools, progress: Progress

@@ -49,7 +49,7 @@ class Candidate:
     chi_squared: float
     degrees_of_freedom: int
     log_evidence: float
-    confirmed: bool = False  # refitted on the model itself, not only on its linearisation
+    converged: bool = False  # fitted to the end; what is given up sooner could explain a little more
 
 
 @record
@@ -188,7 +188,7 @@ class Diagnosis:
     residual_law: ResidualLaw | None = None
     notes: tuple[str, ...] = ()  # warnings of the recording, limits of the diagnosis
     case_file: str = ""  # text of a case with the named effects that `fretflow run` takes
-    after_model: str = ""  # what "after" was predicted with, where it is not the baseline with `effects`
+    after_model: str = ""  # what "after" was predicted with: "baseline + friction-run-in"
     seconds: float = quantity("s", default=0.0)
     fast: bool = False
 

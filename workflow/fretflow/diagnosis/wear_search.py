@@ -103,7 +103,7 @@ def ranking(looked: Search) -> tuple[Candidate, ...]:
         effects=sets[k], probability=float(weight[k] / weight.sum()),
         explained=looked.explained(looked.fits[sets[k]][0]), chi_squared=looked.fits[sets[k]][0].square / sd**2,
         degrees_of_freedom=round(tests.count) - looked.fits[sets[k]][0].law.size, log_evidence=float(evidence[k]),
-        confirmed=True) for k in np.argsort(-weight, kind="stable"))
+        converged=True) for k in np.argsort(-weight, kind="stable"))
 
 
 def alternatives(looked: Search, ranked: tuple[Candidate, ...]) -> tuple[Effects, ...]:

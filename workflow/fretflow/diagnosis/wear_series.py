@@ -39,6 +39,7 @@ from fretflow.diagnosis.wear_search import (
     ranking,
     search,
 )
+from fretflow.diagnosis.words import after_model
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import declared_priors
 from fretflow.recordings.wear_series import KIND, WearSeries
@@ -103,6 +104,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress) -> 
         smallest_visible=_visible(looked) if found.verdict is Verdict.NONE else {}, residual_law=law, wear_tests=view,
         notes=words.warnings(looked, found.after, found.verdict, parameters),
         case_file=words.case_text(series.title, found.after, parameters) if found.effects else "",
+        after_model=after_model(found.verdict, found.after.law.effects),
         seconds=time.monotonic() - began, fast=fast)
 
 
