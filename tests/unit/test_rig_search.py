@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.rig_search import LEAST_GAIN, SLACK, RigSearch, chosen_set
+from fretflow.diagnosis.rig_search import FAST, FULL, LEAST_GAIN, SLACK, Effort, RigSearch, begun, chosen_set, polished
 from fretflow.diagnosis.rig_verdict import decide
 from fretflow.diagnosis.verdict import Detection, Verdict
 
 EXPECTED = 1000.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FakeFit:
     """A fit of which only the misfit is known."""
 
@@ -23,6 +23,13 @@ class FakeFit:
     converged: bool = True
     z: np.ndarray = field(default_factory=lambda: np.zeros(4))
     residual: np.ndarray = field(default_factory=lambda: np.zeros(2000))
+    space: Any = None
+    simulation: Any = None
+
+    @property
+    def objective(self) -> float:
+        """Return that of a fit at the middle of its ranges."""
+        return self.chi_squared
 
     @property
     def log_evidence(self) -> float:
@@ -98,3 +105,50 @@ def test_intervals_widen_with_what_the_best_fit_leaves() -> None:
     """Parameters of a fit that leaves four times the noise are twice as uncertain."""
     found = searched(none=90000.0, viscous=4000.0)
     assert decide(found, chosen_set(found), seen(1e-9)).widened == pytest.approx(2.0)
+
+
+class FakeFitter:
+    """A fitter whose fits take off half of what is left above the noise at each step."""
+
+    rig = SimpleNamespace(observation=SimpleNamespace(noise=np.ones(int(EXPECTED))))
+
+    def __init__(self, start: float) -> None:
+        self.start, self.steps = start, list[int]()
+
+    def fit(self, space: Any, z: Any, near: Any, iterations: int, worth: float = np.inf) -> FakeFit:
+        """Return a fit that has come to rest where less than a hundredth of the noise is left above it."""
+        self.steps.append(iterations)
+        left = (near.chi_squared if isinstance(near, FakeFit) else self.start) - EXPECTED
+        found = FakeFit(EXPECTED + left / 2.0**iterations, left / 2.0**iterations < 0.01 * EXPECTED)
+        return replace(found, simulation=found)
+
+
+@pytest.mark.parametrize(("start", "effort", "steps", "rest"), [
+    (1.05, FAST, [4], True), (2.0, FAST, [4, 4], True), (90.0, FAST, [4], False), (90.0, FULL, [8], False)])
+def test_a_baseline_goes_on_to_rest_unless_it_is_astray(start: float, effort: Effort, steps: list[int], rest: bool
+                                                        ) -> None:
+    """A screening fits four steps, and four more where the baseline may be all there is and has not come to rest."""
+    fitter: Any = FakeFitter(start * EXPECTED)
+    found = begun(fitter, None, effort, lambda function, arguments: [function(one) for one in arguments])
+    assert fitter.steps == steps
+    assert found.baseline.converged is rest
+
+
+def test_a_fit_that_is_carried_on_and_stays_has_come_to_rest() -> None:
+    """Nothing is gained by more steps: the fit is kept as it was, and counts as finished."""
+    found = searched(none=9000.0, viscous=1010.0)
+    one = frozenset({"viscous"})
+    kept: Any = replace(found.fits[one], converged=False)
+    found.fits[one], found.fitter = kept, SimpleNamespace(fit=lambda *asked: FakeFit(1010.0))
+    polished(found, one)
+    assert found.fits[one].converged
+    assert found.fits[one].z is kept.z
+
+
+def test_polishing_nothing_leaves_the_baseline_alone() -> None:
+    """What was screened stands beside the baseline as it was then."""
+    found = searched(none=9000.0)
+    before: Any = replace(found.baseline, converged=False)
+    found.fits[frozenset()] = before
+    polished(found, frozenset())
+    assert found.baseline is before

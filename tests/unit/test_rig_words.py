@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.rig_words import next_measurement, sentence, separating
+from fretflow.diagnosis.rig_words import next_measurement, sentence, separating, unfinished
 from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
 from fretflow.diagnosis.words import after_model
 
@@ -70,3 +70,10 @@ def test_what_a_larger_set_has_beside_is_told_from_the_smaller_alone():
     (Verdict.UNKNOWN, (), "baseline")])
 def test_what_after_is_predicted_with(verdict, effects, said):
     assert after_model(verdict, effects) == said
+
+
+def test_fits_that_were_stopped_are_told():
+    alone, beside = unfinished([frozenset({"viscous", "backlash"}), frozenset()])
+    assert "baseline alone was stopped" in alone
+    assert "baseline with backlash and viscous was stopped" in beside
+    assert unfinished([]) == []

@@ -15,7 +15,6 @@ import numpy as np
 from fretflow.core.config import Case
 from fretflow.core.errors import FretflowError
 from fretflow.diagnosis import rig_words as words
-from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array, Observation, observe
 from fretflow.diagnosis.rig_detection import detect
@@ -24,7 +23,7 @@ from fretflow.diagnosis.rig_held_out import held_out
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_location import locate
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
-from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, RigSearch, chosen_set, polished, search
+from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, begun, chosen_set, polished, search
 from fretflow.diagnosis.rig_setup import (
     COARSE,
     FINER,
@@ -44,7 +43,6 @@ from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
 SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
-BASE_STEPS, BASE_STEPS_FAST = 8, 4
 FULL_PERIODS = 4  # times the samples, on the mesh of the pipeline
 
 
@@ -85,14 +83,14 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     case = case_of(recording)
     fitter, first = _fitter(recording, observation, tools, progress)
     progress(0.15, "refitting the baseline")
-    base = fitter.fit(Space.of(()), np.zeros(Space.of(()).size), first,
-                      BASE_STEPS_FAST if fast else BASE_STEPS)
-    looked = RigSearch(fitter, tools.pool, {frozenset(): base})
+    effort = FAST if fast else FULL
+    looked = begun(fitter, first, effort, tools.pool)
+    base = looked.baseline
     progress(0.3, "screening all effects")
     detection = detect(observation, base, looked.screen(frozenset()))
     chosen: Names = frozenset()
     if detection.p_value < detection.false_alarm_rate:
-        search(looked, FAST if fast else FULL, lambda share, text: progress(0.35 + 0.45 * share, text))
+        search(looked, effort, lambda share, text: progress(0.35 + 0.45 * share, text))
         progress(0.8, "fitting the best to the end")
         polished(looked, chosen_set(looked))
         chosen = chosen_set(looked)
@@ -103,7 +101,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
-    notes = [str(note) for note in recording.notes]
+    notes = [*map(str, recording.notes), *words.unfinished({
+        names for names in (frozenset(), found.after) if not looked.fits[names].converged})]
     if not fast:
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, fitter, list(dict.fromkeys((base, after))), tools))

@@ -10,7 +10,7 @@ less by `SYSTEMATIC`, and less again where even the best fit leaves more than no
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import log
 from typing import Protocol, TypeVar
 
@@ -59,8 +59,10 @@ class Pool(Protocol):
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is fitted: how many single effects, steps of each, how many go on, and pairs."""
+    """How much is fitted: steps of the baseline, how many single effects, steps of each, how many go on, and pairs."""
 
+    base_steps: int
+    base_more: int  # steps of a baseline that may be all there is
     singles: int
     first_steps: int
     kept: int
@@ -70,8 +72,8 @@ class Effort:
     pairs: int  # for each of them
 
 
-FAST = Effort(singles=6, first_steps=2, kept=2, last_steps=3, more=8, bases=1, pairs=2)
-FULL = Effort(singles=100, first_steps=2, kept=6, last_steps=10, more=0, bases=2, pairs=4)
+FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=2, last_steps=3, more=8, bases=1, pairs=2)
+FULL = Effort(base_steps=8, base_more=0, singles=100, first_steps=2, kept=6, last_steps=10, more=0, bases=2, pairs=4)
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,11 @@ class RigSearch:
     def baseline(self) -> Fit:
         """Return the fit without effects."""
         return self.fits[frozenset()]
+
+    @property
+    def astray(self) -> bool:
+        """Return whether the fitted baseline is bent to explain what it cannot."""
+        return self.baseline.chi_squared > ASTRAY * self.expected
 
     @property
     def expected(self) -> float:
@@ -194,7 +201,7 @@ class RigSearch:
         A baseline that has been bent to explain what it cannot is no start: its own readings are.
         """
         space, z = with_start(self.fits[to], start)
-        if not to and self.baseline.chi_squared > ASTRAY * self.expected:
+        if not to and self.astray:
             z[:Space.of(()).size] = 0.0
         return space, z
 
@@ -206,11 +213,25 @@ class RigSearch:
         for names, found in zip(open_, self.pool(fit_task, tasks), strict=True):
             if found is not None and found.objective < self.fits[names].objective:
                 self.fits[names] = found
+            elif found is not None and found.converged:
+                self.fits[names] = replace(self.fits[names], converged=True)
 
     def best(self, size: int, most: int, containing: Names = frozenset()) -> list[Names]:
         """Return the sets of a size with the largest evidence."""
         own = [names for names in self.fits if len(names) == size and containing <= names]
         return sorted(own, key=lambda names: -self.fits[names].log_evidence)[:most]
+
+
+def begun(fitter: Fitter, first: Simulation, effort: Effort, pool: Pool) -> RigSearch:
+    """Return a search with the baseline refitted from its first simulation.
+
+    Where that is astray, its last steps are left out: it says nothing about its own parameters then.
+    """
+    space = Space.of(())
+    found = RigSearch(fitter, pool, {frozenset(): fitter.fit(space, np.zeros(space.size), first, effort.base_steps)})
+    if effort.base_more and not found.astray:
+        found.carry_on([frozenset()], effort.base_more)
+    return found
 
 
 def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], None]) -> None:
@@ -234,8 +255,9 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
 
 
 def polished(found: RigSearch, chosen: Names) -> None:
-    """Fit the chosen set to the end."""
-    found.carry_on([chosen], POLISHING)
+    """Fit the chosen set to the end; the baseline alone stays as what the screening began from."""
+    if chosen:
+        found.carry_on([chosen], POLISHING)
 
 
 def chosen_set(found: RigSearch) -> Names:

@@ -83,6 +83,12 @@ def _unknown(explained: float, location: Location, law: ResidualLaw | None) -> s
     return f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: {best}{told}."
 
 
+def unfinished(sets: Collection[Names]) -> list[str]:
+    """Return a warning for each set of effects whose fit the verdict uses though it has not come to rest."""
+    return [f"the fit of the baseline{' with ' + listed(names) if names else ' alone'} was stopped before it came to "
+            "rest: it may explain a little more, with slightly other parameters" for names in sorted(sets, key=len)]
+
+
 def separating(sets: Sequence[Names]) -> str:
     """Return the measurement that would tell the alternatives apart, nothing where there is one only."""
     told: dict[str, list[str]] = {}
