@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from fretflow import cli
 from fretflow.core.errors import InputError, NonConvergenceError, PlatformError
-from fretflow.stages.ensemble import THREAD_VARIABLES, Place, Workers, run_ensemble, threads_each
+from fretflow.stages.ensemble import THREAD_VARIABLES, LocalPool, Place, Workers, run_ensemble, threads_each
 
 HERE = Path(__file__).parent
 QUICK = HERE.parents[1] / "examples" / "quick.toml"
@@ -101,6 +101,21 @@ def test_errors_keep_what_they_carry_and_stubborn_ones_their_words(workers, call
 
 def test_noise_on_stdout_does_not_spoil_an_answer(workers, calls):
     assert outcomes(calls.chatter, ["well"], workers) == ["well"]
+
+
+def test_processes_that_stay_return_values_in_order_and_errors_that_travel(calls):
+    with LocalPool(2) as pool:
+        seen = {pid for _ in range(4) for pid in pool(operator.call, [os.getpid] * 4)}
+        assert len(seen) <= 2
+        assert os.getpid() not in seen
+        assert pool(math.sqrt, [9.0, 4.0, 1.0]) == [3.0, 2.0, 1.0]
+        with pytest.raises(RuntimeError, match="Stubborn: left behind"):
+            pool(calls.raise_stubborn, ["left behind", "left behind"])
+        with pytest.raises(NonConvergenceError) as raised:
+            pool(calls.raise_history, [[1.0, 0.25], [1.0]])
+        assert raised.value.history == (1.0, 0.25)
+        with pytest.raises(PlatformError, match="a process died"):
+            pool(operator.call, [os.abort, os.abort])
 
 
 def test_blas_gets_a_share_of_the_cores_and_the_user_may_ask_for_less(monkeypatch, calls):

@@ -8,7 +8,6 @@ Gauss-Newton, each Jacobian from one march of the simulated periods. Laplace's a
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +24,6 @@ LONGEST = 1.5  # step of a coordinate at once
 # fall of the objective, and share of it, that are not worth another simulation
 ENOUGH, ENOUGH_SHARE = 2.0, 0.005
 HALVINGS = 3
-Predictor = Callable[[Simulation], Array]
 
 
 @dataclass(frozen=True, eq=False)

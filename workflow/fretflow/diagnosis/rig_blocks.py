@@ -26,6 +26,7 @@ import numpy as np
 from scipy import stats
 
 from fretflow.core.records import quantity, record
+from fretflow.diagnosis.covariance import SYSTEMATIC
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array
 from fretflow.diagnosis.rig_model import HARMONICS, Period, RigModel
@@ -42,7 +43,6 @@ FORCE_HARMONICS = 7  # of a loop's friction force or of a channel
 LAW_POINTS = 8
 RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
 OVERTONES = (2, 3, 4, 5)
-SYSTEMATIC = 4.0  # by which errors of the model that the covariance does not know may raise a gain of nothing
 SMALL = 1e-3  # of a channel's size: changes are first order
 AMPLITUDES = np.geomspace(1e-4, 10.0, 21)  # of a space's changes, over the size of what they change
 GAP_SIZE = 3e-6  # m

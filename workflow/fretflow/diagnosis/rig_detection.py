@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from fretflow.diagnosis.covariance import SYSTEMATIC
 from fretflow.diagnosis.fit import Fit
 from fretflow.diagnosis.observation import Array, Observation
 from fretflow.diagnosis.screening import Signatures
 from fretflow.diagnosis.verdict import Detection
 
 FALSE_ALARMS = 0.05
-SYSTEMATIC = 4.0
 DRAWS = 400
 SEED = 20241
 HARMONICS = 5

@@ -7,13 +7,13 @@ import numpy as np
 from fretflow.core.casefile import dump_case, entries
 from fretflow.core.config import Case
 from fretflow.diagnosis.coordinates import Coordinate
+from fretflow.diagnosis.covariance import SYSTEMATIC
 from fretflow.diagnosis.fit import Fit
 from fretflow.diagnosis.rig_model import RigModel
 from fretflow.diagnosis.verdict import Estimate
 from fretflow.effects.catalogue import catalogue, tables
 
 HALF = 1.645  # standard deviations of a 90 % interval
-SYSTEMATIC = 2.0  # by which the intervals are wider than noise makes them: laws and codes differ by more than noise
 
 BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coefficient"),
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
@@ -22,7 +22,7 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
 
 def estimates(rig: RigModel, fit: Fit, widened: float = 1.0) -> tuple[Estimate, ...]:
     """Return the baseline's parameters and those of the fit's effects; `widened` multiplies the intervals."""
-    spread = np.sqrt(np.diag(np.linalg.inv(fit.information))) * HALF * SYSTEMATIC * widened
+    spread = np.sqrt(np.diag(np.linalg.inv(fit.information))) * HALF * np.sqrt(SYSTEMATIC) * widened
     found = []
     for coordinate, z, half in zip(fit.space.coordinates, fit.z, spread, strict=True):
         made = _estimate(rig, coordinate, float(z), float(half))

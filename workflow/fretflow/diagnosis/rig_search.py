@@ -18,6 +18,7 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.covariance import SYSTEMATIC
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array
 from fretflow.diagnosis.rig_model import Simulation
@@ -37,16 +38,13 @@ T = TypeVar("T")
 R = TypeVar("R")
 Names = frozenset[str]
 
-SYSTEMATIC = 4.0  # by which differences of log evidence count less
 SLACK = 1.25  # of the expected chi-squared: what independent codes differ by where nothing is hidden
+ASTRAY = 5.0  # times the expected chi-squared, from which a fitted baseline says little about its own parameters
+BEYOND = 1.0  # of the recording's own size: a first-order change that is larger says nothing
 LEAST_GAIN = 12.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
 SECOND = 0.6  # share of what one effect leaves that a second one must explain
 PLACED = 0.005  # share of the baseline's excess that it must explain
-
-
 POLISHING = 8  # steps at most
-ASTRAY = 5.0  # times the expected chi-squared, from which a fitted baseline says little about its own parameters
-BEYOND = 1.0  # of the recording's own size: a first-order change that is larger says nothing
 
 
 class Pool(Protocol):

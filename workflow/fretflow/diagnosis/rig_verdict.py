@@ -7,7 +7,8 @@ from math import exp, sqrt
 
 import numpy as np
 
-from fretflow.diagnosis.rig_search import LEAST_GAIN, SYSTEMATIC, Names, RigSearch
+from fretflow.diagnosis.covariance import SYSTEMATIC
+from fretflow.diagnosis.rig_search import LEAST_GAIN, Names, RigSearch
 from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Verdict
 
 SURE = 0.9  # probability from which one set is named alone
@@ -16,7 +17,6 @@ GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fa
 MOST_RANKED = 40
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD, NEARLY_ALL = 3.0, 0.97
-SEEN = 3.0  # standard deviations at which an effect would have been seen, after tempering
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,11 @@ def _ranking(looked: RigSearch) -> tuple[Candidate, ...]:
 def smallest_visible(looked: RigSearch) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been seen.
 
-    An effect at the middle of its ranges stands out by the norm of its signature; it is taken as linear in its size.
+    There half the square of its signature's norm, over `SYSTEMATIC`, is `LEAST_GAIN`; that at the middle of its ranges
+    is taken as linear in its size.
     """
     seen = looked.screen(frozenset())
-    least = SEEN * sqrt(SYSTEMATIC * 2.0 * LEAST_GAIN / 9.0)
+    least = sqrt(2.0 * LEAST_GAIN * SYSTEMATIC)
     found = {}
     for name, columns in seen.columns.items():
         size = float(np.linalg.norm(columns[:, 0]))

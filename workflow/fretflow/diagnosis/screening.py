@@ -40,7 +40,7 @@ class Start:
 class Signatures:
     """Whitened changes (M, columns) by effect, with what is fitted already projected out.
 
-    `starts` are the points of which the columns are; `whole` the changes before the projection.
+    `starts` are the points of which the columns are.
     """
 
     residual: Array
@@ -59,11 +59,6 @@ class Signatures:
         s = np.hstack([self.columns[name] for name in effects])
         basis = _basis(s)
         return float(np.sum((basis.T @ self.residual)**2) / max(float(self.residual @ self.residual), FAINT))
-
-    def apart(self, one: str, other: str) -> float:
-        """Return the sine of the angle between the main directions of two effects."""
-        a, b = (_main(self.columns[name]) for name in (one, other))
-        return float(np.sqrt(max(0.0, 1.0 - float(a @ b)**2)))
 
     def ranked(self) -> list[str]:
         """Return the effects, the one with the largest gain first."""
@@ -147,8 +142,3 @@ def signatures(fitter: Fitter, fit: Fit, starts: Sequence[Start], moved: Array) 
 def _basis(columns: Array) -> Array:
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, size > 1e-8 * max(float(size.max(initial=0.0)), FAINT)])
-
-
-def _main(columns: Array) -> Array:
-    left, _, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, 0])

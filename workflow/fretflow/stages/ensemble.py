@@ -76,7 +76,6 @@ class Workers:
         """Return whether there is nothing to be gained over calling one after the other in this process."""
         return self.place is Place.LOCAL and self.jobs == 1
 
-
     @property
     def leads(self) -> bool:
         """Return whether this process gets the outcomes, or is a rank that has worked for the one which does."""
@@ -147,15 +146,10 @@ class LocalPool:
             return [function(argument) for argument in arguments]
         if self._executor is None:
             self._executor = self._stack.enter_context(_executor(Workers(jobs=self.processes), self.processes))
-        calls = [functools.partial(guarded, function)] * len(arguments)
         try:
-            return list(cast(Executor, self._executor).map(_call, calls, arguments))
+            return list(cast(Executor, self._executor).map(functools.partial(guarded, function), arguments))
         except BrokenExecutor as error:
             raise PlatformError("a process died (killed, or out of memory); try again with fewer at a time") from error
-
-
-def _call(function: Callable[[T], R], argument: T) -> R:
-    return function(argument)
 
 
 def threads_each(processes: int) -> int:
