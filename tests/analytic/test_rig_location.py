@@ -27,6 +27,7 @@ CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"),)
 SD = {"displacement": 3e-8, "friction_force": 0.15, "excitation": 0.02}
 DEPTH_SD, VOLUME_SD = 3e-9, 2e-15
 
+
 @pytest.fixture(autouse=True)
 def shared(monkeypatch):
     """Let functions here import `small_rig`."""
