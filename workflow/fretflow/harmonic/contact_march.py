@@ -7,12 +7,15 @@ carries the derivative of the displacement from sample to sample with the same f
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.law import MotionFactor
 from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic.contact_kernel import Marched, empty_march
+from fretflow.harmonic.contact_kernel_march import Course, march
 from fretflow.harmonic.contact_sample import (
     OPEN,
     STICK,
@@ -21,6 +24,8 @@ from fretflow.harmonic.contact_sample import (
     Instant,
     SampleSolver,
     SampleState,
+    not_found,
+    plain,
 )
 from fretflow.harmonic.fourier import time_derivative
 from fretflow.harmonic.periodic import PeriodicProblem
@@ -28,7 +33,6 @@ from fretflow.harmonic.periodic import PeriodicProblem
 MAX_PERIODS = 60
 MAX_PRELOAD_STEPS = 100
 PRELOAD_PARTS = 20  # of a load applied against friction
-MAX_EXTRAPOLATION = 2.0
 NEWTON_AFTER = 3  # periods
 PERSISTS = 1e-6
 
@@ -47,6 +51,12 @@ class Trajectory:
         """Return sample j."""
         return SampleState(self.displacement[j], self.force[j], float(self.approach[j]), self.state[j])
 
+
+    @cached_property
+    def marched(self) -> Marched:
+        """Return the samples as the compiled loops take them."""
+        return Marched(plain(self.displacement), plain(self.force), plain(self.approach),
+                       np.require(self.state, dtype=np.int8, requirements=["C", "W"]))
 
     @property
     def friction(self) -> Array:
@@ -243,22 +253,21 @@ class ContactMarch:
     def _pass(self, arm: Array, directions: Array, start: SampleState, slope: Array, guess: Trajectory | None,
               last: _Pass | None = None) -> _Pass:
         """March one period; where it has become the `last` one, the rest is taken from there."""
-        trajectory, tangent = _empty(arm, self.system.size), np.zeros_like(directions)
+        n, samples = self.system.size, len(arm)
+        found, tangent = empty_march(samples, n), np.zeros((samples, directions.shape[1]))
         under = self.surroundings.conditions(self.system.load, arm, directions)
-        earlier, before = start, start
-        for j in range(len(arm)):
-            near, at = self._guess(guess, j, arm, before, earlier), under.at(j)
-            after = self.solver.solve(float(arm[j]), before.displacement, near, float(arm[j - 1]), at)
-            slope, tangent[j] = self.solver.tangent(after, before.displacement, slope, directions[j], at,
-                                                    under.load_slope[j], under.grip_slope[j])
-            _put(trajectory, j, after)
-            earlier, before = before, after
-            # where everything slides nothing is remembered
-            if last is not None and not np.any(after.state == STICK) and self._same(after, last.trajectory.sample(j)):
-                _copy(last.trajectory, trajectory, j + 1)
-                tangent[j + 1:] = last.tangent[j + 1:]
-                return _Pass(trajectory, tangent, last.end, last.slope)
-        return _Pass(trajectory, tangent, before, slope)
+        course = Course(*map(plain, (arm, under.load, under.grip, directions, under.load_slope, under.grip_slope)))
+        none = empty_march(0, n)
+        until, after = march(
+            self.system.data, self.solver.factor, course, start.alone(), plain(slope),
+            none if guess is None else guess.marched, none if last is None else last.trajectory.marched,
+            tangent[:0] if last is None else last.tangent, (self.solver.tolerance, self.repeat), found, tangent)
+        if until < 0:
+            raise not_found(float(arm[-1 - until]))
+        trajectory = Trajectory(arm, *found)
+        if last is not None and until < samples:
+            return _Pass(trajectory, tangent, last.end, last.slope)
+        return _Pass(trajectory, tangent, trajectory.sample(samples - 1), after)
 
     def _newton_start(self, arm: Array, directions: Array, run: _Pass) -> tuple[SampleState, Array]:
         """Return the contact, and its slope, from which a period should end as it began.
@@ -283,38 +292,6 @@ class ContactMarch:
         displacement[memory] += change[:, p]
         return SampleState(displacement, run.end.force, run.end.approach, run.end.state), slope
 
-    @staticmethod
-    def _guess(near: Trajectory | None, j: int, arm: Array, before: SampleState, earlier: SampleState) -> SampleState:
-        """Guess sample j: the neighbouring period's, shifted as its predecessor was, or by extrapolation in time."""
-        if near is not None:
-            return _extrapolated(near.sample(j), before, near.sample(j - 1), 1.0)
-        last = float(arm[j - 1] - arm[j - 2])
-        ratio = float(arm[j] - arm[j - 1]) / last if last else 0.0
-        steady = abs(ratio) < MAX_EXTRAPOLATION and np.array_equal(before.state, earlier.state)
-        return _extrapolated(before, before, earlier, ratio if steady else 0.0)
-
     def _same(self, a: SampleState, b: SampleState) -> bool:
         """Tell whether two samples agree in force."""
         return bool(np.abs(a.force - b.force).max() < self.repeat)
-
-
-def _extrapolated(after: SampleState, toward: SampleState, away: SampleState, ratio: float) -> SampleState:
-    """Return a guess: `after`, moved by `ratio` times the step from `away` to `toward`."""
-    return SampleState(after.displacement + ratio * (toward.displacement - away.displacement), after.force,
-                       after.approach + ratio * (toward.approach - away.approach), after.state)
-
-
-def _empty(arm: Array, nodes: int) -> Trajectory:
-    n = len(arm)
-    return Trajectory(arm, np.zeros((n, 3 * nodes)), np.zeros((n, 3 * nodes)), np.zeros(n),
-                      np.zeros((n, nodes), dtype=np.int8))
-
-
-def _put(trajectory: Trajectory, j: int, sample: SampleState) -> None:
-    trajectory.displacement[j], trajectory.force[j] = sample.displacement, sample.force
-    trajectory.approach[j], trajectory.state[j] = sample.approach, sample.state
-
-
-def _copy(source: Trajectory, target: Trajectory, first: int) -> None:
-    for name in ("displacement", "force", "approach", "state"):
-        getattr(target, name)[first:] = getattr(source, name)[first:]
