@@ -89,6 +89,27 @@ def test_jacobian_of_coupled_nodes_in_all_states_at_once():
     assert max(jacobian_errors(equations, u)) < 1e-6
 
 
+def settling_drives(nodes, seed):
+    """Return predictions whose mean drags nodes along in the first periods, then leaves them stuck."""
+    rng = np.random.default_rng(seed)
+    for _ in range(nodes):
+        mean, swing = rng.uniform(0.8, 2.0), rng.uniform(0.1, 0.4, size=(2, 4)) * rng.choice([-1, 1], size=(2, 4))
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        yield [mean * np.cos(angle), *swing[0]], [mean * np.sin(angle), *swing[1]], [2.0, 0.3, 0.2, 0.0, 0.1]
+
+
+def test_jacobian_of_nodes_that_came_to_rest_on_the_disc():
+    """Round-off leaves some just inside of the disc, others outside; it must not matter to the derivative."""
+    equations, u = equations_and_point(list(settling_drives(24, seed=11)), seed=5)
+    at = equations.evaluate(u)
+    excess = np.max(np.abs(at.friction.trial) - at.limit, axis=0)
+    rests = np.abs(excess) < 1e-12
+    assert np.sum(excess[rests] > 0.0) > 1
+    assert np.sum(excess[rests] <= 0.0) > 1
+    assert rests.sum() > 12
+    assert max(jacobian_errors(equations, u, step=1e-7)) < 1e-5
+
+
 def test_jacobian_with_a_gap():
     """A gap of 0.55 turns an always closed node into one that opens: the prediction loses eps times gap."""
     drive = STATES["slip with varying normal load"]

@@ -14,6 +14,8 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
 
 ROUND_OFF = 1e-13
+TOUCHING = 1e-11  # of the largest disc, a distance from its edge that counts as none; above the round-off
+REMEMBERED = 1e-10  # of a state's change, below which a period does not reduce it
 MAX_PERIODS = 200
 NODES_AT_ONCE = 256  # bounds the memory of the marched derivatives
 UNIT_STATES = np.array([1.0, 1.0j])
@@ -113,23 +115,42 @@ def friction_derivative(friction: PeriodicFriction, limit: NDArray[np.float64],
     ndarray
         (nodes, q, q, 3): node, coefficient of the force x + i y, coefficient and component of the drive.
     """
-    tangent = return_tangent(friction.trial, limit)
+    tangent = _touching_tangent(friction.trial, limit)
     nodes, q = limit.shape[1], basis.shape[1]
     derivative = np.zeros((nodes, q, q, 3), dtype=complex)
     derivative[:, :, :, 0], derivative[:, :, :, 1] = np.eye(q), 1j * np.eye(q)
-    moved = np.any(np.abs(friction.first_trial) > limit, axis=0)
     sticks = np.all(tangent.direct == 1.0, axis=0)
     cycling = np.flatnonzero(~sticks)
-    for part in np.array_split(cycling, -(-cycling.size // NODES_AT_ONCE)) if cycling.size else ():
-        own = ReturnTangent(tangent.direct[:, part], tangent.mirrored[:, part], tangent.radial[:, part])
-        derivative[part] = _march_tangent(own, limit_rate[:, part], basis, analysis)
-    settled = np.flatnonzero(sticks & moved)
-    if settled.size:  # stuck after a slip in the first period, which left a constant force
-        own = return_tangent(friction.first_trial[:, settled], limit[:, settled])
-        end = _march_columns(own, limit_rate[:, settled], basis, np.zeros((settled.size, 2), dtype=complex))
-        change = end[-1, :, :-2] - _drive_columns(basis)[-1]
-        derivative[settled, 0] += change.reshape(settled.size, q, 3)
+    settles = np.any(np.abs(friction.first_trial) > limit, axis=0)
+    settles[cycling] &= _remembers(_of_nodes(tangent, cycling))
+    left = np.zeros((nodes, 3 * q), dtype=complex)  # of the force that slip in the first period has left
+    for part in _parts(np.flatnonzero(settles)):
+        own = return_tangent(friction.first_trial[:, part], limit[:, part])
+        end = _march_columns(own, limit_rate[:, part], basis, left[part])[-1, :, :-2]
+        left[part] = end - _drive_columns(basis)[-1]
+    derivative[sticks, 0] += left[sticks].reshape(-1, q, 3)
+    for part in _parts(cycling):
+        derivative[part] = _march_tangent(_of_nodes(tangent, part), limit_rate[:, part], basis, analysis, left[part])
     return derivative
+
+
+def _touching_tangent(trial: NDArray[np.complex128], limit: NDArray[np.float64]) -> ReturnTangent:
+    """Return the tangent of slip also where the disc is just touched.
+
+    There a node that slipped in earlier periods has come to rest, and stays on the disc as the drive changes; whether
+    round-off leaves it inside or outside must not matter.
+    """
+    size = np.abs(trial)
+    touches = size >= limit - TOUCHING * float(np.max(limit))
+    return return_tangent(trial, np.where(touches, np.minimum(limit, size * (1.0 - np.finfo(float).eps)), limit))
+
+
+def _of_nodes(tangent: ReturnTangent, nodes: NDArray[np.int64]) -> ReturnTangent:
+    return ReturnTangent(tangent.direct[:, nodes], tangent.mirrored[:, nodes], tangent.radial[:, nodes])
+
+
+def _parts(nodes: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return np.array_split(nodes, -(-nodes.size // NODES_AT_ONCE)) if nodes.size else []
 
 
 def _drive_columns(basis: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -140,11 +161,10 @@ def _drive_columns(basis: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 
 def _march_columns(tangent: ReturnTangent, limit_rate: NDArray[np.float64], basis: NDArray[np.float64],
-                   state: NDArray[np.complex128]) -> NDArray[np.complex128]:
+                   left: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """March the derivatives of the state by all coefficients (3 q) and by the first state (2).
 
-    `state` (nodes, 2) holds the first derivatives by the state itself; those by the coefficients start with
-    the drive's.
+    Those by the coefficients start with the drive's and `left` (nodes, 3 q).
     """
     samples, nodes = limit_rate.shape
     drive = _drive_columns(basis)
@@ -152,7 +172,7 @@ def _march_columns(tangent: ReturnTangent, limit_rate: NDArray[np.float64], basi
     direct, mirrored = tangent.direct[:, :, None], tangent.mirrored[:, :, None]
     radial = (tangent.radial * limit_rate)[:, :, None]
     history = np.empty((samples, nodes, steps.shape[1]), dtype=complex)
-    current = np.hstack([np.broadcast_to(drive[-1], (nodes, drive.shape[1])), state])
+    current = np.hstack([drive[-1] + left, np.broadcast_to(UNIT_STATES, (nodes, 2))])
     scratch = np.empty_like(current)
     for j in range(samples):
         current = np.add(current, steps[j], out=history[j])
@@ -165,11 +185,11 @@ def _march_columns(tangent: ReturnTangent, limit_rate: NDArray[np.float64], basi
 
 
 def _march_tangent(tangent: ReturnTangent, limit_rate: NDArray[np.float64], basis: NDArray[np.float64],
-                   analysis: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the derivative (nodes, q, q, 3) of nodes that slip or open."""
+                   analysis: NDArray[np.float64], left: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the derivative (nodes, q, q, 3) of nodes that slip or open; `left` as in `_march_columns`."""
     samples, nodes = limit_rate.shape
-    history = _march_columns(tangent, limit_rate, basis, np.broadcast_to(UNIT_STATES, (nodes, 2)))
-    change = history[-1, :, :-2] - _drive_columns(basis)[-1]
+    history = _march_columns(tangent, limit_rate, basis, left)
+    change = history[-1, :, :-2] - _drive_columns(basis)[-1] - left
     start = _solve_state(history[-1, :, -2:], change)
     coefficients = (analysis @ history.reshape(samples, -1)).reshape(len(analysis), nodes, -1)
     result = coefficients[..., :-2]
@@ -180,10 +200,25 @@ def _march_tangent(tangent: ReturnTangent, limit_rate: NDArray[np.float64], basi
 def _newton_start(start: NDArray[np.complex128], end: NDArray[np.complex128],
                   tangent: ReturnTangent) -> NDArray[np.complex128]:
     """Return the state (nodes,) that Newton's method expects to repeat."""
-    columns = np.broadcast_to(UNIT_STATES, (len(start), 2))
+    return np.asarray(start + _solve_state(_period_map(tangent), (end - start)[:, None])[:, 0])
+
+
+def _period_map(tangent: ReturnTangent) -> NDArray[np.complex128]:
+    """Return the derivatives (nodes, 2) of the state after a period by the real and imaginary part of the first."""
+    columns = np.broadcast_to(UNIT_STATES, (tangent.direct.shape[1], 2))
     for direct, mirrored in zip(tangent.direct, tangent.mirrored, strict=True):
         columns = direct[:, None] * columns + mirrored[:, None] * columns.conj()
-    return np.asarray(start + _solve_state(columns, (end - start)[:, None])[:, 0])
+    return columns
+
+
+def _remembers(tangent: ReturnTangent) -> NDArray[np.bool_]:
+    """Return the nodes whose map of a period keeps some direction of the state: the period does not determine it."""
+    return np.asarray(np.linalg.svd(_less_map(_period_map(tangent)), compute_uv=False)[:, -1] <= REMEMBERED)
+
+
+def _less_map(columns: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return ``I - G`` (nodes, 2, 2)."""
+    return np.eye(2) - np.stack([columns.real, columns.imag], axis=1)
 
 
 def _solve_state(columns: NDArray[np.complex128], change: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -191,7 +226,6 @@ def _solve_state(columns: NDArray[np.complex128], change: NDArray[np.complex128]
 
     Directions in which the map is the identity (a node that sticks) are left alone.
     """
-    matrix = np.eye(2) - np.stack([columns.real, columns.imag], axis=1)
-    inverse = np.linalg.pinv(matrix, rcond=1e-10)
+    inverse = np.linalg.pinv(_less_map(columns), rcond=REMEMBERED)
     real = inverse @ np.stack([change.real, change.imag], axis=1)
     return np.asarray(real[:, 0] + 1j * real[:, 1])
