@@ -158,10 +158,25 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
     """Where steps with a former tangent end in a dead end, the period is the one that is found without them."""
     found = solution(53.0)
 
-    def astray(newton, now):
-        raise NonConvergenceError("a dead end", [now.norm])
+    search, ended = _ArmNewton._searched, []
 
-    monkeypatch.setattr(_ArmNewton, "_lagged", astray)
+    def astray(newton, now, tangent, lagged_below, shortest):
+        if lagged_below and now.norm < lagged_below:
+            ended.append(now)
+            raise NonConvergenceError("a dead end", [now.norm])
+        return search(newton, now, tangent, lagged_below, shortest)
+
+    monkeypatch.setattr(_ArmNewton, "_searched", astray)
     solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
     again = solver.solve(problem(53.0))
+    assert ended
     assert again.rig_displacement == pytest.approx(found.rig_displacement, rel=1e-6, abs=1e-12)
+
+
+def test_a_neighbour_that_is_far_does_not_slow_the_solution_down():
+    """Where a neighbouring period is far from balance, the start from nothing is looked at too."""
+    solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
+    alone, far = solver.solve(problem(75.0)), solver.solve(problem(40.0))
+    found = solver.solve(problem(75.0), far)
+    assert found.rig_displacement == pytest.approx(alone.rig_displacement, rel=1e-6, abs=1e-12)
+    assert found.residual_history[0] == pytest.approx(alone.residual_history[0], rel=0.1)

@@ -13,7 +13,9 @@ whole of them is too far from the first guess.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,6 +39,7 @@ REPEATS = 0.02  # how well a period must repeat, relative to the residual before
 STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with forces on the rig
 LAGGED = 0.3  # decrease of the residual with which a former tangent serves
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
+CLOSE = 5e-3  # residual of a neighbouring period below which no other start is looked at
 
 
 class _Settings(Protocol):
@@ -120,20 +123,28 @@ class QuasiStaticSolver:
         harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
         equations = ArmEquations.of(problem, harmonics, samples)
         march = ContactMarch.of(problem)
-        guess, block = None, None
-        if start is not None:
-            guess = _as_trajectory(start, march.system, samples)
-            contact, arm = guess.sample(samples - 1), equations.analysis @ guess.arm
-            block = equations.analysis @ _resample(start.rig_displacement[:, 0], samples)
-        else:
+        near_starts: tuple[_Start, ...] = ()
+        if start is None:
             contact = march.preloaded(problem.frictional_preload)
-            if marched:
-                block, arm = (equations.analysis @ _marched(problem, march, samples)).T
-            else:
-                arm = _first_arm(problem, equations, march, contact)
+        else:
+            near = _as_trajectory(start, march.system, samples)
+            contact = near.sample(samples - 1)
+            block = equations.analysis @ _resample(start.rig_displacement[:, 0], samples)
+            near_starts = (_Start(equations.analysis @ near.arm, block, near),)
         newton = _ArmNewton(equations, march, problem.excitation, self.settings.tolerance)
-        found, history = newton.solve(arm, contact, guess, self.settings.max_iterations, block)
+        found, history = newton.solve(chain(near_starts, _cold_starts(problem, equations, march, marched)), contact,
+                                      self.settings.max_iterations)
         return _solution(problem, joint, equations, found, history)
+
+
+def _cold_starts(problem: PeriodicProblem, equations: ArmEquations, march: ContactMarch, marched: bool
+                 ) -> Iterator[_Start]:
+    """Make the start that needs no neighbouring period."""
+    if marched:
+        block, arm = (equations.analysis @ _marched(problem, march, len(equations.synthesis))).T
+        yield _Start(arm, block)
+    else:
+        yield _Start(_first_arm(problem, equations, march, march.preloaded(problem.frictional_preload)))
 
 
 def _first_arm(problem: PeriodicProblem, equations: ArmEquations, march: ContactMarch, contact: SampleState) -> Array:
@@ -166,25 +177,36 @@ def _one_element(march: ContactMarch) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
+class _Start:
+    """Coefficients (2 H + 1,) of the arm and of the block, None where that follows the arm, and a period near by."""
+
+    arm: Array
+    block: Array | None = None
+    near: Trajectory | None = None
+
+
+@dataclass(frozen=True)
 class _Iterate:
     """The arm's coefficients, the period they make, the rig's balance with it and its norm over the excitation.
 
-    `tangent` (2 H + 1, 2 H + 1) N/m is that of the friction force, `exact` or corrected from steps before.
+    `tangent` (2 H + 1, 2 H + 1) N/m is that of the friction force, None where it has to be made anew. The block
+    `follows` the arm, or is an unknown beside it.
     """
 
     arm: Array
     trajectory: Trajectory
     rig: RigBalance
     norm: float
-    tangent: Array
-    exact: bool
+    tangent: Array | None
+    follows: bool
 
 
 class _ArmNewton:
     """Newton on the arm's coefficients with a line search on the residual.
 
-    The tangent costs three times the period itself. Close to the root that of the step before serves, corrected so
-    that it gives the change of friction just seen (C. G. Broyden, Math. Comp. 19 (1965) 577-593).
+    The tangent costs five times the period itself, so that it is made only where a step was taken. Close to the root
+    that of the step before serves, corrected so that it gives the change of friction just seen (C. G. Broyden, Math.
+    Comp. 19 (1965) 577-593).
     """
 
     def __init__(self, equations: ArmEquations, march: ContactMarch, scale: float, tolerance: float) -> None:
@@ -193,48 +215,60 @@ class _ArmNewton:
         self.scale = scale
         self.tolerance = tolerance
 
-    def evaluate(self, arm: Array, before: SampleState, near: Trajectory | None, last: float,
-                 block: Array | None = None) -> _Iterate:
-        """March the period of `arm` and its tangent; `last` is the norm before, for the contact's accuracy.
-
-        With a `block` beside it both are unknowns; without, the block follows the arm.
-        """
-        e = self.equations
-        found = self._march(arm, e.synthesis, before, near, last)
-        return self._iterate(arm, found.trajectory, block, e.analysis @ found.tangent, exact=True)
-
-    def _march(self, arm: Array, directions: Array, before: SampleState, near: Trajectory | None, last: float
-               ) -> PeriodicMarch:
-        # the contact need not be solved much closer than the residual that Newton is about to reach
-        accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
-        repeat = min(REPEATS * last, 10.0 * last**2)
-        return self.march.period(self.equations.synthesis @ arm, directions, before, near, accuracy, repeat)
-
-    def _iterate(self, arm: Array, trajectory: Trajectory, block: Array | None, tangent: Array, exact: bool
-                 ) -> _Iterate:
-        e = self.equations
-        rig = e.balance(arm) if block is None else e.beside_balance(arm, block)
-        residual = rig.residual - e.analysis @ trajectory.friction
-        return _Iterate(arm, trajectory, replace(rig, residual=residual),
-                        float(np.hypot(np.linalg.norm(residual), rig.size)) / self.scale, tangent, exact)
-
-    def solve(self, arm: Array, before: SampleState, near: Trajectory | None,
-              max_iterations: int, block: Array | None = None) -> tuple[_Iterate, tuple[float, ...]]:
+    def solve(self, starts: Iterator[_Start], before: SampleState, max_iterations: int
+              ) -> tuple[_Iterate, tuple[float, ...]]:
         """Return the root and the residual history; where former tangents lead astray, again without them.
+
+        Further starts are looked at only where those before are far from balance; the best of them is taken.
 
         Raises
         ------
         NonConvergenceError
             With the residual history.
         """
+        first = self._best(starts, before)
         try:
-            return self._solve(arm, before, near, max_iterations, block, NEAR)
+            return self._solve(first, max_iterations, NEAR)
         except NonConvergenceError:
-            return self._solve(arm, before, near, max_iterations, block, 0.0)
+            return self._solve(first, max_iterations, 0.0)
 
-    def _solve(self, arm: Array, before: SampleState, near: Trajectory | None, max_iterations: int,
-               block: Array | None, lagged_below: float) -> tuple[_Iterate, tuple[float, ...]]:
-        now = self.evaluate(arm, before, near, 1.0, block)
+    def _best(self, starts: Iterator[_Start], before: SampleState) -> _Iterate:
+        best: _Iterate | None = None
+        while best is None or best.norm > CLOSE:
+            try:
+                start = next(starts, None)
+                if start is None:
+                    break
+                found = self._iterate(start, self._march(start.arm, self._none, before, start.near, 1.0).trajectory)
+            except NonConvergenceError as error:
+                failure = error
+                continue
+            best = found if best is None or found.norm < best.norm else best
+        if best is None:
+            raise failure
+        return best
+
+    def _march(self, arm: Array, directions: Array, before: SampleState, near: Trajectory | None, last: float
+               ) -> PeriodicMarch:
+        """March the period of `arm`; `last` is the norm before, for the contact's accuracy."""
+        # the contact need not be solved much closer than the residual that Newton is about to reach
+        accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
+        repeat = min(REPEATS * last, 10.0 * last**2)
+        return self.march.period(self.equations.synthesis @ arm, directions, before, near, accuracy, repeat)
+
+    @property
+    def _none(self) -> Array:
+        return np.zeros((len(self.equations.synthesis), 0))
+
+    def _iterate(self, at: _Start, trajectory: Trajectory, tangent: Array | None = None) -> _Iterate:
+        e = self.equations
+        rig = e.balance(at.arm) if at.block is None else e.beside_balance(at.arm, at.block)
+        residual = rig.residual - e.analysis @ trajectory.friction
+        return _Iterate(at.arm, trajectory, replace(rig, residual=residual),
+                        float(np.hypot(np.linalg.norm(residual), rig.size)) / self.scale, tangent, at.block is None)
+
+    def _solve(self, first: _Iterate, max_iterations: int, lagged_below: float) -> tuple[_Iterate, tuple[float, ...]]:
+        now = first
         history = [now.norm]
         while not now.norm <= self.tolerance:  # nan included
             following = self._step(now, lagged_below) if len(history) <= max_iterations else None
@@ -247,44 +281,42 @@ class _ArmNewton:
         return now, tuple(history)
 
     def _step(self, now: _Iterate, lagged_below: float) -> _Iterate | None:
-        while now.norm < lagged_below:
-            following = self._lagged(now)
+        if now.tangent is not None:
+            following = self._searched(now, now.tangent, lagged_below, shortest=1.0)
             if following is not None:
                 return following
-            if now.exact:
-                break
-            now = self.evaluate(now.arm, now.trajectory.sample(-1), now.trajectory, now.norm, now.rig.block)
-        step, moved = self._newton_step(now)
-        length = 1.0
-        while length > SMALLEST_STEP:
-            near = now.trajectory if length == 1.0 and now.norm < NEAR else None
-            try:
-                following = self.evaluate(now.arm + length * step, now.trajectory.sample(-1), near, now.norm,
-                                          now.rig.block + length * moved)
-            except NonConvergenceError:  # of the contact, too far from where it was
-                following = None
+        return self._searched(*self._differentiated(now), lagged_below, SMALLEST_STEP)
+
+    def _searched(self, now: _Iterate, tangent: Array, lagged_below: float, shortest: float) -> _Iterate | None:
+        """Return the iterate after the longest step that helps; with a tangent only where that serves once more."""
+        step = np.linalg.solve(now.rig.jacobian - tangent, -now.rig.reduced)
+        moved, length = now.rig.block_step(step), 1.0
+        while length >= shortest:
+            following = self._tried(now, tangent, length * step, length * moved)
             if following is not None and following.norm < (1.0 - 1e-3 * length) * now.norm:
-                return following
+                serves = following.norm < min(lagged_below, LAGGED * now.norm)
+                return following if serves else replace(following, tangent=None)
             length *= 0.5
         return None
 
-    def _newton_step(self, now: _Iterate) -> tuple[Array, Array]:
-        """Return the steps (2 H + 1,) of arm and block, m."""
-        step = np.linalg.solve(now.rig.jacobian - now.tangent, -now.rig.reduced)
-        return step, now.rig.block_step(step)
+    def _differentiated(self, now: _Iterate) -> tuple[_Iterate, Array]:
+        """Return the same iterate, marched once more, and the tangent there."""
+        e = self.equations
+        found = self._march(now.arm, e.synthesis, now.trajectory.sample(-1), now.trajectory, now.norm)
+        block = None if now.follows else now.rig.block
+        return self._iterate(_Start(now.arm, block), found.trajectory), e.analysis @ found.tangent
 
-    def _lagged(self, now: _Iterate) -> _Iterate | None:
-        """Return the next iterate without its tangent, or None where the residual falls too little."""
-        step, moved = self._newton_step(now)
+    def _tried(self, now: _Iterate, tangent: Array, step: Array, moved: Array) -> _Iterate | None:
+        """Return the iterate after a step, with the tangent corrected by it; None where the contact is not found."""
+        near = now.trajectory if now.norm < NEAR else None
         try:
-            found = self._march(now.arm + step, np.zeros((len(now.trajectory.arm), 0)), now.trajectory.sample(-1),
-                                now.trajectory, now.norm).trajectory
-        except NonConvergenceError:
+            found = self._march(now.arm + step, self._none, now.trajectory.sample(-1), near,
+                                now.norm).trajectory
+        except NonConvergenceError:  # of the contact, too far from where it was
             return None
         felt = self.equations.analysis @ (found.friction - now.trajectory.friction)
-        tangent = now.tangent + np.outer(felt - now.tangent @ step, step / (step @ step))
-        following = self._iterate(now.arm + step, found, now.rig.block + moved, tangent, exact=False)
-        return following if following.norm < LAGGED * now.norm else None
+        corrected = tangent + np.outer(felt - tangent @ step, step / (step @ step))
+        return self._iterate(_Start(now.arm + step, now.rig.block + moved), found, corrected)
 
 
 def press(problem: PeriodicProblem) -> SampleState:
