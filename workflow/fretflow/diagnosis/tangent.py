@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import expm
 
 from fretflow.core.errors import FretflowError
 from fretflow.diagnosis.observation import Array
@@ -121,25 +122,38 @@ def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivi
 
 def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]
           ) -> dict[int, Array]:
-    """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts, implicitly."""
-    nodes = len(simulation.depth)
-    found = {0: np.zeros((nodes, len(beside)))}
-    depth, before = found[0], 0
+    """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts."""
+    depth = np.zeros((len(simulation.depth), len(beside)))
+    found, before = {0: depth}, simulation.loops[0]
+    rate = _rate_change(simulation, before, beside, changes[before.step.cycles])
     for period in simulation.loops:
-        cycles = period.step.cycles
+        cycles = period.step.cycles - (before.step.cycles if period is not before else 0)
+        last, rate = rate, _rate_change(simulation, period, beside, changes[period.step.cycles])
         if cycles > 0:
-            rate = _rate_change(simulation, period, beside, changes[cycles])
-            share = simulation.model.opening_share(period.step.slow, cycles - before)
-            flexibility = period.problem.joint.quasi_static().flexibility[2::3, 2::3]
-            coefficient = np.divide(period.step.rate, period.step.response.pressure_sliding,
-                                    out=np.zeros(nodes), where=period.step.response.pressure_sliding > 0.0)
-            feedback = Feedback(flexibility, period.problem.interface.areas).rate_jacobian(
-                coefficient, period.step.response) * share
-            step = cycles - before
-            depth = np.linalg.solve(np.eye(nodes) - step * feedback, depth + step * rate)
-            before = cycles
-        found[cycles] = depth
+            jacobian = 0.5 * (_feedback(simulation, before, cycles) + _feedback(simulation, period, cycles))
+            depth = _linear(cycles * jacobian, depth, cycles * last, cycles * rate)
+        found[period.step.cycles], before = depth, period
     return found
+
+
+def _feedback(simulation: Simulation, period: Period, cycles: int) -> Array:
+    """Return the change (nodes, nodes) of the wear rate by the depth, of which a share opens the gap in some cycles."""
+    step = period.step
+    coefficient = np.divide(step.rate, step.response.pressure_sliding, out=np.zeros(len(step.rate)),
+                            where=step.response.pressure_sliding > 0.0)
+    flexibility = period.problem.joint.quasi_static().flexibility[2::3, 2::3]
+    found = Feedback(flexibility, period.problem.interface.areas).rate_jacobian(coefficient, step.response)
+    return np.asarray(found * simulation.model.opening_share(step.slow, cycles))
+
+
+def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
+    """Return w(1) (n, V) of ``w' = J w + first + t (last - first)``, ``w(0) = start``, whatever the size of J (n, n)."""
+    n = len(jacobian)
+    blocks = np.zeros((3 * n, 3 * n))
+    blocks[:n, :n] = jacobian
+    blocks[:2 * n, n:] += np.eye(2 * n)
+    exponential, constant, ramp = np.hsplit(expm(blocks)[:n], 3)
+    return np.asarray(exponential @ start + constant @ first + ramp @ (last - first))
 
 
 def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity
