@@ -147,7 +147,7 @@ def _feedback(simulation: Simulation, period: Period, cycles: int) -> Array:
 
 
 def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
-    """Return w(1) (n, V) of ``w' = J w + first + t (last - first)``, ``w(0) = start``, whatever the size of J (n, n)."""
+    """Return w(1) (n, V) of ``w' = J w + first + t (last - first)``, ``w(0) = start``, for J (n, n) of any size."""
     n = len(jacobian)
     blocks = np.zeros((3 * n, 3 * n))
     blocks[:n, :n] = jacobian
