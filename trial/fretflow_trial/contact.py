@@ -8,7 +8,11 @@ are problems with a symmetric positive matrix, whose active sets change by a few
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from fretflow_trial.joint import Joint
@@ -19,6 +23,12 @@ Flags = NDArray[np.bool_]
 TOGETHER = 8  # rounds in which all nodes may change their state at once
 MOST_ROUNDS = 200
 EXACT = 1e-16  # m, of slip or gap
+Loop = TypeVar("Loop", bound=Callable[..., Any])
+
+
+def compiled(loop: Loop) -> Loop:
+    """Compile an inner loop at its first call; the machine code is kept."""
+    return cast(Loop, njit(cache=True, error_model="numpy")(loop))
 
 
 class UnsettledContactError(RuntimeError):
@@ -57,21 +67,13 @@ class Contact:
         sliding : ndarray
             Guess: -1, 0 (held) or 1, the sign of the friction force.
         """
+        n = len(limit)
         for rounds in range(MOST_ROUNDS):
+            force, left, over, back = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
             held = sliding == 0.0
-            some = held.any()
-            force = limit * sliding
-            left = drive - self.coupled @ force
-            if not some and (left * sliding).min() >= -EXACT:
+            if slide(self.coupled, self._inverse_held(held), limit, drive, sliding, force, left, over, back):
                 return force, left, sliding
-            if some:
-                force = force + self._inverse_held(held) @ left
-                left = drive - self.coupled @ force
-            over = np.where(held, np.abs(force) - limit, 0.0)
-            back = np.where(held, 0.0, -left * sliding)
             wrong = (over > 1e-12 * (1.0 + limit)) | (back > EXACT)
-            if not wrong.any():
-                return force, np.where(held, 0.0, left), sliding
             if rounds >= TOGETHER:
                 wrong = self._worst(over / (1e-12 + limit.max()), back / (1e-12 + np.abs(drive).max()))
             sliding = np.where(wrong, np.where(held, np.sign(force), 0.0), sliding)
@@ -84,17 +86,12 @@ class Contact:
         """
         for rounds in range(MOST_ROUNDS):
             inverse, row, total = self._inverse_pressed(closed)
-            base = inverse @ rise
-            approach = (load - base.sum()) / total
-            force = base + approach * row
-            if closed.all() and force.min() >= 0.0:
-                return force, float(approach), closed
-            gap = self.normal @ force - rise - approach
-            pulled = np.where(closed, -force, 0.0)
-            through = np.where(closed, 0.0, -gap)
+            force, pulled, through = np.empty(len(rise)), np.empty(len(rise)), np.empty(len(rise))
+            approach = balance(self.normal, inverse, row, total, load, rise, closed, force, pulled, through)
+            if not np.isnan(approach):
+                return force, approach, closed
+            approach = float((load - (inverse @ rise).sum()) / total)
             wrong = (pulled > 1e-12 * load) | (through > EXACT)
-            if not wrong.any():
-                return force, float(approach), closed
             if rounds >= TOGETHER:
                 wrong = self._worst(pulled / load, through / np.abs(approach))
             closed = np.where(wrong, ~closed, closed)
@@ -133,3 +130,65 @@ def padded_inverse(matrix: Array, part: Flags) -> Array:
     pick = np.ix_(part, part)
     whole[pick] = np.linalg.inv(matrix[pick])
     return whole
+
+
+@compiled
+def slide(coupled: Array, inverse: Array, limit: Array, drive: Array, sliding: Array, force: Array, left: Array,
+          over: Array, back: Array) -> bool:
+    """Find forces (N) and slip (m) for a state of the nodes, all (n,); return whether the state fits.
+
+    `over` is by how much a held node is beyond its limit, N, `back` by how much a sliding one slips the wrong way, m.
+    """
+    n, fits = len(limit), True
+    for i in range(n):
+        force[i] = limit[i] * sliding[i]
+    for i in range(n):
+        left[i] = drive[i]
+        for k in range(n):
+            left[i] -= coupled[i, k] * force[k]
+    for i in range(n):
+        if sliding[i] == 0.0:
+            for k in range(n):
+                force[i] += inverse[i, k] * left[k]
+    for i in range(n):
+        over[i], back[i], push = 0.0, 0.0, 0.0
+        if sliding[i] == 0.0:
+            over[i], left[i] = abs(force[i]) - limit[i], 0.0
+            fits = fits and over[i] <= 1e-12 * (1.0 + limit[i])
+        else:
+            for k in range(n):
+                push += coupled[i, k] * force[k]
+            left[i] = drive[i] - push
+            back[i] = -left[i] * sliding[i]
+            fits = fits and back[i] <= EXACT
+    return fits
+
+
+@compiled
+def balance(normal: Array, inverse: Array, row: Array, total: float, load: float, rise: Array, closed: Flags,
+            force: Array, pulled: Array, through: Array) -> float:
+    """Find the pressing forces (n,) for a state of the nodes; return the approach in m, nan if the state does not fit.
+
+    `pulled` is how hard a closed node pulls, N, `through` how deep an open one penetrates, m.
+    """
+    n, whole, fits = len(rise), 0.0, True
+    for i in range(n):
+        force[i] = 0.0
+        for k in range(n):
+            force[i] += inverse[i, k] * rise[k]
+        whole += force[i]
+    approach = (load - whole) / total
+    for i in range(n):
+        force[i] += approach * row[i]
+    for i in range(n):
+        pulled[i], through[i] = 0.0, 0.0
+        if closed[i]:
+            pulled[i] = -force[i]
+            fits = fits and pulled[i] <= 1e-12 * load
+        else:
+            gap = -rise[i] - approach
+            for k in range(n):
+                gap += normal[i, k] * force[k]
+            through[i] = -gap
+            fits = fits and through[i] <= EXACT
+    return approach if fits else np.nan
