@@ -11,7 +11,7 @@ from pathlib import Path
 
 from fretflow.core.provenance import commit, versions
 from fretflow.core.store import write_whole
-from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Verdict
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -52,9 +52,9 @@ def render_report(diagnosis: Diagnosis) -> str:
         "headline": words.VERDICT_WORDS[diagnosis.verdict],
         "kind": words.KIND_WORDS.get(diagnosis.kind, diagnosis.kind), "with_after": with_after,
         "tiles": tuple(_tiles(diagnosis)), "physics": tuple(_physics(diagnosis)), "sure": _how_sure(diagnosis),
-        "ranking": _split(tuple(diagnosis.ranking), MOST_RANKED), "loops": loops, "maps": map_views(diagnosis),
+        "ranking": _split(_ranking(diagnosis), MOST_RANKED), "loops": loops, "maps": map_views(diagnosis),
         "after_words": words.after_words(diagnosis),
-        "places": _split(tuple(sorted(diagnosis.location.places, key=_place_order)), MOST_PLACES),
+        "places": _split(_places(diagnosis), MOST_PLACES),
         "where": tuple(_where(diagnosis)), "parameters": tuple(_row(one) for one in diagnosis.parameters),
         "fit": None if diagnosis.held_out is None else _fit(diagnosis.held_out, with_after),
         "wear": wear_views(diagnosis.wear_map, with_after), "law": law_view(diagnosis.residual_law),
@@ -82,6 +82,18 @@ def _split(items: tuple[object, ...], most: int) -> tuple[tuple[object, ...], tu
 
 def _last_if_unknown(value: float) -> float:
     return value if math.isfinite(value) else math.inf
+
+
+def _ranking(d: Diagnosis) -> tuple[Candidate, ...]:
+    """Return the explanations that were compared; the baseline alone is compared with nothing."""
+    return d.ranking if any(one.effects for one in d.ranking) else ()
+
+
+def _places(d: Diagnosis) -> tuple[Place, ...]:
+    """Return the places of the difference, the least probable by chance first; where nothing is missing, no others."""
+    rare = d.detection.false_alarm_rate
+    return tuple(sorted((place for place in d.location.places if d.verdict is not Verdict.NONE or place.p_value < rare),
+                        key=_place_order))
 
 
 def _place_order(place: object) -> tuple[float, float]:

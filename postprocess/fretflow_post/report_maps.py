@@ -29,7 +29,7 @@ from fretflow_post.report_svg import (
     horizontal,
     vertical,
 )
-from fretflow_post.report_words import number, pretty_unit
+from fretflow_post.report_words import channel_words, number, pretty_unit
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,7 @@ STRIP = 46.0  # pixels, height of the loop above a map
 LONGEST_NAME = 22  # letters of a row's name
 MOST_COLUMNS = 400  # of a map
 RASTER, EVERY = 210, 3  # pixels of a wear map along its longer side; every third is kept for the readout
+EVEN = 0.5  # of the largest depth: where no point is shallower, colours do not begin at zero
 NORMAL_90 = 1.645  # sd of half a 90 % interval
 
 
@@ -77,7 +78,7 @@ def map_views(diagnosis: Diagnosis) -> MapViews | None:
     for one in maps:
         strip = loop if loop is not None and len(loop.displacement) == one.before.shape[1] else None
         strips.append(strip is not None)
-        views.append(MapView(one.channel, _map(one, one.before, "before", limit, strip),
+        views.append(MapView(channel_words(one.channel), _map(one, one.before, "before", limit, strip),
                              _map(one, one.after, "after", limit, strip) if after else None))
     scale = colour_bar(style.SHAPE_MAP, -1.0, 1.0, "(measured − predicted) / standard deviation", _marks(limit))
     return MapViews(tuple(views), scale, f"{limit:g}", limit > LARGE, all(strips))
@@ -108,7 +109,8 @@ def _map(one: ResidualMap, values: Array, when: str, limit: float, loop: Compari
     top = TOP + strip
     height = top + rows * row + BOTTOM
     chart = Chart(horizontal("share of the period", 0.0, 1.0, left=left), Axis("", 0.0, 1.0, height - BOTTOM, top),
-                  f"{one.channel} {when}: difference over its standard deviation, by loop and phase", height=height)
+                  f"{channel_words(one.channel)} {when}: difference over its standard deviation, by loop and phase",
+                  height=height)
     box = (left, top, WIDTH - RIGHT - left, rows * row)
     shades = np.sign(values) * (np.abs(values) / limit) ** _exponent(limit)
     chart.image(coloured(shades, style.SHAPE_MAP, -1.0, 1.0), box)
@@ -142,6 +144,7 @@ class WearViews:
 
     panels: tuple[tuple[str, Markup, str], ...]  # name, map, words
     scale: Markup
+    begins: str  # where the colours begin, if not at zero
 
 
 def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
@@ -152,13 +155,22 @@ def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
     shown = [(name, values) for name, values in shown if np.isfinite(values).any()]
     largest = max(float(np.nanmax(values)) for _, values in shown)
     unit, size = readable_unit(largest, "m")
-    low = min(0.0, *(float(np.nanmin(values)) / size for _, values in shown))
+    low = _lowest(min(float(np.nanmin(values)) for _, values in shown) / size, largest / size)
     high = max(largest / size, low + 1e-12) if largest > 0.0 else low + 1.0
     panels = tuple((name, _wear_map(wear, values / size, name, (low, high), pretty_unit(unit)),
                     f"mean {number(float(np.nanmean(values)) / size)} {pretty_unit(unit)}, "
                     f"deepest {number(float(np.nanmax(values)) / size)} {pretty_unit(unit)}")
                    for name, values in shown)
-    return WearViews(panels, colour_bar(style.DEPTH_MAP, low, high, f"wear depth ({pretty_unit(unit)})"))
+    return WearViews(panels, colour_bar(style.DEPTH_MAP, low, high, f"wear depth ({pretty_unit(unit)})"),
+                     f"{number(low)} {pretty_unit(unit)}" if low > 0.0 else "")
+
+
+def _lowest(least: float, largest: float) -> float:
+    """Return where the colours of depth begin: at zero, unless that would hide the shape of even wear."""
+    if least < EVEN * largest or not largest > least:
+        return min(0.0, least)
+    step = 10.0 ** np.floor(np.log10(largest - least))
+    return float(np.floor(least / step) * step)
 
 
 def _wear_map(wear: WearMap, depth: Array, name: str, limits: tuple[float, float], unit: str) -> Markup:
@@ -206,7 +218,7 @@ def law_view(law: ResidualLaw | None) -> Markup | None:
     x, y, reach = law.x[order] / x_size, law.y[order] / y_size, NORMAL_90 * law.sd[order] / y_size
     units = [pretty_unit(unit) for unit in (x_unit, y_unit)]
     names = [f"{name} ({unit})" if unit else name for name, unit in zip(
-        (law.state, f"{law.channel}, measured − predicted"), units, strict=True)]
+        (law.state, f"{channel_words(law.channel)}, measured − predicted"), units, strict=True)]
     chart = Chart(horizontal(names[0], *extent([x], 0.02), units[0]),
                   vertical(names[1], *extent([y, y - reach, y + reach], around_zero=True), units[1]),
                   f"{names[1]} over {names[0]}", readout="trace")

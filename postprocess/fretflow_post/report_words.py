@@ -97,6 +97,11 @@ def duration(seconds: float) -> str:
     return f"{seconds // 60:.0f} min {seconds % 60:02.0f} s" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
+def channel_words(channel: str) -> str:
+    """Return a channel's name for people."""
+    return channel.replace("_", " ")
+
+
 def cycles_words(cycles: tuple[int, int]) -> str:
     """Return a range of cycles for people."""
     first, last = cycles

@@ -34,7 +34,7 @@ def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequenc
 
     for channel, one in sd.items():
         for count in counts:
-            add("loops", channel, count, None, SAMPLES, one, f"{count:_} cycles")
+            add("loops", channel, count, None, SAMPLES, one, f"{count:,} cycles")
         for condition in conditions:
             add("sweep", channel, -1, condition.id, SAMPLES, one, f"condition {condition.id}")
     add("volume", "worn_volume", counts[-1], None, 1, volume_sd, "worn volume")

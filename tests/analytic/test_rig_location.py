@@ -110,7 +110,7 @@ def test_a_change_from_a_cycle_count_on_is_dated():
     assert found.cycles == (COUNTS[2], COUNTS[-1])
     assert found.harmonic == "3"
     jump = next(place for place in found.places if place.cut == "change")
-    assert jump.where == "12_000 cycles"
+    assert jump.where == "12,000 cycles"
     assert jump.p_value < 1e-6
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.verdict import EXPLAINED_GATE, Verdict
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Place, Verdict
 from fretflow_post import style
 from fretflow_post.report import render_report, write_report
 from matplotlib.image import imread
@@ -165,6 +165,35 @@ def test_wear_maps_keep_depth_and_orientation(cases):
     assert read[0, 0] == pytest.approx(1.0 + 0.5 - 0.25, abs=0.02), "first row is on top, first column on the left"
     assert read[-1, -1] == pytest.approx(1.0 - 0.5 + 0.25, abs=0.02)
     assert read.mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_even_wear_is_drawn_on_colours_that_begin_above_zero(cases):
+    found = cases.named()
+    assert "The colours begin" not in page_of(found).text
+    even = [9.3e-6 + 0.9e-6 * np.abs(found.wear_map.x) / 0.5e-3 * share for share in (1.0, 0.8, 0.9)]
+    page = page_of(replace(found, wear_map=replace(found.wear_map, measured=even[0], before=even[1], after=even[2])))
+    assert "The colours begin at 9.30 µm, not at zero" in page.text
+    chart = page.charts("wear depth measured")[0]
+    read = np.array(chart["data-values"].split(","), float) * float(chart["data-step"])
+    assert (read.min(), read.max()) == pytest.approx((9.3, 10.2), abs=0.02)
+
+
+def test_where_nothing_is_missing_no_ranking_and_no_place_by_chance_is_shown(cases):
+    found = cases.none()
+    likely, rare = (Place(cut="phase", where=where, share=0.8, p_value=p)
+                    for where, p in (("knee", 1.0), ("far", 0.01)))
+    page = page_of(replace(found, ranking=(replace(cases.RANKING[0], effects=()),),
+                           location=replace(found.location, places=(likely, rare))))
+    assert "No ranking: explanations are compared only when something is missing" in page.text
+    assert "nothing added (baseline)" not in page.text
+    assert "knee" not in page.text
+    assert "far" in page.text
+
+
+def test_values_of_a_model_that_explains_little_are_no_parameters(cases):
+    found = replace(cases.unknown(), parameters=cases.named().parameters)
+    assert "of a model that does not explain the recording" in page_of(found).text
+    assert "of a model that does not explain the recording" not in page_of(cases.named()).text
 
 
 @pytest.mark.parametrize(("maker", "there", "absent"), [

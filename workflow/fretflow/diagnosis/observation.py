@@ -7,7 +7,7 @@ the repeats alone), calibration gains, and offsets that no sensor is free of.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -172,6 +172,23 @@ def resampled(loops: Array, phase: Array, samples: int) -> Array:
     return taken.reshape(*loops.shape[:-1], samples)
 
 
+def count_label(cycles: int) -> str:
+    """Return what the loop at a cycle count is called."""
+    return f"{cycles:,} cycles"
+
+
+def condition_labels(conditions: Iterable[Condition]) -> dict[int, str]:
+    """Return what the loop at each condition, by its number, is called: what it was made at."""
+    found: dict[int, str] = {}
+    for one in conditions:
+        given = [f"{word} {value:g} {unit}" for word, value, unit in (
+            ("excitation", one.excitation_amplitude, "N"), ("load", one.normal_load, "N"),
+            ("frequency", one.excitation_frequency, "Hz")) if value is not None]
+        label = ", ".join(given) or f"condition {one.id}"
+        found[one.id] = f"{label} (condition {one.id})" if label in found.values() else label
+    return found
+
+
 def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Condition, ...] | None) -> None:
     block = "loops" if conditions is None else "sweep"
     names = [name for name in CHANNELS if name in loops.channels]
@@ -191,7 +208,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Co
             variance = (spread.noise_sd**2 + least**2) / repeats
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
-            label = f"{cycles:_} cycles" if conditions is None else f"condition {condition}"
+            label = count_label(cycles) if conditions is None else condition_labels(conditions)[int(loops.cycles[k])]
             floor = np.sqrt(spread.repeat_sd**2 + least**2)
             place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
             centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"

@@ -63,6 +63,7 @@ def held_out(looked: RigSearch, before: Fit, after: Fit) -> Unseen:
         np.where(out, HIDDEN, 1.0) * fitter.covariance.variance, np.where(out[:, None], 0.0, fitter.covariance.modes)))
     refits = looked.pool(refit_task, [_Refit(hidden, one) for one in dict.fromkeys((before, after))])
     sizes = [held_out_error(observation, one.predicted, out) for one in (refits[0], refits[-1])]
+    order = [label for label in dict.fromkeys(piece.label for piece in observation.pieces) if label in labels]
     shown = [np.where(out, own.predicted, fit.predicted) for own, fit in ((refits[0], before), (refits[-1], after))]
-    return Unseen(labels, HeldOut(what=f"{len(labels)} of the loops: {', '.join(sorted(labels))}", before=sizes[0],
+    return Unseen(labels, HeldOut(what=f"{len(labels)} of the loops: {'; '.join(order)}", before=sizes[0],
                                   after=sizes[1], floor=1.0), shown[0], shown[1])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.diagnosis.fit import Fit, Fitter
-from fretflow.diagnosis.observation import Array, Observation
+from fretflow.diagnosis.observation import Array, Observation, count_label
 from fretflow.diagnosis.rig_blocks import Cut, cuts
 from fretflow.diagnosis.rig_phases import PHASES, Strokes
 from fretflow.diagnosis.rig_views import loop_pieces
@@ -139,7 +139,7 @@ def _change_point(observation: Observation, left: Array) -> Iterator[_Part]:
         if gained > fall:
             best, fall, freedom = counts[k], gained, free
     p_value = min(1.0, (len(counts) - 1) * float(stats.chi2.sf(fall, freedom)))
-    yield _Part("change", f"{best:_} cycles", fall - freedom, p_value)
+    yield _Part("change", count_label(best), fall - freedom, p_value)
 
 
 def _by_harmonic(observation: Observation, left: Array) -> Iterator[_Part]:
@@ -205,7 +205,7 @@ def _by_zone(observation: Observation, left: Array) -> Iterator[_Part]:
 def _span(observation: Observation, places: list[Place]) -> tuple[tuple[int, int], Place | None]:
     """Return the cycle counts between which loops differ, from the change point on where there is one."""
     shown = {one.where for one in places if one.cut == "cycles" and one.p_value < SIGNIFICANT}
-    counts = [count for count in observation.counts if f"{count:_} cycles" in shown]
+    counts = [count for count in observation.counts if count_label(count) in shown]
     jump = next((one for one in places if one.cut == "change" and one.p_value < SIGNIFICANT), None)
     return ((counts[0], counts[-1]) if counts else (0, 0)), jump
 
@@ -223,12 +223,12 @@ def _text(block: str, most: dict[str, str], span: tuple[int, int], jump: Place |
     if most["phase"]:
         first += f", in the phase '{most['phase']}' of the loop"
     if span != (0, 0):
-        first += f", between {span[0]:_} and {span[1]:_} cycles".replace("_", " ")
+        first += f", between {span[0]:,} and {span[1]:,} cycles"
     second = []
     if block:
         second.append(f"the cut of the model at the measured signals points to the block '{block}'")
     if jump is not None and jump.share > 0.1:
-        second.append(f"loops change most at {jump.where.replace('_', ' ')}")
+        second.append(f"loops change most at {jump.where}")
     if most["parity"]:
         second.append(f"over displacement and direction it is mostly {most['parity']}")
     told = "; ".join(second)

@@ -67,11 +67,10 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     return tuple(found)
 
 
-def residual_maps(observation: Observation, before: Array, after: Array) -> tuple[ResidualMap, ...]:
-    """Return the differences over their sd by loop and phase, one map for each channel of the loops."""
+def residual_maps(observation: Observation, sd: Array, before: Array, after: Array) -> tuple[ResidualMap, ...]:
+    """Return the differences over their `sd` (M,) by loop and phase, one map for each channel of the loops."""
     loops = loop_pieces(observation)
     channels = dict.fromkeys(name for pieces in loops.values() for name in pieces)
-    sd = np.sqrt(observation.variance)
     tables = [(observation.values - level(observation, one)) / sd for one in (before, after)]
     phase = np.arange(observation.samples) / observation.samples
     found = []

@@ -60,7 +60,8 @@ def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location
     """
     share = f"{100.0 * explained:.0f} % of what the baseline leaves"
     if verdict is Verdict.NONE:
-        return "The baseline with its own parameters refitted explains the recording within what repeats differ by."
+        return ("The baseline with its own parameters refitted explains the recording within the errors of measurement "
+                "and simulation.")
     if verdict is Verdict.NAMED:
         (names,) = sets
         return f"The model leaves out {listed(names)}, which {'explain' if len(names) > 1 else 'explains'} {share}."
@@ -77,8 +78,8 @@ def _unknown(explained: float, location: Location, law: ResidualLaw | None) -> s
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
-    best = f"the best of it explains {100.0 * explained:.0f} % of what the baseline leaves" if explained > 0.0 \
-        else "no effect of it earns a place"
+    best = f"the best of the catalogue explains {100.0 * explained:.0f} % of what the baseline leaves" \
+        if explained > 0.0 else "no effect of the catalogue earns a place"
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
     return f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: {best}{told}."
 
