@@ -5,7 +5,7 @@
 
 import sys
 
-from fretflow import cli, cli_pipeline
+from fretflow import cli, cli_pipeline, cli_run
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.stages.stage import Stage
 
@@ -44,5 +44,5 @@ if __name__ == "__main__":
     stages = (Stage("local", 1, lambda case: 0, (), local),
               Stage("reduce", 1, lambda case: 1, ("local",), collective, collective=True))
     cli_pipeline.pipeline = lambda: stages
-    cli._summarise = lambda case, results, home: None
+    cli_run._summarise = lambda case, results, home: None
     sys.exit(cli.execute(sys.argv[2:]))

@@ -1,4 +1,4 @@
-"""The command line of fretflow: what is asked for, and how errors reach the user.
+"""The command line of fretflow: what may be asked for.
 
 Imports stay inside the commands, so that help and `show` start without numerical libraries.
 """
@@ -7,28 +7,15 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
-import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, Parameter
 
 from fretflow import __version__
-from fretflow.core.errors import FretflowError, InputError, NonConvergenceError
-from fretflow.stages.ranks import started_rank
-
-if TYPE_CHECKING:
-    from fretflow.core.config import Case
-    from fretflow.stages.ensemble import Workers
-    from fretflow.stages.runner import Runner, Watcher
-    from fretflow.stages.stage import StageResult
-
-INTERRUPTED = 130
-BAD_USAGE = 2
-UNEXPECTED = 1
+from fretflow.cli_errors import describe, say
+from fretflow.cli_run import at_once, check_names, in_turn, leading, load
+from fretflow.core.errors import InputError
 
 app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
           exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
@@ -65,65 +52,13 @@ def run(
     """
     from fretflow.stages.ensemble import Workers
 
-    parsed = [_load(path) for path in (case, *cases)]
-    _check_names(parsed)
+    parsed = [load(path) for path in (case, *cases)]
+    check_names(parsed)
     workers = Workers.parse(executor, jobs)
     if workers.in_turn:
-        _run_in_turn(parsed, until, out, force)
+        in_turn(parsed, until, out, force)
     else:
-        _run_at_once(parsed, until, out, force, workers)
-
-
-def _run_in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -> None:
-    from fretflow.cli_ensemble import Ended, report
-    from fretflow.cli_report import Progress
-
-    progress, ends = Progress(), []
-    with _leading(out, progress) as runner:
-        for case in cases:
-            try:
-                with progress:
-                    results = runner.run(case, until, force)
-                _summarise(case, results, out / case.name)
-            except Exception as error:
-                if len(cases) == 1:
-                    raise
-                message, code = _describe(error)
-                _say(f"{case.name}: {message}", code)
-                ends.append(Ended(code, message))
-            else:
-                ends.append(Ended())
-    if len(cases) > 1:
-        report(cases, out, ends)
-
-
-def _run_at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
-    from fretflow.cli_ensemble import Ended, Task, report, run_at_once
-    from fretflow.cli_report import show_ended
-
-    ends = [Ended()] * len(cases)
-    tasks = [Task(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
-    for done, outcome in run_at_once(tasks, workers):
-        if outcome.error is not None:
-            message, code = _describe(outcome.error)
-            ends[outcome.index] = Ended(code, message)
-        show_ended(done, len(cases), cases[outcome.index].name, ends[outcome.index].message)
-    if workers.leads:
-        report(cases, out, ends)
-
-
-def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
-    from fretflow.cli_report import show_files, show_summary
-    from fretflow.stages.summary import summarise, write_summary
-
-    figures, trends = summarise(case, {name: result.folder for name, result in results.items()})
-    show_summary(case, figures, trends, results)
-    files = [write_summary(home / "summary.json", figures, trends)]
-    for result in results.values():
-        files += [
-            result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))
-        ]
-    show_files(files, "pictures and curves")
+        at_once(parsed, until, out, force, workers)
 
 
 @app.command
@@ -144,7 +79,7 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> No
 
     parsed = load_case(case)
     progress = Progress()
-    with _leading(out, progress) as runner, progress:
+    with leading(out, progress) as runner, progress:
         folder = runner.run(parsed, "reduce", force)["reduce"].folder
     specimens = {side: read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")}
     show_modes(specimens)
@@ -171,10 +106,10 @@ def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs")) -> None:
     from fretflow.cli_calibrate import calibrate_cases
     from fretflow.cli_report import Progress
 
-    parsed = [_load(path) for path in (case, *cases)]
-    _check_names(parsed)
+    parsed = [load(path) for path in (case, *cases)]
+    check_names(parsed)
     progress = Progress()
-    with _leading(out, progress) as runner, progress:
+    with leading(out, progress) as runner, progress:
         calibrate_cases(parsed, runner, out)
 
 
@@ -324,7 +259,7 @@ def response(
         respond(*run_of(run), run, states, (start, stop), excitation, progress)
         return
     case = load_case(run)
-    with _leading(out, progress) as runner:
+    with leading(out, progress) as runner:
         with progress:
             stages = runner.run(case, "wear" if "worn" in states else "reduce")
         folders = {name: result.folder for name, result in stages.items()}
@@ -392,7 +327,7 @@ def show(case: Path, /) -> None:
     """
     from fretflow.cli_report import show_case
 
-    show_case(_load(case))
+    show_case(load(case))
 
 
 def main() -> None:
@@ -406,75 +341,8 @@ def execute(arguments: list[str]) -> int:
     try:
         app(arguments)
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the user gets one line
-        return _say(*_describe(error))
+        return say(*describe(error))
     return 0
-
-
-def _describe(error: BaseException) -> tuple[str, int]:
-    """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
-    if isinstance(error, CycloptsError):
-        return f"{error}; `fretflow --help` lists what there is", BAD_USAGE
-    if isinstance(error, NonConvergenceError):
-        history = f"; residual history in {error.history_file}" if error.history_file else ""
-        state = f"; last good state in {error.last_good}" if error.last_good else ""
-        return f"{error}{history}{state}", error.exit_code
-    if isinstance(error, FretflowError):
-        return str(error), error.exit_code
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted; the same command continues where it stopped", INTERRUPTED
-    kept = _keep_traceback(error)
-    return f"unexpected {type(error).__name__}: {error}; traceback in {kept}", UNEXPECTED
-
-
-@contextmanager
-def _leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
-    """Give rank 0 the runner; every other rank serves it here until the run is over, and exits."""
-    from fretflow.cli_pipeline import pipeline
-    from fretflow.stages.ranks import Ranks
-    from fretflow.stages.runner import Runner
-
-    ranks = Ranks()
-    runner = Runner(pipeline(), out, ranks, watcher)
-    if ranks.rank > 0:
-        runner.serve()
-        sys.exit(0)
-    try:
-        yield runner
-    finally:
-        ranks.dismiss()
-
-
-def _load(path: Path) -> Case:
-    """Read a case file, its effects included, before anything is computed."""
-    from fretflow.core.config import load_case
-
-    case = load_case(path)
-    if case.effects:
-        from fretflow.effects.catalogue import parse_effects
-
-        parse_effects(case.effects, str(path))
-    return case
-
-
-def _check_names(cases: Sequence[Case]) -> None:
-    names = [case.name for case in cases]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"name: {name!r} is the name of several cases; give each its own")
-
-
-def _say(message: str, code: int) -> int:
-    """Write one line to stderr, once for all ranks unless it is a surprise of one of them, and return `code`."""
-    if started_rank() == 0 or code == UNEXPECTED:
-        sys.stderr.write(f"fretflow: {' '.join(message.split())}\n")
-    return code
-
-
-def _keep_traceback(error: BaseException) -> Path:
-    handle, name = tempfile.mkstemp(prefix="fretflow-traceback-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        traceback.print_exception(error, file=file)
-    return Path(name)
 
 
 def _limit_threads() -> None:
