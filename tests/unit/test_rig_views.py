@@ -6,11 +6,12 @@ another zero of a loop is not worse, and a known error shows with its size and a
 
 import numpy as np
 import pytest
+from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.observation import Observation, Piece, condition_labels, count_label
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_phases import PHASES, Strokes
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
-from fretflow.recordings.schema import Condition
+from fretflow.recordings.schema import Condition, Test
 
 SAMPLES, REPEATS, FLOOR = 100, 4, 0.1
 WITHIN = 1.0 - 1.0 / REPEATS  # variance of a repeat about the mean of all, over that of a repeat
@@ -59,7 +60,8 @@ def test_another_zero_of_a_loop_is_no_difference():
     shifted = seen.values + np.where(seen.rows(channel="friction_force"), 3.0, 0.0)
     shown = comparisons(seen, shifted, seen.values)[0]
     assert shown.before_force == pytest.approx(shown.force)
-    assert residual_maps(seen, np.sqrt(seen.variance), shifted, seen.values)[1].before == pytest.approx(0.0, abs=1e-9)
+    maps = residual_maps(seen, Covariance(seen.variance, seen.modes), shifted, seen.values)
+    assert maps[1].before == pytest.approx(0.0, abs=1e-9)
     assert held_out_error(seen, shifted) == pytest.approx(held_out_error(seen, seen.values), rel=1e-12)
 
 
@@ -68,7 +70,7 @@ def test_a_known_error_shows_where_it_is_and_with_its_size():
     wrong = np.array(seen.values)
     piece = next(one for one in seen.pieces if one.channel == "friction_force" and one.cycles == COUNTS[3])
     wrong[piece.place] -= 0.5 * np.cos(PHASE)
-    force = residual_maps(seen, np.sqrt(seen.variance), wrong, seen.values)[1]
+    force = residual_maps(seen, Covariance(seen.variance, seen.modes), wrong, seen.values)[1]
     assert force.channel == "friction_force"
     assert force.rows[3] == piece.label
     assert force.before[3] == pytest.approx(0.5 * np.cos(PHASE) / (FLOOR / np.sqrt(REPEATS)))
@@ -144,8 +146,22 @@ def test_phases_follow_each_other_along_a_stroke():
 
 def test_loops_are_called_by_what_they_were_made_at():
     assert count_label(220_000) == "220,000 cycles"
-    names = condition_labels([Condition(id=0, excitation_amplitude="53 N"), Condition(id=1),
+    test = Test(kind="fretting-rig", excitation_amplitude="60 N", normal_load="60 N", excitation_frequency="100 Hz")
+    names = condition_labels([Condition(id=0, excitation_amplitude="53 N", normal_load="60 N"), Condition(id=1),
                               Condition(id=2, normal_load="45.5 N", excitation_frequency="80 Hz"),
-                              Condition(id=3, excitation_amplitude="53 N")])
-    assert names == {0: "excitation 53 N", 1: "condition 1", 2: "load 45.5 N, frequency 80 Hz",
+                              Condition(id=3, excitation_amplitude="53 N")], test)
+    assert names == {0: "excitation 53 N", 1: "as in the test", 2: "load 45.5 N, 80 Hz",
                      3: "excitation 53 N (condition 3)"}
+
+
+def test_maps_count_errors_that_samples_share_and_no_zero():
+    """An offset of a loop is levelled away, so that it widens nothing; half of a wave that is not known does."""
+    seen = observation()
+    piece = next(one for one in seen.pieces if one.channel == "friction_force")
+    modes = np.zeros((len(seen.values), 2))
+    modes[piece.place, 0], modes[piece.place, 1] = 50.0, 3.0 * np.cos(PHASE)
+    wrong = np.array(seen.values)
+    wrong[piece.place] -= 3.0 * np.cos(PHASE)
+    sd = FLOOR / np.sqrt(REPEATS)
+    shown = residual_maps(seen, Covariance(seen.variance, modes), wrong, seen.values)[1].before[0]
+    assert shown == pytest.approx(3.0 * np.cos(PHASE) / np.hypot(sd, 3.0 * np.cos(PHASE)))

@@ -26,11 +26,6 @@ class Covariance:
     variance: Array
     modes: Array
 
-    @property
-    def sd(self) -> Array:
-        """Return the standard deviation (M,) of each sample, of noise and modes together."""
-        return np.asarray(np.sqrt(self.variance + np.sum(self.modes**2, axis=1)))
-
     @cached_property
     def _shared(self) -> tuple[Array, Array]:
         scaled = self.modes / np.sqrt(self.variance)[:, None]

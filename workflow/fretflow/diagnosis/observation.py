@@ -19,7 +19,7 @@ from fretflow.diagnosis.covariance import Covariance
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import Repeatability, repeatability
-from fretflow.recordings.schema import Condition
+from fretflow.recordings.schema import Condition, Test
 
 Array = NDArray[np.float64]
 # that the model predicts, as far as they were measured
@@ -132,7 +132,8 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     samples = _common_samples(recording, most)
     _add_loops(stack, recording.loops, samples, None)
     if recording.sweep is not None:
-        _add_loops(stack, recording.sweep.loops, samples, recording.sweep.conditions)
+        _add_loops(stack, recording.sweep.loops, samples,
+                   condition_labels(recording.sweep.conditions, recording.test))
     last = int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
         volume = recording.wear.worn_volume
@@ -177,19 +178,20 @@ def count_label(cycles: int) -> str:
     return f"{cycles:,} cycles"
 
 
-def condition_labels(conditions: Iterable[Condition]) -> dict[int, str]:
-    """Return what the loop at each condition, by its number, is called: what it was made at."""
+def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, str]:
+    """Return what the loop at each condition, by its number, is called: what is not as in the test."""
     found: dict[int, str] = {}
     for one in conditions:
-        given = [f"{word} {value:g} {unit}" for word, value, unit in (
-            ("excitation", one.excitation_amplitude, "N"), ("load", one.normal_load, "N"),
-            ("frequency", one.excitation_frequency, "Hz")) if value is not None]
-        label = ", ".join(given) or f"condition {one.id}"
+        other = [f"{word}{value:g} {unit}" for word, value, usual, unit in (
+            ("excitation ", one.excitation_amplitude, test.excitation_amplitude, "N"),
+            ("load ", one.normal_load, test.normal_load, "N"),
+            ("", one.excitation_frequency, test.excitation_frequency, "Hz")) if value not in (None, usual)]
+        label = ", ".join(other) or "as in the test"
         found[one.id] = f"{label} (condition {one.id})" if label in found.values() else label
     return found
 
 
-def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Condition, ...] | None) -> None:
+def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: Mapping[int, str] | None) -> None:
     block = "loops" if conditions is None else "sweep"
     names = [name for name in CHANNELS if name in loops.channels]
     if "friction_force" not in names and "force" in loops.channels:
@@ -208,7 +210,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: tuple[Co
             variance = (spread.noise_sd**2 + least**2) / repeats
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
-            label = count_label(cycles) if conditions is None else condition_labels(conditions)[int(loops.cycles[k])]
+            label = count_label(cycles) if conditions is None else conditions[int(loops.cycles[k])]
             floor = np.sqrt(spread.repeat_sd**2 + least**2)
             place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
             centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"

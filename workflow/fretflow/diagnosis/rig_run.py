@@ -115,7 +115,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
-        residual_maps=residual_maps(observation, fitter.covariance.sd, base.predicted, after.predicted),
+        residual_maps=residual_maps(observation, fitter.covariance, base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, fitter.rig, after) if named else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)

@@ -7,6 +7,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.observation import ABSOLUTE, Array, Observation, Piece
 from fretflow.diagnosis.verdict import Comparison, ResidualMap, WearMap
 
@@ -67,10 +68,12 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     return tuple(found)
 
 
-def residual_maps(observation: Observation, sd: Array, before: Array, after: Array) -> tuple[ResidualMap, ...]:
-    """Return the differences over their `sd` (M,) by loop and phase, one map for each channel of the loops."""
+def residual_maps(observation: Observation, covariance: Covariance, before: Array, after: Array
+                  ) -> tuple[ResidualMap, ...]:
+    """Return the differences over their sd by loop and phase, one map for each channel of the loops."""
     loops = loop_pieces(observation)
     channels = dict.fromkeys(name for pieces in loops.values() for name in pieces)
+    sd = _sd(observation, covariance)
     tables = [(observation.values - level(observation, one)) / sd for one in (before, after)]
     phase = np.arange(observation.samples) / observation.samples
     found = []
@@ -79,6 +82,15 @@ def residual_maps(observation: Observation, sd: Array, before: Array, after: Arr
         first, second = (np.array([table[piece.place] for piece in rows.values()]) for table in tables)
         found.append(ResidualMap(channel=channel, rows=tuple(rows), phase=phase, before=first, after=second))
     return tuple(found)
+
+
+def _sd(observation: Observation, covariance: Covariance) -> Array:
+    """Return the sd (M,) of levelled differences, of noise and of what samples share: calibration, mesh, sampling."""
+    modes = np.array(covariance.modes)
+    for piece in observation.pieces:
+        if piece.block in LOOPS and piece.channel not in ABSOLUTE:
+            modes[piece.place] -= modes[piece.place].mean(axis=0)
+    return np.asarray(np.sqrt(covariance.variance + np.sum(modes**2, axis=1)))
 
 
 def wear_map(observation: Observation, before: Array, after: Array) -> WearMap | None:
