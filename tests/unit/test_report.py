@@ -284,5 +284,5 @@ def test_what_after_was_predicted_with_can_be_said(cases):
 def test_fits_that_were_given_up_are_told_from_finished_ones(cases):
     page = page_of(cases.named())
     finished = sum(one.converged for one in cases.RANKING)
-    assert page.text.count("to the end") == finished
+    assert page.text.count("fully") == finished
     assert page.text.count("in part") == len(cases.RANKING) - finished + 1, "and once in the caption"
