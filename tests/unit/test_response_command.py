@@ -45,7 +45,7 @@ def home(tmp_path, monkeypatch):
     """Return the folder of a run of the toy joint, which opens as it wears."""
     monkeypatch.setattr(stage, "make_model", lambda case, folder: EffectModel.build(PROBLEM))
     monkeypatch.setattr(stage, "HARMONICS", 11)
-    monkeypatch.setattr(stage, "SAMPLES", 96)
+    monkeypatch.setattr(stage, "SAMPLES", 192)
     home = tmp_path / "runs" / "toy"
     for name in ("reduce", "wear"):
         (home / name).mkdir(parents=True)
@@ -57,7 +57,7 @@ def home(tmp_path, monkeypatch):
     for name in ("reduce", "wear"):
         Manifest(name, 1, name, {}, {}, {}, None, 1, 0.0, 0, False, "").write(home / name)
     write_json(home / RUN_FILE, {"case": "toy", "stages": {"reduce": "reduce", "wear": "wear"}})
-    case = CASE.model_copy(update={"solver": Solver(harmonics=11, samples=96)})
+    case = CASE.model_copy(update={"solver": Solver(harmonics=11, samples=192)})
     (home / CASE_FILE).write_text(dump_case(case), encoding="utf-8")
     return home
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.diagnosis.rig_setup import case_of, errors_of, first_friction, first_wear
+from fretflow.diagnosis.rig_setup import case_of, errors_of, first_friction, first_wear, rubbed_friction
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import DisplacementOf, Place, Test, TestKind, Wear
@@ -38,6 +38,18 @@ def recorded(volume: float | None = 1e-12, **test: float | None) -> Recording:
 def test_friction_is_read_off_the_plateaus() -> None:
     """A rigid slider's force is mu N all the time."""
     assert first_friction(recorded()) == pytest.approx(FRICTION, rel=1e-6)
+
+
+def test_ringing_of_the_force_leaves_the_rubbed_friction_alone() -> None:
+    """A harmonic that the displacement does not have does no work: the energy stays 2 mu N stroke a cycle."""
+    plain = recorded()
+    assert plain.loops is not None
+    assert rubbed_friction(plain) == pytest.approx(FRICTION, rel=2e-3)
+    rung = {**plain.loops.channels, "friction_force": plain.loops.channels["friction_force"]
+            + 0.4 * FRICTION * LOAD * np.sin(7.0 * plain.loops.phase)}
+    ringing = replace(plain, loops=replace(plain.loops, channels=rung))
+    assert rubbed_friction(ringing) == pytest.approx(FRICTION, rel=2e-3)
+    assert first_friction(ringing) > 1.2 * FRICTION
 
 
 def test_wear_coefficient_follows_from_volume_and_energy() -> None:

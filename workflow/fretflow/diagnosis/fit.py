@@ -24,6 +24,7 @@ LONGEST = 1.5  # step of a coordinate at once
 # fall of the objective, and share of it, that are not worth another simulation
 ENOUGH, ENOUGH_SHARE = 2.0, 0.005
 HALVINGS = 3
+FAR = 4.0  # times what another hypothesis reaches, from which a start leads nowhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,8 @@ class Fitter:
     def fit(self, space: Space, z: Array, near: Simulation | None, iterations: int, worth: float = np.inf) -> Fit:
         """Return the most probable parameters from the start `z`.
 
-        The search ends early where even the first-order prediction of its next step is above the objective `worth`.
+        The search ends early where even the first-order prediction of its next step is above the objective `worth`,
+        of the first one far above: a start may be a long way off.
 
         Raises
         ------
@@ -83,13 +85,13 @@ class Fitter:
             If the start itself has no simulation.
         """
         now = self._at(space, z, near)
-        for _ in range(iterations):
+        for steps in range(iterations):
             step = _step(now)
             expected = now.objective - self._expected(now, step)
             enough = max(ENOUGH, ENOUGH_SHARE * now.objective)
             if expected < enough:
                 return _converged(now)
-            if now.objective - expected > worth:
+            if now.objective - expected > (worth if steps else FAR * worth):
                 return now
             better = self._improved(now, step)
             if better is None:

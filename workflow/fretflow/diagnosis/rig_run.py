@@ -10,8 +10,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fretflow.core.config import Case
 from fretflow.core.errors import FretflowError
 from fretflow.diagnosis import rig_words as words
@@ -34,6 +32,7 @@ from fretflow.diagnosis.rig_setup import (
     first_simulation,
     first_wear,
     model_of,
+    rubbed_friction,
 )
 from fretflow.diagnosis.rig_verdict import decide, smallest_visible
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
@@ -124,16 +123,13 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
 def _fitter(recording: Recording, observation: Observation, tools: RigTools, progress: Progress
             ) -> tuple[Fitter, Simulation]:
     """Return the fitter on the coarse mesh with what that leaves out, and the first simulation."""
-    friction = first_friction(recording)
-    wear = first_wear(recording, friction)
-
-    def on(elements: int, coefficient: float) -> RigModel:
-        problem = tools.reduce(case_of(recording, elements, f"{elements}-elements"))
-        return model_of(recording, observation, replace(problem, friction_coefficient=coefficient), wear)
-
-    model, first = first_simulation(on(COARSE, friction))
+    coarse, fine = (tools.reduce(case_of(recording, elements, f"{elements}-elements")) for elements in (COARSE, FINER))
+    read = [reading(recording) for reading in (first_friction, rubbed_friction)]
+    model, first = first_simulation([
+        model_of(recording, observation, replace(coarse, friction_coefficient=friction),
+                 first_wear(recording, friction)) for friction in read])
     progress(0.08, "what the coarse mesh leaves out")
-    finer = on(FINER, float(np.mean(model.problem.friction_coefficient)))
+    finer = replace(model, problem=replace(fine, friction_coefficient=model.problem.friction_coefficient))
     denser = replace(model, samples=2 * model.samples)
     predicted = tools.pool(predict_task, [_Prediction(finer, Hypothesis()), _Prediction(denser, Hypothesis())])
     correction, modes = errors_of(observation, predicted[0], predicted[1], model.predict(first))

@@ -26,12 +26,13 @@ from fretflow.diagnosis.screening import (
     Signatures,
     Start,
     changes,
+    in_sensors_alone,
     rig_effects,
+    seen_through,
     signatures,
     starts_beside,
     with_start,
 )
-from fretflow.diagnosis.verdict import EXPLAINED_GATE
 from fretflow.effects.catalogue import catalogue
 
 T = TypeVar("T")
@@ -44,6 +45,7 @@ BEYOND = 1.0  # of the recording's own size: a first-order change that is larger
 LEAST_GAIN = 12.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
 SECOND = 0.6  # share of what one effect leaves that a second one must explain
 PLACED = 0.005  # share of the baseline's excess that it must explain
+NEARLY_ALL = 0.97  # share explained from which nothing else is looked for in the place of what does
 POLISHING = 8  # steps at most
 
 
@@ -65,13 +67,15 @@ class Effort:
     first_steps: int
     kept: int
     last_steps: int
-    more: int  # single effects that are fitted where the first ones explain too little
+    more_steps: int  # of each other one, where the first ones explain too little
     bases: int  # single effects to which a second one is sought
     pairs: int  # for each of them
 
 
-FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=2, last_steps=3, more=8, bases=1, pairs=2)
-FULL = Effort(base_steps=8, base_more=0, singles=100, first_steps=2, kept=6, last_steps=10, more=0, bases=2, pairs=4)
+FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=3, last_steps=3, more_steps=1, bases=1,
+              pairs=2)
+FULL = Effort(base_steps=8, base_more=0, singles=100, first_steps=2, kept=6, last_steps=10, more_steps=2, bases=2,
+              pairs=4)
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,14 @@ class RigSearch:
         """Return the chi-squared that repeats explain."""
         return float(self.fitter.rig.observation.noise.sum())
 
+    @property
+    def unbent(self) -> Fit:
+        """Return the baseline's fit, or where that is astray the baseline with its own readings."""
+        if not self.astray:
+            return self.baseline
+        space = self.baseline.space
+        return self.fitter.fit(space, np.zeros(space.size), self.baseline.simulation, 0)
+
     def excess(self, fit: Fit) -> float:
         """Return by how much chi-squared is larger than what noise and independent codes explain."""
         return max(0.0, fit.chi_squared - SLACK * self.expected)
@@ -170,13 +182,16 @@ class RigSearch:
             self.screened[names] = signatures(self.fitter, fit, starts, moved)
         return self.screened[names]
 
-    def _simulate_beyond(self, fit: Fit, starts: Sequence[Start], moved: Array) -> None:
+    def _simulate_beyond(self, fit: Fit, starts: list[Start], moved: Array) -> None:
         """Put simulated changes in place of first-order ones where these tell nothing; drop those beyond all sense."""
         size = float(np.linalg.norm(self.fitter.covariance.whiten(self.fitter.rig.observation.values)))
         white = np.linalg.norm(self.fitter.covariance.whiten(np.nan_to_num(moved)), axis=0)
         moved[:, white > BEYOND * size] = np.nan
         unlike = [k for k, start in enumerate(starts) if not catalogue()[start.effect].first_order]
         asked = [k for k in unlike if not np.any(starts[k].z)]
+        for k in asked:
+            if in_sensors_alone(starts[k].effect):
+                starts[k] = seen_through(self.fitter, fit if fit.space.effects else self.unbent, starts[k].effect)
         tasks = [_Task(self.fitter, *with_start(fit, starts[k]), fit.simulation, 0, np.inf) for k in asked]
         moved[:, unlike] = np.nan
         for k, found in zip(asked, self.pool(fit_task, tasks), strict=True):
@@ -184,13 +199,15 @@ class RigSearch:
                 moved[:, k] = found.predicted - fit.predicted
 
     def add(self, to: Names, effects: Iterable[str], steps: int) -> None:
-        """Fit a set with each of `effects` added, some steps each."""
+        """Fit a set with each of `effects` added, some steps each, from the starts of either sign."""
         seen, fit = self.screen(to), self.fits[to]
-        chosen = [name for name in effects if name in seen.columns and to | {name} not in self.fits]
-        tasks = [_Task(self.fitter, *self._begun(to, seen.start(name)), fit.simulation, steps, fit.objective)
-                 for name in chosen]
-        for name, found in zip(chosen, self.pool(fit_task, tasks), strict=True):
-            if found is not None:
+        begun = [(name, start) for name in effects if name in seen.columns and to | {name} not in self.fits
+                 for start in seen.begin(name)]
+        tasks = [_Task(self.fitter, *self._begun(to, start), fit.simulation, steps, fit.objective)
+                 for _, start in begun]
+        for (name, _), found in zip(begun, self.pool(fit_task, tasks), strict=True):
+            known = self.fits.get(to | {name})
+            if found is not None and (known is None or found.objective < known.objective):
                 self.fits[to | {name}] = found
 
     def _begun(self, to: Names, start: Start) -> tuple[Space, Array]:
@@ -238,8 +255,9 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     ranked = found.screen(frozenset()).ranked()
     progress(0.1, "fitting single effects")
     found.add(frozenset(), ranked[:effort.singles], effort.first_steps)
-    if max(map(found.explained, found.fits)) < EXPLAINED_GATE:
-        found.add(frozenset(), ranked[effort.singles:effort.singles + effort.more], effort.first_steps)
+    if max(map(found.explained, found.fits)) < NEARLY_ALL:
+        found.add(frozenset(), [name for name in rig_effects() if name not in ranked[:effort.singles]],
+                  effort.more_steps)
     progress(0.5, "fitting the most promising")
     found.carry_on(found.best(1, effort.kept), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,6 +72,23 @@ def first_friction(recording: Recording) -> float:
     return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
 
 
+def rubbed_friction(recording: Recording) -> float:
+    """Return the friction coefficient by energy over sliding distance, which ringing of the force leaves alone.
+
+    Where a contact hardly slides it is far below the plateaus' coefficient.
+    """
+    loops = _loops(recording)
+    x, force = loops.mean("displacement"), loops.mean(loops.force_name)
+    limit = _energy(x, force) / (2.0 * np.maximum(np.ptp(x, axis=1), np.finfo(float).tiny))
+    load = float(recording.test.normal_load or np.nan)
+    return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
+
+
+def _energy(x: Array, force: Array) -> Array:
+    """Return the dissipated energy (loops,) of displacements and forces (loops, N), J."""
+    return np.asarray(np.abs(np.sum(force * 0.5 * (np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)), axis=1)))
+
+
 def first_wear(recording: Recording, friction: float) -> float:
     """Return the wear coefficient (m^2/N) that volume and dissipated energy show; the default without a volume."""
     loops, volume = _loops(recording), recording.wear.worn_volume
@@ -79,7 +96,7 @@ def first_wear(recording: Recording, friction: float) -> float:
         depth = recording.wear_depth.channels.get("depth", np.zeros(1))
         volume = float(np.mean(depth)) * recording.specimen.upper.contact_width**2
     x, force = loops.mean("displacement"), loops.mean(loops.force_name)
-    energy = np.abs(np.sum(force * 0.5 * (np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)), axis=1))
+    energy = _energy(x, force)
     total = float(np.sum(0.5 * (energy[1:] + energy[:-1]) * np.diff(loops.cycles)))
     if not volume or not total > 0.0:
         return Wear().coefficient
@@ -96,14 +113,21 @@ def model_of(recording: Recording, observation: Observation, problem: PeriodicPr
                     total_cycles=recording.test.cycles or int(loops.cycles[-1]))
 
 
-def first_simulation(model: RigModel) -> tuple[RigModel, Simulation]:
-    """Return the model with a friction coefficient at which it slides, and its simulation.
+def first_simulation(models: Sequence[RigModel]) -> tuple[RigModel, Simulation]:
+    """Return the model whose displacement is the nearest to the recording's, each loop's zero free, and its simulation.
+
+    A model that does not slide gets less friction until it does. The force decides nothing: its sensor may lie.
 
     Raises
     ------
     NonConvergenceError
         If there is none.
     """
+    found = [_eased(model) for model in models]
+    return min(found, key=lambda one: _displacement_error(*one))
+
+
+def _eased(model: RigModel) -> tuple[RigModel, Simulation]:
     for _ in range(MOST_EASED):
         try:
             return model, model.simulate(Hypothesis())
@@ -111,6 +135,12 @@ def first_simulation(model: RigModel) -> tuple[RigModel, Simulation]:
             model = replace(model, problem=replace(
                 model.problem, friction_coefficient=EASED * model.problem.friction_coefficient))
     return model, model.simulate(Hypothesis())
+
+
+def _displacement_error(model: RigModel, simulation: Simulation) -> float:
+    left = model.observation.values - model.predict(simulation)
+    return float(sum(np.sum((left[piece.place] - left[piece.place].mean())**2)
+                     for piece in model.observation.pieces if piece.channel == "displacement"))
 
 
 def errors_of(observation: Observation, finer: Array, denser: Array, plain: Array) -> tuple[Array, Array]:

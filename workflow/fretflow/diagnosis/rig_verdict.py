@@ -8,7 +8,7 @@ from math import exp, sqrt
 import numpy as np
 
 from fretflow.diagnosis.covariance import SYSTEMATIC
-from fretflow.diagnosis.rig_search import LEAST_GAIN, Names, RigSearch
+from fretflow.diagnosis.rig_search import LEAST_GAIN, NEARLY_ALL, Names, RigSearch
 from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Verdict
 
 SURE = 0.9  # probability from which one set is named alone
@@ -16,7 +16,7 @@ MOST_ALTERNATIVES = 3
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
 MOST_RANKED = 40
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
-BAD, NEARLY_ALL = 3.0, 0.97
+BAD = 3.0
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ already projected out, the gain in log evidence of a set of columns S over none 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -21,10 +22,11 @@ from fretflow.diagnosis.observation import Array
 from fretflow.diagnosis.rig_model import Hypothesis
 from fretflow.diagnosis.tangent import neighbours
 from fretflow.effects.catalogue import catalogue, check_together
-from fretflow.effects.effect import Kind
+from fretflow.effects.effect import Effect, Kind
 
 AWAY = 1.2  # coordinate of a point beside the middle of the ranges
 FAINT = 1e-9
+WIDEST, FINE, ROUGH = 2.4, 25, 3  # points of ranges that are looked through: of the first coordinate, of the others
 
 
 @dataclass(frozen=True)
@@ -64,10 +66,14 @@ class Signatures:
         """Return the effects, the one with the largest gain first."""
         return sorted(self.columns, key=lambda name: -self.gain((name,)))
 
-    def start(self, effect: str) -> Start:
-        """Return the point of an effect's ranges from which a fit begins: where least would be left."""
+    def begin(self, effect: str) -> list[Start]:
+        """Return the points of an effect's ranges from which fits begin: for either sign, where least would be left."""
         left = np.sum((self.residual[:, None] - self.columns[effect])**2, axis=0)
-        return self.starts[effect][int(np.argmin(left))]
+        found: dict[tuple[float, ...], Start] = {}
+        for place in np.argsort(left):
+            one = self.starts[effect][place]
+            found.setdefault(tuple(one.signs.values()), one)
+        return list(found.values())
 
 
 def rig_effects() -> tuple[str, ...]:
@@ -121,6 +127,32 @@ def changes(fitter: Fitter, fit: Fit, starts: Sequence[Start]) -> Array:
         space, z = with_start(fit, one)
         laid.append(space.hypothesis(z))
     return neighbours(fitter.rig, fit.simulation, laid)
+
+
+def seen_through(fitter: Fitter, fit: Fit, effect: str) -> Start:
+    """Return where in its ranges an effect that acts in the sensors alone leaves least beside a fit.
+
+    Nothing has to be simulated for it, so that all its ranges are looked at: a resonance is missed by any slope.
+    """
+    own = _basis(fit.whitened_jacobian)
+    count = Space.of((effect,)).size - Space.of(()).size
+    least, best = np.inf, Start(effect, np.zeros(count), {})
+    for z in product(np.linspace(-WIDEST, WIDEST, FINE), *[np.linspace(-WIDEST, WIDEST, ROUGH)] * (count - 1)):
+        start = Start(effect, np.array(z), {})
+        space, whole = with_start(fit, start)
+        model = replace(fit.simulation.model, effects=space.hypothesis(whole).effects)
+        left = fitter.covariance.whiten(fitter.rig.observation.values - fitter.predict(
+            replace(fit.simulation, model=model)))
+        left = left - own @ (own.T @ left)
+        if float(left @ left) < least:
+            least, best = float(left @ left), start
+    return best
+
+
+def in_sensors_alone(effect: str) -> bool:
+    """Tell whether an effect changes nothing but what the sensors show."""
+    kind = catalogue()[effect]
+    return kind.sense is not Effect.sense and kind.period is Effect.period
 
 
 def signatures(fitter: Fitter, fit: Fit, starts: Sequence[Start], moved: Array) -> Signatures:

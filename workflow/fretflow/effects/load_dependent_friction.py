@@ -33,7 +33,7 @@ class LoadDependentFriction(Effect):
 
     exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0)
     reference_pressure: u.Pressure | None = parameter(
-        60e6, "p_0: pressure at which friction is that of the contact table", 10e6, 200e6,
+        60e6, "p_0: pressure at which friction is that of the contact table", 10e6, 200e6, gt=0.0,
         source="the load of the paper's test 1 over its area; fixed, so that tests at other loads can be compared")
 
     @classmethod

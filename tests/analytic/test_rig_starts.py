@@ -1,0 +1,72 @@
+"""Where fits of the rig begin: at the resonance that a sensor has, with either sign, and far from the answer.
+
+Recordings are predictions of the small rig itself, so that what was put in is known.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.covariance import Covariance
+from fretflow.diagnosis.fit import Fitter
+from fretflow.diagnosis.rig_model import Hypothesis
+from fretflow.diagnosis.screening import changes, in_sensors_alone, seen_through, signatures, starts_beside
+from fretflow.effects.extra_mode import ExtraMode
+from fretflow.effects.normal_load_coupling import NormalLoadCoupling
+
+SD = {"displacement": 3e-8, "friction_force": 0.15}
+
+
+@pytest.fixture
+def recorded(monkeypatch):
+    """Return what makes the baseline's fit to a recording of given effects."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    model = small_rig.rig(small_rig.observed(SD, (0, 4000), (), 2e-15, 3e-9))
+
+    def fit(*effects):
+        true = model.predict(model.simulate(Hypothesis(effects=effects)))
+        seen = replace(model, observation=replace(model.observation, values=true))
+        fitter = Fitter(seen, Covariance(seen.observation.variance, seen.observation.modes), np.zeros(len(true)))
+        return fitter, fitter.fit(Space.of(()), np.zeros(Space.of(()).size), None, 0)
+
+    return fit
+
+
+@pytest.mark.parametrize("frequency", [330.0, 520.0, 760.0])
+def test_a_resonance_of_the_force_path_is_found_wherever_it_is(recorded, frequency):
+    fitter, fit = recorded(ExtraMode().changed(frequency=frequency, damping_ratio=0.05))
+    found = Space.of(("extra-mode",)).hypothesis(
+        np.concatenate([np.zeros(Space.of(()).size), seen_through(fitter, fit, "extra-mode").z]))
+    assert found.effects[0].frequency == pytest.approx(frequency, rel=0.08)  # half a step of the points is 4 %
+
+
+def test_only_what_leaves_the_contact_alone_is_seen_through():
+    assert in_sensors_alone("extra-mode")
+    assert in_sensors_alone("sensor-inertia")
+    assert not in_sensors_alone("viscous")
+    assert not in_sensors_alone("third-body")
+
+
+@pytest.mark.parametrize("slope", [4e5, -4e5])
+def test_either_sign_is_begun_with_the_right_one_first(recorded, slope):
+    fitter, fit = recorded(NormalLoadCoupling().changed(slope=slope))
+    starts = starts_beside(fit, ("normal-load-coupling",))
+    begun = signatures(fitter, fit, starts, changes(fitter, fit, starts)).begin("normal-load-coupling")
+    signs = [one.signs["normal-load-coupling.slope"] for one in begun]
+    assert signs == [np.sign(slope), -np.sign(slope)]
+
+
+def test_a_start_far_off_is_not_given_up_before_its_first_step(recorded):
+    """Friction that falls with pressure lowers all friction where it begins, which the first step sets right."""
+    fitter, fit = recorded()
+    space = Space.of(("load-dependent-friction",))
+    z = np.zeros(space.size)
+    z[-1] = 1.2  # a reference pressure far above the mean: less friction everywhere
+    begun, then = (fitter.fit(space, z, fit.simulation, steps).objective for steps in (0, 1))
+    assert then < 0.6 * begun
+    assert fitter.fit(space, z, fit.simulation, 1, worth=0.3 * begun).objective == pytest.approx(then)
+    assert fitter.fit(space, z, fit.simulation, 1, worth=0.01 * begun).objective == pytest.approx(begun)
