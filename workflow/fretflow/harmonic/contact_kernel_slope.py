@@ -142,10 +142,13 @@ def _right_hand_sides(c: Contact, f: Array, trial: Array, cone: Array, m: int, u
 def _press(c: Contact, unknown: Indices, df: Array, step: Array, pressing: Array) -> None:
     """Put the derivative of the normal force at the slipping nodes into `pressing` (m, p)."""
     n, m, last = len(c.gap), len(pressing), len(unknown)
+    by_unknown, pulled = np.empty((last + 1, m)), np.empty((len(step), m))
     for k in range(m):
         z = 2 * n + unknown[k]
+        for r in range(last):
+            by_unknown[r, k] = c.stiffness[z, unknown[r]]
+        by_unknown[last, k] = -c.lift[z]
+    multiply(step, by_unknown, pulled)
+    for k in range(m):
         for column in range(len(step)):
-            force = df[2 * m + k, column] - c.lift[z] * step[column, last]
-            for r in range(last):
-                force += c.stiffness[z, unknown[r]] * step[column, r]
-            pressing[k, column] = force
+            pressing[k, column] = df[2 * m + k, column] + pulled[column, k]

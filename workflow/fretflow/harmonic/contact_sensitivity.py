@@ -9,23 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array
 
-from fretflow.harmonic.contact_march import PERSISTS, Conditions
-from fretflow.harmonic.contact_sample import (
-    SLIP,
-    STICK,
-    Array,
-    ContactSystem,
-    SampleChange,
-    SampleDerivative,
-    SampleSolver,
-    SampleState,
+from fretflow.harmonic.contact_kernel import Marched, empty_factor
+from fretflow.harmonic.contact_kernel_sensitivity import (
+    Acting,
+    Histories,
+    Springs,
+    Sums,
+    Weights,
+    empty_sums,
+    march_columns,
 )
+from fretflow.harmonic.contact_march import PERSISTS, Conditions
+from fretflow.harmonic.contact_sample import SLIP, STICK, Array, ContactSystem, plain
 from fretflow.harmonic.direction import Direction
 
 
@@ -37,9 +37,11 @@ class SolvedContact:
     force: Array
     state: NDArray[np.int8]
 
-    def sample(self, j: int) -> SampleState:
-        """Return sample j; its approach is not needed to differentiate."""
-        return SampleState(self.displacement[j], self.force[j], float("nan"), self.state[j])
+    @property
+    def marched(self) -> Marched:
+        """Return the samples as the compiled loops take them; their approach is not needed to differentiate."""
+        return Marched(plain(self.displacement), plain(self.force), np.full(len(self.force), np.nan),
+                       np.require(self.state, dtype=np.int8, requirements=["C", "W"]))
 
 
 @dataclass(frozen=True)
@@ -79,24 +81,20 @@ def differentiate_contact(system: ContactSystem, solved: SolvedContact, arm: Arr
     sums : (r, 3 n)
         Weights of the forces, in component order.
     """
-    first, memory = _memory(solved)
-    acting = _Acting(system, solved, arm, under, directions, memory.shape[1])
-    kept = _Kept(system, solved, under, mean, sums, acting.columns)
-    slope, samples = acting.start(memory), len(arm)
-    solver = SampleSolver(system)
-    for j in ((first + k) % samples for k in range(samples)):
-        change = acting.at(j)
-        found = solver.differentiate(solved.sample(j), solved.displacement[j - 1], slope, change, under.at(j))
-        kept.add(j, found, change)
-        slope = found.displacement
-    given = acting.columns - memory.shape[1]
-    closing = memory.T @ slope
+    way = _ways(solved)
+    first, memory = _memory(solved, way)
+    acting, given = _acting(system, solved, arm, under, directions), arm.shape[1] + len(directions)
+    kept = empty_sums(len(arm), system.size, len(sums), given + memory.shape[1], len(directions))
+    end = march_columns(system.data, empty_factor(system.size), solved.marched, acting,
+                        _weights(system, solved, under, way, mean, sums), first,
+                        _start(solved, arm.shape[1], directions, memory), kept)
+    closing = memory.T @ end
     # a position that the period does not determine keeps its value
     remembered = np.linalg.lstsq(np.eye(memory.shape[1]) - closing[:, given:], closing[:, :given], rcond=PERSISTS)[0]
-    return kept.derivative().combined(np.vstack([np.eye(given), remembered]))
+    return _derivative(system, arm, kept).combined(np.vstack([np.eye(given), remembered]))
 
 
-def _memory(solved: SolvedContact) -> tuple[int, Array]:
+def _memory(solved: SolvedContact, way: Array) -> tuple[int, Array]:
     """Return the sample before which least is remembered, and that memory as orthonormal columns (3 n, m).
 
     A sample knows of the past where the nodes stick, and across their way where they slip. Where a node sticks
@@ -107,7 +105,7 @@ def _memory(solved: SolvedContact) -> tuple[int, Array]:
     first = int(np.argmin(2 * lasting.sum(axis=1) + slipping.sum(axis=1)))
     n = solved.state.shape[1]
     held, slid = np.flatnonzero(lasting[first]), np.flatnonzero(slipping[first])
-    x, y = _ways(solved)[first][:, slid]
+    x, y = way[first][:, slid]
     memory = np.zeros((3 * n, 2 * len(held) + len(slid)))
     column = np.arange(len(held))
     memory[held, column] = memory[n + held, len(held) + column] = 1.0
@@ -141,118 +139,84 @@ def _working(system: ContactSystem, solved: SolvedContact, under: Conditions, wa
     return share * gripping, grip * share * law.slip_limit_slope(normal), working
 
 
-class _Acting:
-    """What the columns change at each sample."""
-
-    def __init__(self, system: ContactSystem, solved: SolvedContact, arm: Array, under: Conditions,
-                 directions: Sequence[Direction], remembered: int) -> None:
-        n, given = system.size, arm.shape[1]
-        self.under, self.given = under, given
-        self.columns = given + len(directions) + remembered
-        self.directions = {given + i: d for i, d in enumerate(directions)}
-        self.arm = np.pad(arm, ((0, 0), (0, self.columns - given)))
-        self.system, self.solved = system, solved
-        self.order = np.arange(3 * n).reshape(n, 3).T.ravel()
-        self.friction = self._constant("friction", n, 1)
-        self.load = self._constant("normal_load", 1, 0)[0]
-        self.force = -system.stiffness[:, 2 * n:] @ self._constant("gap", n, 1)
-        self.springs = csr_array(self._constant("compliance", 3 * n, 1)[self.order])
-        self.strains = {c: self._strained(d.flexibility) for c, d in self.directions.items()
-                        if d.flexibility is not None}
-
-    def _constant(self, part: str, rows: int, dimensions: int) -> Array:
-        """Return a part of the directions that is the same at all samples, (rows, columns)."""
-        values = np.zeros((rows, self.columns))
-        for column, direction in self.directions.items():
-            value = getattr(direction, part)
-            if value is not None and np.ndim(value) <= dimensions:
-                values[:, column] = value
-        return values
-
-    def _varying(self, part: str, dimensions: int) -> dict[int, Any]:
-        return {column: getattr(direction, part) for column, direction in self.directions.items()
-                if np.ndim(getattr(direction, part)) == dimensions}
-
-    def _strained(self, flexibility: Array) -> Array:
-        """Return the forces (N, 3 n) by a change of the flexibility: -K dG f."""
-        force: Array = -self.solved.force @ flexibility[np.ix_(self.order, self.order)].T @ self.system.stiffness
-        return force
-
-    def start(self, memory: Array) -> Array:
-        """Return the derivative (3 n, columns) of the displacement before the first sample."""
-        n, slope = self.system.size, np.zeros((3 * self.system.size, self.columns))
-        slope[:, self.columns - memory.shape[1]:] = memory
-        never = np.flatnonzero(np.all(self.solved.state == STICK, axis=0))
-        for column, direction in self.directions.items():
-            if direction.locked is not None:
-                slope[never, column], slope[n + never, column] = direction.locked[never].T
-        return slope
-
-    def at(self, j: int) -> SampleChange:
-        """Return the change at sample j."""
-        friction, load, force = self.friction.copy(), self.load.copy(), self.force.copy()
-        for column, history in self._varying("friction", 2).items():
-            friction[:, column] = history[j]
-        friction *= self.under.grip[j]
-        friction[:, :self.given] += np.outer(self.system.friction, self.under.grip_slope[j])
-        for column, history in self._varying("normal_load", 1).items():
-            load[column] = history[j]
-        load[:self.given] += self.under.load_slope[j]
-        for column, strain in self.strains.items():
-            force[:, column] += strain[j]
-        if self.springs.nnz:
-            force -= (self.springs.T @ (self.solved.force[j][:, None] * self.system.stiffness)).T
-        return SampleChange(self.arm[j], load, friction, force)
+def _start(solved: SolvedContact, motions: int, directions: Sequence[Direction], memory: Array) -> Array:
+    """Return the derivative (3 n, p) of the displacement before the first sample."""
+    n = solved.state.shape[1]
+    slope = np.hstack([np.zeros((3 * n, motions + len(directions))), memory])
+    never = np.flatnonzero(np.all(solved.state == STICK, axis=0))
+    for column, direction in enumerate(directions, start=motions):
+        if direction.locked is not None:
+            slope[never, column], slope[n + never, column] = direction.locked[never].T
+    return slope
 
 
-class _Kept:
-    """Sums up the march while it passes, so that its size does not grow with nodes times samples times columns."""
+def _acting(system: ContactSystem, solved: SolvedContact, arm: Array, under: Conditions,
+            directions: Sequence[Direction]) -> Acting:
+    """Return what the columns change."""
+    n, force = system.size, np.zeros((0, len(directions)))
+    order = np.arange(3 * n).reshape(n, 3).T.ravel()
+    springs = csc_array(_constant(directions, "compliance", 3 * n, 1)[order])
+    strains = {column: -solved.force @ direction.flexibility[np.ix_(order, order)].T @ system.stiffness
+               for column, direction in enumerate(directions) if direction.flexibility is not None}
+    if springs.nnz or strains or any(direction.gap is not None for direction in directions):
+        force = -system.stiffness[:, 2 * n:] @ _constant(directions, "gap", n, 1)
+    return Acting(
+        plain(arm), plain(under.load_slope), plain(under.grip_slope), plain(under.grip),
+        own_load=_constant(directions, "normal_load", 1, 0)[0],
+        own_friction=_constant(directions, "friction", n, 1), own_force=plain(force),
+        loads=_histories(_varying(directions, "normal_load", 1), len(arm), 1),
+        frictions=_histories(_varying(directions, "friction", 2), len(arm), n),
+        forces=_histories(strains, len(arm), 3 * n),
+        springs=Springs(springs.indptr.astype(np.int64), springs.indices.astype(np.int64), plain(springs.data)))
 
-    def __init__(self, system: ContactSystem, solved: SolvedContact, under: Conditions, mean: Array, sums: Array,
-                 columns: int) -> None:
-        samples, n = solved.state.shape
-        self.system, self.mean, self.sums = system, mean, sums
-        kbx, kbz = system.rigid_forces()
-        self.rigid = np.column_stack([kbx, kbz])
-        self.by_displacement = sums @ system.stiffness
-        self.by_rigid = sums @ self.rigid
-        self.displacement = np.zeros((samples, columns))
-        self.approach = np.zeros((samples, columns))
-        self.forces = np.zeros((samples, len(sums), columns))
-        self.sliding, self.path = np.zeros((n, columns)), np.zeros((n, columns))
-        self.moved, self.changed = np.zeros((3 * n, columns)), np.zeros((3 * n, columns))
-        self.arm, self.energy = np.zeros(columns), np.zeros(columns)
-        way = _ways(solved)
-        rubbing = way * solved.force[:, None, 2 * n:]
-        self.grip, self.slope, working = _working(system, solved, under, way)
-        # du_j counts in the increment that ends at j and in the next one
-        self.way, self.rubbing, self.working = (a - np.roll(a, -1, axis=0) for a in (way, rubbing, working))
-        step = (solved.displacement - np.roll(solved.displacement, 1, axis=0))[:, :2 * n].reshape(samples, 2, n)
-        self.length = np.hypot(step[:, 0], step[:, 1])
-        self.slipping = [np.flatnonzero(state == SLIP) for state in solved.state]
 
-    def add(self, j: int, found: SampleDerivative, change: SampleChange) -> None:
-        """Take in sample j."""
-        n, u = self.system.size, found.displacement
-        rigid = np.stack([change.arm, found.approach])
-        self.displacement[j], self.approach[j] = self.mean @ u[:n], found.approach
-        self.forces[j] = self.by_displacement @ u - self.by_rigid @ rigid + self.sums @ change.force
-        self.path += self.way[j, 0, :, None] * u[:n] + self.way[j, 1, :, None] * u[n:2 * n]
-        self.sliding += self.rubbing[j, 0, :, None] * u[:n] + self.rubbing[j, 1, :, None] * u[n:2 * n]
-        slip = self.slipping[j]
-        self.sliding[slip] += self.length[j, slip, None] * found.pressing
-        self.energy += self.working[j].reshape(-1) @ u[:2 * n] + self.length[j, slip] @ (
-            self.slope[j, slip, None] * found.pressing + self.grip[j, slip, None] * change.friction[slip])
-        self.moved += u
-        self.changed += change.force
-        self.arm += change.arm
+def _constant(directions: Sequence[Direction], part: str, rows: int, dimensions: int) -> Array:
+    """Return a part of the directions that is the same at all samples, (rows, d)."""
+    values = np.zeros((rows, len(directions)))
+    for column, direction in enumerate(directions):
+        value = getattr(direction, part)
+        if value is not None and np.ndim(value) <= dimensions:
+            values[:, column] = value
+    return values
 
-    def derivative(self) -> ContactDerivative:
-        """Return what was kept."""
-        n, samples = self.system.size, len(self.displacement)
-        rigid = np.stack([self.arm, self.approach.sum(axis=0)])
-        force = self.system.stiffness[2 * n:] @ self.moved - self.rigid[2 * n:] @ rigid + self.changed[2 * n:]
-        return ContactDerivative(
-            displacement=self.displacement, forces=self.forces, approach=self.approach, sliding=self.sliding,
-            path=self.path, pressing=force / samples, opening=self.moved[2 * n:] / samples,
-            energy=self.energy)
+
+def _varying(directions: Sequence[Direction], part: str, dimensions: int) -> dict[int, Array]:
+    """Return a part of those directions in which it varies over the samples."""
+    return {column: getattr(direction, part) for column, direction in enumerate(directions)
+            if np.ndim(getattr(direction, part)) == dimensions}
+
+
+def _histories(values: dict[int, Array], samples: int, size: int) -> Histories:
+    """Return the values by parameters, each (samples, size) or flat, as the compiled loops take them."""
+    columns = np.fromiter(values, dtype=np.int64, count=len(values))
+    together = np.empty((len(values), samples, size))
+    for place, value in enumerate(values.values()):
+        together[place] = value.reshape(samples, size)
+    return Histories(columns, together)
+
+
+def _weights(system: ContactSystem, solved: SolvedContact, under: Conditions, way: Array, mean: Array, sums: Array
+             ) -> Weights:
+    """Return what of each sample counts."""
+    samples, n = solved.state.shape
+    grip, slope, working = _working(system, solved, under, way)
+    # du_j counts in the increment that ends at j and in the next one
+    path, rubbing, work = (plain(a - np.roll(a, -1, axis=0))
+                           for a in (way, way * solved.force[:, None, 2 * n:], working))
+    step = (solved.displacement - np.roll(solved.displacement, 1, axis=0))[:, :2 * n].reshape(samples, 2, n)
+    return Weights(plain(mean[None]), plain(sums @ system.stiffness), plain(sums),
+                   plain(sums @ np.column_stack(system.rigid_forces())), path, rubbing, work,
+                   np.hypot(step[:, 0], step[:, 1]), plain(grip), plain(slope))
+
+
+def _derivative(system: ContactSystem, arm: Array, kept: Sums) -> ContactDerivative:
+    """Return what was kept."""
+    n, samples = system.size, len(arm)
+    given = arm.shape[1] + kept.pressed.shape[1]
+    moved = np.zeros((2, len(kept.energy)))
+    moved[0, :arm.shape[1]], moved[1] = arm.sum(axis=0), kept.approach.sum(axis=0)
+    force = system.stiffness[2 * n:] @ kept.moved - np.column_stack(system.rigid_forces())[2 * n:] @ moved
+    force[:, arm.shape[1]:given] += kept.pressed
+    return ContactDerivative(
+        displacement=kept.displacement, forces=kept.forces, approach=kept.approach, sliding=kept.sliding,
+        path=kept.path, pressing=force / samples, opening=kept.moved[2 * n:] / samples, energy=kept.energy)
