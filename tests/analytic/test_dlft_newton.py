@@ -5,6 +5,7 @@ What carries the weight: the dense Jacobian, formed column by column, gives the 
 """
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core.config import PeriodicMethod, Solver
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.harmonic import dlft
-from fretflow.harmonic.newton import gmres, solve_newton
+from fretflow.harmonic.newton import _line_search, gmres, solve_newton
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
@@ -50,6 +51,25 @@ def test_gmres_with_the_exact_inverse_needs_one_step():
     x, iterations = gmres(lambda v: matrix @ v, np.ones(3), lambda v: v / np.diag(matrix), 1e-12)
     assert iterations == 1
     assert x == pytest.approx([1.0, 0.1, 1e-4], rel=1e-12)
+
+
+@pytest.mark.parametrize(("slope", "share"), [
+    (-1.0, 1.0),  # the full step leads to the root
+    (-2.2, 0.5),  # beyond it, farther than before
+    (0.5, 1.0),  # up, whatever the step, but not by much: across it
+    (5.0, 0.25),  # up, by too much: the least bad one
+])
+def test_the_step_that_a_line_search_takes(slope, share):
+    """The residual is one at the start and has `slope` along the step; it steps over changes, but not far."""
+    class Line(NamedTuple):
+        residual: np.ndarray
+
+    class Equations:
+        def evaluate(self, u):
+            return Line(1.0 + slope * u)
+
+    found, _ = _line_search(Equations(), np.zeros(1), np.ones(1), 1.0)
+    assert found == pytest.approx([share])
 
 
 def test_all_routes_lead_to_one_root(equations):

@@ -132,7 +132,8 @@ class DlftEquations:
         tangential = friction_derivative(at.friction, at.limit, rate, self.synthesis, self.analysis)
         q = len(self.analysis)
         derivative = np.zeros((closed.shape[1], q, 3, q, 3))
-        derivative[:, :, 0], derivative[:, :, 1] = tangential.real, tangential.imag
+        derivative[:, :, 0] = tangential.real.transpose(0, 1, 3, 2)
+        derivative[:, :, 1] = tangential.imag.transpose(0, 1, 3, 2)
         products = (self.analysis[:, None, :] * self.synthesis.T[None, :, :]).reshape(q * q, -1)
         derivative[:, :, 2, :, 2] = (products @ closed).T.reshape(-1, q, q)
         return derivative

@@ -15,7 +15,8 @@ Vector = NDArray[np.float64]
 Operator = Callable[[Vector], Vector]
 
 KRYLOV_DIMENSION = 200
-SMALLEST_STEP = 2.0**-7
+STEPS = (1.0, 0.5, 0.25)
+TOLERATED_INCREASE = 2.0
 SUFFICIENT_DECREASE = 1e-4
 
 
@@ -94,8 +95,9 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
                  max_iterations: int) -> NewtonResult[State]:
     """Find the root near `start`.
 
-    Inexact Newton, the linear tolerance following the residual; a line search halves the step until the
-    residual falls. Where it never does, because many nodes change state at once, the smallest step is taken.
+    Inexact Newton, the linear tolerance following the residual; a line search halves the step until the residual
+    falls. Where it does not soon, because nodes are about to change state, smaller steps would only creep up to that
+    change: the largest step that does not spoil the residual is taken instead, across it.
 
     Parameters
     ----------
@@ -132,12 +134,15 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
 
 def _line_search(equations: Equations[State], u: Vector, step: Vector,
                  reference: float) -> tuple[Vector, State]:
-    """Return the first of the halved steps with sufficient decrease, or the smallest one."""
-    share = 1.0
-    while True:
+    """Return the first of `STEPS` with sufficient decrease, or the first tolerable one, or the best."""
+    tried = []
+    for share in STEPS:
         trial = u + share * step
         state = equations.evaluate(trial)
-        decreased = float(np.linalg.norm(state.residual)) <= (1.0 - SUFFICIENT_DECREASE * share) * reference
-        if decreased or share <= SMALLEST_STEP:
+        size = float(np.linalg.norm(state.residual))
+        if size <= (1.0 - SUFFICIENT_DECREASE * share) * reference:
             return trial, state
-        share *= 0.5
+        tried.append((size, trial, state))
+    tolerable = [one for one in tried if one[0] <= TOLERATED_INCREASE * reference]
+    _, trial, state = tolerable[0] if tolerable else min(tried, key=lambda one: one[0])
+    return trial, state
