@@ -40,8 +40,9 @@ def test_what_is_held_out_does_not_move_its_own_prediction(model):
         seen = replace(model, observation=replace(model.observation, values=true + change))
         fitter = Fitter(seen, Covariance(seen.observation.variance, seen.observation.modes), np.zeros(len(true)))
         fit = fitter.fit(space, friction, start, 0)
-        looked = RigSearch(fitter, lambda function, arguments: [function(one) for one in arguments], {})
-        return held_out(looked, fit, fit), fitter.fit(space, friction, start, 2), fit
+        looked = RigSearch(fitter, lambda function, arguments: [function(one) for one in arguments],
+                           {frozenset(): fit})
+        return held_out(looked, frozenset()), fitter.fit(space, friction, start, 2), fit
 
     off = z + 0.1 * (np.arange(len(z)) == 0)  # friction 3 % too large
     (plain, _, fit), (shifted, all_seen, _) = unseen(0.0, off), unseen(shift, off)

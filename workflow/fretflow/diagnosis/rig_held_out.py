@@ -9,7 +9,7 @@ import numpy as np
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array, Observation
-from fretflow.diagnosis.rig_search import RigSearch
+from fretflow.diagnosis.rig_search import Names, RigSearch
 from fretflow.diagnosis.rig_views import held_out_error
 from fretflow.diagnosis.verdict import HeldOut
 
@@ -50,18 +50,19 @@ def held_out_labels(observation: Observation) -> frozenset[str]:
     return frozenset([*kept, *sweep[1::2]])
 
 
-def held_out(looked: RigSearch, before: Fit, after: Fit) -> Unseen:
-    """Return what the fits before and after predict where they are made again without some of the loops."""
-    fitter, observation = looked.fitter, looked.fitter.rig.observation
+def held_out(looked: RigSearch, names: Names) -> Unseen:
+    """Return what the fits of the baseline and of a set predict, made again without some of the loops."""
+    observation, (before, after) = looked.fitter.rig.observation, (looked.baseline, looked.fits[names])
     labels = held_out_labels(observation)
     if not labels:
         return Unseen(labels, None, before.predicted, after.predicted)
     out = np.zeros(len(observation.values), dtype=bool)
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
-    hidden = replace(fitter, covariance=Covariance(
-        np.where(out, HIDDEN, 1.0) * fitter.covariance.variance, np.where(out[:, None], 0.0, fitter.covariance.modes)))
-    refits = looked.pool(refit_task, [_Refit(hidden, one) for one in dict.fromkeys((before, after))])
+    known = looked.fitter.covariance
+    hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance, np.where(out[:, None], 0.0, known.modes))
+    refits = looked.pool(refit_task, [_Refit(replace(looked.fitter_of(one), covariance=hidden), looked.fits[one])
+                                      for one in dict.fromkeys((frozenset(), names))])
     sizes = [held_out_error(observation, one.predicted, out) for one in (refits[0], refits[-1])]
     order = [label for label in dict.fromkeys(piece.label for piece in observation.pieces) if label in labels]
     shown = [np.where(out, own.predicted, fit.predicted) for own, fit in ((refits[0], before), (refits[-1], after))]

@@ -80,10 +80,10 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     progress(0.01, "specimens on two meshes")
     observation = observe(recording, SAMPLES)
     case = case_of(recording)
-    fitter, first = _fitter(recording, observation, tools, progress)
+    fitter, first, checks = _fitter(recording, observation, tools, progress)
     progress(0.15, "refitting the baseline")
     effort = FAST if fast else FULL
-    looked = begun(fitter, first, effort, tools.pool)
+    looked = begun(fitter, first, effort, tools.pool, checks)
     base = looked.baseline
     progress(0.3, "screening all effects")
     detection = detect(observation, base, looked.screen(frozenset()))
@@ -96,7 +96,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     found = decide(looked, chosen, detection)
     after = looked.fits[found.after]
     progress(0.85, "held-out loops")
-    unseen = held_out(looked, base, after)
+    unseen = held_out(looked, found.after)
     location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
@@ -121,8 +121,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
 
 
 def _fitter(recording: Recording, observation: Observation, tools: RigTools, progress: Progress
-            ) -> tuple[Fitter, Simulation]:
-    """Return the fitter on the coarse mesh with what that leaves out, and the first simulation."""
+            ) -> tuple[Fitter, Simulation, tuple[RigModel, RigModel]]:
+    """Return the fitter on the coarse mesh, the first simulation, and the models that tell what the mesh leaves out."""
     coarse, fine = (tools.reduce(case_of(recording, elements, f"{elements}-elements")) for elements in (COARSE, FINER))
     read = [reading(recording) for reading in (first_friction, rubbed_friction)]
     model, first = first_simulation([
@@ -131,9 +131,9 @@ def _fitter(recording: Recording, observation: Observation, tools: RigTools, pro
     progress(0.08, "what the coarse mesh leaves out")
     finer = replace(model, problem=replace(fine, friction_coefficient=model.problem.friction_coefficient))
     denser = replace(model, samples=2 * model.samples)
-    predicted = tools.pool(predict_task, [_Prediction(finer, Hypothesis()), _Prediction(denser, Hypothesis())])
+    predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     correction, modes = errors_of(observation, predicted[0], predicted[1], model.predict(first))
-    return Fitter(model, observation.covariance(modes), correction), first
+    return Fitter(model, observation.covariance(modes), correction), first, (finer, denser)
 
 
 def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:

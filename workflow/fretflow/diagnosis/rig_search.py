@@ -21,7 +21,8 @@ from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.covariance import SYSTEMATIC
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array
-from fretflow.diagnosis.rig_model import Simulation
+from fretflow.diagnosis.rig_model import RigModel, Simulation
+from fretflow.diagnosis.rig_setup import errors_of
 from fretflow.diagnosis.screening import (
     Signatures,
     Start,
@@ -89,6 +90,14 @@ class _Task:
 
 
 @dataclass(frozen=True)
+class _Corrected:
+    fitter: Fitter
+    fit: Fit
+    checks: Sequence[RigModel]
+    steps: int
+
+
+@dataclass(frozen=True)
 class _Laid:
     fitter: Fitter
     fit: Fit
@@ -105,6 +114,18 @@ def fit_task(task: _Task) -> Fit | None:
     return None
 
 
+def corrected_task(asked: _Corrected) -> tuple[Fitter, Fit]:
+    """Return a fitter with what the coarse mesh leaves out at a fitted hypothesis, and the fit carried on with it."""
+    fit, hypothesis = asked.fit, asked.fit.space.hypothesis(asked.fit.z)
+    try:
+        finer, denser = (model.predict(model.simulate(hypothesis)) for model in asked.checks)
+        correction, _ = errors_of(asked.fitter.rig.observation, finer, denser, fit.predicted - asked.fitter.correction)
+        own = replace(asked.fitter, correction=correction)
+        return own, own.fit(fit.space, fit.z, fit.simulation, asked.steps)
+    except NonConvergenceError:
+        return asked.fitter, fit
+
+
 def changes_task(laid: _Laid) -> Array:
     """Return the changes of `screening.changes`."""
     return changes(laid.fitter, laid.fit, laid.starts)
@@ -112,11 +133,17 @@ def changes_task(laid: _Laid) -> Array:
 
 @dataclass
 class RigSearch:
-    """The fits of sets of effects so far, the baseline's among them."""
+    """The fits of sets of effects so far, the baseline's among them.
+
+    `checks` are the models on a finer mesh and with more samples that tell what the fitter's leaves out; sets that were
+    corrected by them at their own fit have fitters of their own.
+    """
 
     fitter: Fitter
     pool: Pool
     fits: dict[Names, Fit]
+    checks: Sequence[RigModel] = ()
+    fitters: dict[Names, Fitter] = field(default_factory=dict)
     screened: dict[Names, Signatures] = field(default_factory=dict)
 
     @property
@@ -175,24 +202,25 @@ class RigSearch:
             fit = self.fits[names]
             starts = starts_beside(fit, rig_effects())
             halves = (tuple(starts[::2]), tuple(starts[1::2]))
-            found = self.pool(changes_task, [_Laid(self.fitter, fit, half) for half in halves])
+            own = self.fitter_of(names)
+            found = self.pool(changes_task, [_Laid(own, fit, half) for half in halves])
             moved = np.empty((len(found[0]), len(starts)))
             moved[:, ::2], moved[:, 1::2] = found
-            self._simulate_beyond(fit, starts, moved)
-            self.screened[names] = signatures(self.fitter, fit, starts, moved)
+            self._simulate_beyond(own, fit, starts, moved)
+            self.screened[names] = signatures(own, fit, starts, moved)
         return self.screened[names]
 
-    def _simulate_beyond(self, fit: Fit, starts: list[Start], moved: Array) -> None:
+    def _simulate_beyond(self, own: Fitter, fit: Fit, starts: list[Start], moved: Array) -> None:
         """Put simulated changes in place of first-order ones where these tell nothing; drop those beyond all sense."""
-        size = float(np.linalg.norm(self.fitter.covariance.whiten(self.fitter.rig.observation.values)))
-        white = np.linalg.norm(self.fitter.covariance.whiten(np.nan_to_num(moved)), axis=0)
+        size = float(np.linalg.norm(own.covariance.whiten(own.rig.observation.values)))
+        white = np.linalg.norm(own.covariance.whiten(np.nan_to_num(moved)), axis=0)
         moved[:, white > BEYOND * size] = np.nan
         unlike = [k for k, start in enumerate(starts) if not catalogue()[start.effect].first_order]
         asked = [k for k in unlike if not np.any(starts[k].z)]
         for k in asked:
             if in_sensors_alone(starts[k].effect):
-                starts[k] = seen_through(self.fitter, fit if fit.space.effects else self.unbent, starts[k].effect)
-        tasks = [_Task(self.fitter, *with_start(fit, starts[k]), fit.simulation, 0, np.inf) for k in asked]
+                starts[k] = seen_through(own, fit if fit.space.effects else self.unbent, starts[k].effect)
+        tasks = [_Task(own, *with_start(fit, starts[k]), fit.simulation, 0, np.inf) for k in asked]
         moved[:, unlike] = np.nan
         for k, found in zip(asked, self.pool(fit_task, tasks), strict=True):
             if found is not None:
@@ -203,12 +231,14 @@ class RigSearch:
         seen, fit = self.screen(to), self.fits[to]
         begun = [(name, start) for name in effects if name in seen.columns and to | {name} not in self.fits
                  for start in seen.begin(name)]
-        tasks = [_Task(self.fitter, *self._begun(to, start), fit.simulation, steps, fit.objective)
+        tasks = [_Task(self.fitter_of(to), *self._begun(to, start), fit.simulation, steps, fit.objective)
                  for _, start in begun]
         for (name, _), found in zip(begun, self.pool(fit_task, tasks), strict=True):
             known = self.fits.get(to | {name})
             if found is not None and (known is None or found.objective < known.objective):
                 self.fits[to | {name}] = found
+                if to in self.fitters:
+                    self.fitters[to | {name}] = self.fitters[to]
 
     def _begun(self, to: Names, start: Start) -> tuple[Space, Array]:
         """Return the space and the coordinates at which a fit with another effect begins.
@@ -223,13 +253,29 @@ class RigSearch:
     def carry_on(self, sets: Iterable[Names], steps: int) -> None:
         """Fit the sets that have not converged further."""
         open_ = [names for names in sets if not self.fits[names].converged]
-        tasks = [_Task(self.fitter, self.fits[names].space, self.fits[names].z, self.fits[names].simulation, steps,
-                       np.inf) for names in open_]
+        tasks = [_Task(self.fitter_of(names), fit.space, fit.z, fit.simulation, steps, np.inf)
+                 for names, fit in ((names, self.fits[names]) for names in open_)]
         for names, found in zip(open_, self.pool(fit_task, tasks), strict=True):
             if found is not None and found.objective < self.fits[names].objective:
                 self.fits[names] = found
             elif found is not None and found.converged:
                 self.fits[names] = replace(self.fits[names], converged=True)
+
+    def correct(self, sets: Iterable[Names], steps: int) -> None:
+        """Correct sets that leave more than noise by what the coarse mesh leaves out at their own fits.
+
+        The correction at the baseline says little of a hypothesis with strong effects.
+        """
+        asked = [names for names in sets if self.checks and self.excess(self.fits[names]) > 0.0]
+        tasks = [_Corrected(self.fitter_of(names), self.fits[names], self.checks, steps) for names in asked]
+        for names, (own, fit) in zip(asked, self.pool(corrected_task, tasks), strict=True):
+            if fit.objective < self.fits[names].objective:  # else what the corrections extrapolate is beyond them
+                self.fitters[names], self.fits[names] = own, fit
+                self.screened.pop(names, None)
+
+    def fitter_of(self, names: Names) -> Fitter:
+        """Return the fitter of a set."""
+        return self.fitters.get(names, self.fitter)
 
     def best(self, size: int, most: int, containing: Names = frozenset()) -> list[Names]:
         """Return the sets of a size with the largest evidence."""
@@ -237,13 +283,14 @@ class RigSearch:
         return sorted(own, key=lambda names: -self.fits[names].log_evidence)[:most]
 
 
-def begun(fitter: Fitter, first: Simulation, effort: Effort, pool: Pool) -> RigSearch:
+def begun(fitter: Fitter, first: Simulation, effort: Effort, pool: Pool, checks: Sequence[RigModel] = ()) -> RigSearch:
     """Return a search with the baseline refitted from its first simulation.
 
     Where that is astray, its last steps are left out: it says nothing about its own parameters then.
     """
     space = Space.of(())
-    found = RigSearch(fitter, pool, {frozenset(): fitter.fit(space, np.zeros(space.size), first, effort.base_steps)})
+    base = fitter.fit(space, np.zeros(space.size), first, effort.base_steps)
+    found = RigSearch(fitter, pool, {frozenset(): base}, checks)
     if effort.base_more and not found.astray:
         found.carry_on([frozenset()], effort.base_more)
     return found
@@ -260,6 +307,7 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
                   effort.more_steps)
     progress(0.5, "fitting the most promising")
     found.carry_on(found.best(1, effort.kept), effort.last_steps)
+    found.correct(found.best(1, effort.bases + 1), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):
         progress(0.65 + 0.3 * place / effort.bases, f"what could act beside {', '.join(one)}")
         if found.excess(found.fits[one]) == 0.0:
@@ -268,6 +316,7 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
         promising = [name for name in seen.ranked()[:effort.pairs] if seen.gain((name,)) > LEAST_GAIN]
         found.add(one, promising, effort.first_steps)
         found.carry_on(found.best(2, 2, one), effort.last_steps)
+        found.correct(found.best(2, 1, one), effort.last_steps)
 
 
 def polished(found: RigSearch, chosen: Names) -> None:

@@ -25,7 +25,7 @@ from fretflow.diagnosis.rig_model import (
     asperity_motion,
     channel,
 )
-from fretflow.effects.derivative import direction_between
+from fretflow.effects.derivative import directions_to
 from fretflow.effects.model import EffectModel
 from fretflow.harmonic.direction import Direction, gap
 from fretflow.harmonic.periodic import PeriodicProblem
@@ -59,9 +59,9 @@ def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypot
         return columns
     found = np.zeros((len(columns), len(chosen)))
     periods = {id(period): period for period in (*simulation.loops, *simulation.sweep)}
-    first = {key: _directions(rig, simulation, period, chosen) for key, period in periods.items()}
-    changes = {key: _carried(period, directions) for (key, period), directions in
-               zip(periods.items(), first.values(), strict=True)}
+    problems = {key: [_problem_of(one, simulation, period) for one in chosen] for key, period in periods.items()}
+    changes = {key: _carried(period, directions_to(problems[key], period.problem, period.solution))
+               for key, period in periods.items()}
     worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
     for key, period in periods.items():
         opened = worn[period.step.cycles]
@@ -72,7 +72,7 @@ def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypot
         before = rig.signals(period)
         shown = rig.sensed(simulation.model, before)
         for v, one in enumerate(chosen):
-            after = _sensed(rig, simulation, one, period, changes[key], v, before)
+            after = _sensed(rig, one, period, problems[key][v], changes[key], v, before)
             for piece in pieces:
                 found[piece.place, v] = channel(after, piece) - channel(shown, piece)
     for v in range(len(chosen)):
@@ -94,16 +94,6 @@ def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis) -> _N
     except FretflowError:
         return None
     return _Neighbour(model, hypothesis.wear * rig.wear_coefficient, states)
-
-
-def _directions(rig: RigModel, simulation: Simulation, period: Period, beside: Sequence[_Neighbour]
-                ) -> list[Direction]:
-    """Return the whole change of the period's problem to each neighbour, as directions of unit length."""
-    directions = []
-    for v, one in enumerate(beside):
-        problem = _problem_of(one, simulation, period)
-        directions.append(direction_between(period.problem, problem, 1.0, period.problem, period.solution, str(v)))
-    return directions
 
 
 def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> PeriodicProblem:
@@ -182,11 +172,10 @@ def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> Perio
     return replace(change, **added)
 
 
-def _sensed(rig: RigModel, simulation: Simulation, one: _Neighbour, period: Period, change: PeriodSensitivity, v: int,
+def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicProblem, change: PeriodSensitivity, v: int,
             before: Signals) -> Signals:
-    """Return what the sensors of a neighbour show of a period whose true channels were `before`."""
+    """Return what the sensors of a neighbour, of `problem`, show of a period whose true channels were `before`."""
     thin = len(period.solution.state) // rig.observation.samples
-    problem = _problem_of(one, simulation, period)
     after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
         period.solution,
         rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
