@@ -13,6 +13,7 @@ from typing import Any, TypeVar, dataclass_transform
 import numpy as np
 
 T = TypeVar("T")
+_PLAIN = frozenset({float, int, bool, str, tuple, type(None)})  # most fields; told at once
 
 
 def quantity(unit: str, shape: str = "", **kwargs: Any) -> Any:
@@ -21,13 +22,14 @@ def quantity(unit: str, shape: str = "", **kwargs: Any) -> Any:
 
 
 def _freeze_arrays(self: Any) -> None:
-    for f in fields(self):
-        value = getattr(self, f.name)
+    for name, value in tuple(vars(self).items()):
+        if type(value) in _PLAIN:
+            continue
         if isinstance(value, np.ndarray):
-            object.__setattr__(self, f.name, _frozen(value))
+            object.__setattr__(self, name, _frozen(value))
         elif isinstance(value, Mapping):
-            held = {name: _frozen(item) if isinstance(item, np.ndarray) else item for name, item in value.items()}
-            object.__setattr__(self, f.name, held)
+            held = {key: _frozen(item) if isinstance(item, np.ndarray) else item for key, item in value.items()}
+            object.__setattr__(self, name, held)
 
 
 def _frozen(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

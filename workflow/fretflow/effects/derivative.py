@@ -7,6 +7,7 @@ the implicit function theorem. The state over cycles is held.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -54,9 +55,10 @@ def _rig_force(problem: PeriodicProblem, motion: PeriodicSolution) -> Array:
     force[:, 0] = problem.excitation * np.cos(phase)
     for order, amplitude in problem.overtones:
         force[:, 0] += (amplitude * np.exp(1j * order * phase)).real
-    velocity = time_derivative(motion.rig_displacement, problem.omega)
-    for one in problem.rig_forces:
-        force += one(motion.rig_displacement, velocity).force
+    if problem.rig_forces:
+        velocity = time_derivative(motion.rig_displacement, problem.omega)
+        for one in problem.rig_forces:
+            force += one(motion.rig_displacement, velocity).force
     return force
 
 
@@ -77,25 +79,35 @@ def effect_direction(model: EffectModel, slow: SlowState, solution: PeriodicSolu
         others = tuple(effect.changed(**{name: value + by}) if one.id == effect_id else one for one in model.effects)
         return replace(model, effects=others).problem(slow)
 
-    return direction_between(varied(-step), varied(step), 2.0 * step, model.problem(slow), solution,
-                             f"{effect_id}.{name}")
+    grips = _grips(model.problem(slow), solution)
+    return _difference(_Data.of(varied(-step), solution), _Data.of(varied(step), solution), 2.0 * step, grips,
+                       f"{effect_id}.{name}")
 
 
-def direction_between(below: PeriodicProblem, above: PeriodicProblem, step: float, at: PeriodicProblem,
-                      solution: PeriodicSolution, name: str) -> Direction:
-    """Return the direction from the problem `below` to the problem `above`, `step` apart in a parameter.
+def directions_to(others: Sequence[PeriodicProblem], at: PeriodicProblem, solution: PeriodicSolution
+                  ) -> list[Direction]:
+    """Return the whole changes from the problem `at` to each of `others`, as directions of unit length.
 
-    `solution` is the period of the problem `at` between both.
+    `solution` is the period of `at`; the directions are named by their place.
     """
-    one, other = _Data.of(below, solution), _Data.of(above, solution)
-    slopes = {part.name: (getattr(other, part.name) - getattr(one, part.name)) / step for part in fields(_Data)}
+    here, grips = _Data.of(at, solution), _grips(at, solution)
+    return [_difference(here, _Data.of(other, solution), 1.0, grips, str(v)) for v, other in enumerate(others)]
+
+
+def _grips(at: PeriodicProblem, solution: PeriodicSolution) -> Array:
+    """Return the friction limit (N, nodes) in N by a change of the coefficient, at the instant's factor."""
     gripping = _Data.of(replace(at, friction_coefficient=1.0, motion_factors=()), solution).friction
-    by_limit = slopes.pop("friction")
-    # the coefficient that makes this change of the limit, at the instant's factor
     grip = Surroundings.of(at).conditions(at.normal_load, solution.rig_displacement[:, 1],
                                           np.zeros((len(solution.state), 0))).grip
-    effective = grip[:, None] * gripping
+    return grip[:, None] * gripping
+
+
+def _difference(one: _Data, other: _Data, step: float, grips: Array, name: str) -> Direction:
+    """Return the direction from the data `one` to the data `other`, `step` apart in a parameter."""
+    slopes = {part.name: (getattr(other, part.name) - getattr(one, part.name)) / step for part in fields(_Data)}
+    by_limit = slopes.pop("friction")
     rig = LumpedRig(**dict(zip((part.name for part in fields(LumpedRig)), slopes.pop("rig"), strict=True)))
-    friction = np.divide(by_limit, effective, out=np.zeros_like(by_limit), where=effective > 0.0)
+    # the coefficient that makes this change of the limit
+    friction = np.divide(by_limit, grips, out=np.zeros_like(by_limit), where=grips > 0.0)
     kept = {part: value for part, value in {"friction": friction, **slopes}.items() if np.any(value)}
     return Direction(name=name, rig=rig if any(getattr(rig, part.name) for part in fields(LumpedRig)) else None, **kept)
