@@ -16,7 +16,6 @@ Operator = Callable[[Vector], Vector]
 
 KRYLOV_DIMENSION = 200
 STEPS = (1.0, 0.5, 0.25)
-TOLERATED_INCREASE = 2.0
 SUFFICIENT_DECREASE = 1e-4
 
 
@@ -97,7 +96,7 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
 
     Inexact Newton, the linear tolerance following the residual; a line search halves the step until the residual
     falls. Where it does not soon, because nodes are about to change state, smaller steps would only creep up to that
-    change: the largest step that does not spoil the residual is taken instead, across it.
+    change: the best of a few large steps is taken instead, across it.
 
     Parameters
     ----------
@@ -134,7 +133,7 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
 
 def _line_search(equations: Equations[State], u: Vector, step: Vector,
                  reference: float) -> tuple[Vector, State]:
-    """Return the first of `STEPS` with sufficient decrease, or the first tolerable one, or the best."""
+    """Return the first of `STEPS` with sufficient decrease, or the best."""
     tried = []
     for share in STEPS:
         trial = u + share * step
@@ -143,6 +142,5 @@ def _line_search(equations: Equations[State], u: Vector, step: Vector,
         if size <= (1.0 - SUFFICIENT_DECREASE * share) * reference:
             return trial, state
         tried.append((size, trial, state))
-    tolerable = [one for one in tried if one[0] <= TOLERATED_INCREASE * reference]
-    _, trial, state = tolerable[0] if tolerable else min(tried, key=lambda one: one[0])
+    _, trial, state = min(tried, key=lambda one: one[0])
     return trial, state
