@@ -101,6 +101,10 @@ class Fitter:
                 return _converged(now)
         return now
 
+    def promise(self, fit: Fit) -> float:
+        """Return the objective that the next step from a fit would reach if all were linear."""
+        return self._expected(fit, _step(fit))
+
     def _expected(self, now: Fit, step: Array) -> float:
         return float(np.sum((now.residual - now.whitened_jacobian @ step)**2) + np.sum((now.z + step)**2))
 

@@ -70,6 +70,7 @@ class Observation:
     aligned_to: str  # channel whose fundamental's maximum is phase zero
     conditions: tuple[Condition, ...]
     points: Array = quantity("m", "(P, 2), of the map")
+    smooth_share: float = quantity("1", default=0.0)  # of what repeats differ by, the largest of the loops' channels
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -100,6 +101,7 @@ class _Stack:
     floor: list[Array]
     pieces: list[Piece]
     shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
+    smooth: list[float]  # share of what repeats differ by, see `Repeatability`
 
     @property
     def size(self) -> int:
@@ -128,7 +130,7 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     """
     if recording.loops is None:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
-    stack = _Stack([], [], [], [], [], [])
+    stack = _Stack([], [], [], [], [], [], [])
     samples = _common_samples(recording, most)
     _add_loops(stack, recording.loops, samples, None)
     if recording.sweep is not None:
@@ -151,7 +153,8 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
         values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
         noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
         pieces=tuple(stack.pieces), samples=samples, aligned_to=recording.loops.aligned_to,
-        conditions=() if recording.sweep is None else recording.sweep.conditions, points=points)
+        conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
+        smooth_share=max(stack.smooth, default=0.0))
 
 
 def _common_samples(recording: Recording, most: int) -> int:
@@ -203,6 +206,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: Mapping[
         values = resampled(loops.channels[name], loops.phase, samples)
         spread = _spread(values)
         size = _size(channel, spread.mean)
+        if channel in ("displacement", "friction_force"):
+            stack.smooth.append(spread.smooth_share)
         least = DIGITIZING * size
         for k in np.flatnonzero(loops.repeats):
             mean, repeats = spread.mean[k], int(loops.repeats[k])

@@ -19,6 +19,8 @@ FALSE_ALARMS = 0.05
 DRAWS = 400
 SEED = 20241
 HARMONICS = 5
+REPEATS = "smooth differences between repeats"
+UNSTEADY, SURE = 0.5, 1e-6  # share of the differences beyond which they are not noise, and how sure that is
 
 
 def detect(observation: Observation, base: Fit, seen: Signatures) -> Detection:
@@ -31,10 +33,19 @@ def detect(observation: Observation, base: Fit, seen: Signatures) -> Detection:
         "chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, len(base.residual) - len(base.z))),
         "gain of the effect that promises most": _of_draws(
             max(seen.gain((name,)) for name in seen.columns) / SYSTEMATIC, _gains(seen, draws)),
-        "harmonics of the loops by their trend over the cycles": _harmonics(observation, seen.residual, own)}
+        "harmonics of the loops by their trend over the cycles": _harmonics(observation, seen.residual, own),
+        REPEATS: SURE if unsteady(observation) else 1.0}
     name = min(tests, key=lambda key: tests[key])
     return Detection(p_value=min(1.0, len(tests) * tests[name]), statistic=name, tests=tests,
                      false_alarm_rate=FALSE_ALARMS)
+
+
+def unsteady(observation: Observation) -> bool:
+    """Tell whether repeats differ by smooth changes of the loops rather than by noise.
+
+    Then the motion does not repeat itself with the drive, as no model here does.
+    """
+    return observation.smooth_share > UNSTEADY
 
 
 def _gains(seen: Signatures, draws: Array) -> Array:

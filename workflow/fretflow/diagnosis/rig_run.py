@@ -15,7 +15,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.diagnosis import rig_words as words
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array, Observation, observe
-from fretflow.diagnosis.rig_detection import detect
+from fretflow.diagnosis.rig_detection import detect, unsteady
 from fretflow.diagnosis.rig_estimates import case_text, estimates
 from fretflow.diagnosis.rig_held_out import held_out
 from fretflow.diagnosis.rig_law import residual_law
@@ -102,6 +102,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
     notes = [*map(str, recording.notes), *words.unfinished({
         names for names in (frozenset(), found.after) if not looked.fits[names].converged})]
+    if unsteady(observation):
+        notes.append(words.not_repeated())
     if not fast:
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, fitter, list(dict.fromkeys((base, after))), tools))

@@ -47,6 +47,7 @@ LEAST_GAIN = 12.0  # in log evidence that an effect must promise to be looked at
 SECOND = 0.6  # share of what one effect leaves that a second one must explain
 PLACED = 0.005  # share of the baseline's excess that it must explain
 NEARLY_ALL = 0.97  # share explained from which nothing else is looked for in the place of what does
+PROMISING = 3  # effects by screening that are fitted on whatever their first steps came to
 POLISHING = 8  # steps at most
 
 
@@ -71,12 +72,13 @@ class Effort:
     more_steps: int  # of each other one, where the first ones explain too little
     bases: int  # single effects to which a second one is sought
     pairs: int  # for each of them
+    surveyed: int  # single effects that are begun at all their starts, where the baseline is astray
 
 
-FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=3, last_steps=3, more_steps=1, bases=1,
-              pairs=2)
+FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=3, last_steps=6, more_steps=1, bases=1,
+              pairs=2, surveyed=0)
 FULL = Effort(base_steps=8, base_more=0, singles=100, first_steps=2, kept=6, last_steps=10, more_steps=2, bases=2,
-              pairs=4)
+              pairs=4, surveyed=6)
 
 
 @dataclass(frozen=True)
@@ -234,11 +236,30 @@ class RigSearch:
         tasks = [_Task(self.fitter_of(to), *self._begun(to, start), fit.simulation, steps, fit.objective)
                  for _, start in begun]
         for (name, _), found in zip(begun, self.pool(fit_task, tasks), strict=True):
-            known = self.fits.get(to | {name})
-            if found is not None and (known is None or found.objective < known.objective):
-                self.fits[to | {name}] = found
+            if found is not None:
+                self._keep(to | {name}, found)
                 if to in self.fitters:
                     self.fitters[to | {name}] = self.fitters[to]
+
+    def add_from_all_starts(self, effects: Iterable[str], steps: int) -> None:
+        """Fit single effects from the most promising of all their starts; for a baseline far from the answer."""
+        seen, fit = self.screen(frozenset()), self.baseline
+        starts = [start for name in effects if name in seen.columns for start in seen.starts[name]]
+        tasks = [_Task(self.fitter, *self._begun(frozenset(), start), fit.simulation, 0, np.inf) for start in starts]
+        best: dict[tuple[str, tuple[float, ...]], Fit] = {}
+        for start, found in zip(starts, self.pool(fit_task, tasks), strict=True):
+            key = (start.effect, start.sign)
+            if found is not None and (key not in best or self.fitter.promise(found) < self.fitter.promise(best[key])):
+                best[key] = found
+        tasks = [_Task(self.fitter, one.space, one.z, one.simulation, steps, fit.objective) for one in best.values()]
+        for (name, _), found in zip(best, self.pool(fit_task, tasks), strict=True):
+            if found is not None:
+                self._keep(frozenset({name}), found)
+
+    def _keep(self, names: Names, fit: Fit) -> None:
+        known = self.fits.get(names)
+        if known is None or fit.objective < known.objective:
+            self.fits[names] = fit
 
     def _begun(self, to: Names, start: Start) -> tuple[Space, Array]:
         """Return the space and the coordinates at which a fit with another effect begins.
@@ -301,12 +322,17 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     progress(0.0, "screening all effects")
     ranked = found.screen(frozenset()).ranked()
     progress(0.1, "fitting single effects")
+    if found.astray:
+        found.add_from_all_starts(ranked[:effort.surveyed], effort.first_steps)
     found.add(frozenset(), ranked[:effort.singles], effort.first_steps)
     if max(map(found.explained, found.fits)) < NEARLY_ALL:
         found.add(frozenset(), [name for name in rig_effects() if name not in ranked[:effort.singles]],
                   effort.more_steps)
     progress(0.5, "fitting the most promising")
-    found.carry_on(found.best(1, effort.kept), effort.last_steps)
+    # a start may be so far off that an effect that promises much is still behind
+    found.carry_on(dict.fromkeys([*found.best(1, effort.kept), *(frozenset({name}) for name in ranked[:PROMISING]
+                                                                 if frozenset({name}) in found.fits)]),
+                   effort.last_steps)
     found.correct(found.best(1, effort.bases + 1), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):
         progress(0.65 + 0.3 * place / effort.bases, f"what could act beside {', '.join(one)}")

@@ -8,6 +8,7 @@ from math import exp, sqrt
 import numpy as np
 
 from fretflow.diagnosis.covariance import SYSTEMATIC
+from fretflow.diagnosis.rig_detection import unsteady
 from fretflow.diagnosis.rig_search import LEAST_GAIN, NEARLY_ALL, Names, RigSearch
 from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Verdict
 
@@ -16,7 +17,7 @@ MOST_ALTERNATIVES = 3
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
 MOST_RANKED = 40
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
-BAD = 3.0
+BAD = 1.5
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
         return Found(Verdict.NONE, (), frozenset(), 0.0, _of_none(looked), ranking, _widened(looked, frozenset()))
     share = looked.explained(chosen) if chosen else 0.0
     claim = 1.0 / (1.0 + exp(-(share - EXPLAINED_GATE) / GATE_WIDTH))
-    if not chosen or not explains(looked, chosen):
+    if not chosen or not explains(looked, chosen) or unsteady(looked.fitter.rig.observation):
         best = chosen or next((names for names in probability if names), frozenset())
         return Found(Verdict.UNKNOWN, (), best, share, max(0.5, 1.0 - claim), ranking, _widened(looked, best))
     rivals = {names: value for names, value in probability.items()

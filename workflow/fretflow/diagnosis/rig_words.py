@@ -90,6 +90,13 @@ def unfinished(sets: Collection[Names]) -> list[str]:
             "rest: it may explain a little more, with slightly other parameters" for names in sorted(sets, key=len)]
 
 
+def not_repeated() -> str:
+    """Return the warning of loops that differ smoothly from repeat to repeat."""
+    return ("the repeats of a cycle count differ by smooth changes of the whole loop, not by noise: the motion does "
+            "not repeat itself with the drive (a subharmonic, an intermittent contact, a drive or load that wanders), "
+            "as it does in every model here; record some consecutive periods to see what it follows")
+
+
 def separating(sets: Sequence[Names]) -> str:
     """Return the measurement that would tell the alternatives apart, nothing where there is one only."""
     told: dict[str, list[str]] = {}

@@ -37,6 +37,11 @@ class Start:
     z: Array
     signs: dict[str, float]
 
+    @property
+    def sign(self) -> tuple[float, ...]:
+        """Return the signs alone."""
+        return tuple(self.signs.values())
+
 
 @dataclass(frozen=True)
 class Signatures:
@@ -72,7 +77,7 @@ class Signatures:
         found: dict[tuple[float, ...], Start] = {}
         for place in np.argsort(left):
             one = self.starts[effect][place]
-            found.setdefault(tuple(one.signs.values()), one)
+            found.setdefault(one.sign, one)
         return list(found.values())
 
 

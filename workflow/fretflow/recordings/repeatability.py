@@ -18,6 +18,7 @@ from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
 
+SMOOTH = 5  # harmonics, of which white noise of N samples has 10 / N
 LEAST_COUNTS = 7  # cycle counts for the scatter about their trend
 
 
@@ -33,6 +34,7 @@ class Repeatability:
     repeat_sd: Array = quantity("", "(N,), between repeats in all: the floor of a single loop")
     cycle_sd: Array | None = quantity("", "(N,), of a cycle count about its neighbours, beyond the repeats")
     degrees_of_freedom: int  # of the differences between repeats, per phase
+    smooth_share: float = quantity("1", default=0.0)  # of what is left of these differences, in `SMOOTH` harmonics
 
     def covariance(self, k: int) -> Array:
         """Return the covariance (N, N) of the mean loop at cycle count `k` by noise, gain and offset."""
@@ -62,7 +64,7 @@ def repeatability(values: Array) -> Repeatability:
                                        "record some loops twice")
     mean = np.full((len(values), values.shape[2]), np.nan)
     total, rest, between = np.zeros(values.shape[2]), np.zeros(values.shape[2]), np.zeros(2)
-    noise_of_fit = np.zeros(2)
+    noise_of_fit, smooth = np.zeros(2), 0.0
     for k in np.flatnonzero(repeats):
         loops = values[k, there[k]]
         mean[k] = loops.mean(axis=0)
@@ -73,7 +75,9 @@ def repeatability(values: Array) -> Repeatability:
         away = loops - mean[k]
         fits = away @ basis.T / squares  # (R, gain and offset); the two are orthogonal
         total += np.sum(away**2, axis=0)
-        rest += np.sum((away - fits @ basis) ** 2, axis=0)
+        left = away - fits @ basis
+        rest += np.sum(left**2, axis=0)
+        smooth += 2.0 / values.shape[2] * float(np.sum(np.abs(np.fft.rfft(left, axis=1)[:, 1:SMOOTH + 1])**2))
         between += np.sum(fits**2, axis=0)
         noise_of_fit += (repeats[k] - 1) / squares
     samples = values.shape[2]
@@ -82,7 +86,8 @@ def repeatability(values: Array) -> Repeatability:
     repeat_variance = total / freedom
     return Repeatability(mean=mean, repeats=repeats, noise_sd=np.sqrt(noise), gain_sd=float(fitted[0]),
                          offset_sd=float(fitted[1]), repeat_sd=np.sqrt(repeat_variance),
-                         cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom)
+                         cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom,
+                         smooth_share=smooth / max(float(rest.sum()), 1e-300))
 
 
 def _about_neighbours(mean: Array, repeats: NDArray[np.int64], repeat_variance: Array) -> Array | None:
