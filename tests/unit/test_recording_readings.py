@@ -192,10 +192,10 @@ def test_absent_repeats_do_not_count(spring_slider):
 def test_repeats_that_differ_smoothly_are_told_from_noise():
     """White noise of N samples has 10 / N of its power in five harmonics; loops that wander have nearly all of it."""
     rng, phase = np.random.default_rng(11), 2.0 * np.pi * np.arange(160) / 160
-    loops = np.broadcast_to(np.cos(phase), (8, 3, 160))
+    loops = np.broadcast_to(np.cos(phase), (40, 3, 160))
     noise = 0.1 * rng.standard_normal(loops.shape)
     assert repeatability(loops + noise).smooth_share == pytest.approx(10.0 / 160.0, rel=0.2)
-    gains, offsets = 1.0 + 0.2 * rng.standard_normal((8, 3, 1)), rng.standard_normal((8, 3, 1))
+    gains, offsets = 1.0 + 0.2 * rng.standard_normal((40, 3, 1)), rng.standard_normal((40, 3, 1))
     assert repeatability(gains * loops + offsets + noise).smooth_share < 0.1
-    wandering = rng.standard_normal((8, 3, 1)) * np.sin(phase)
+    wandering = rng.standard_normal((40, 3, 1)) * np.sin(phase)
     assert repeatability(loops + noise + wandering).smooth_share > 0.9
