@@ -69,15 +69,15 @@ class Effort:
     first_steps: int
     kept: int
     last_steps: int
-    more_steps: int  # of each other one, where the first ones explain too little
+    more: int  # other ones that are fitted where the first ones explain too little
     bases: int  # single effects to which a second one is sought
     pairs: int  # for each of them
     surveyed: int  # single effects that are begun at all their starts, where the baseline is astray
 
 
-FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=3, last_steps=6, more_steps=1, bases=1,
+FAST = Effort(base_steps=4, base_more=4, singles=6, first_steps=2, kept=3, last_steps=6, more=5, bases=1,
               pairs=2, surveyed=0)
-FULL = Effort(base_steps=8, base_more=0, singles=100, first_steps=2, kept=6, last_steps=10, more_steps=2, bases=2,
+FULL = Effort(base_steps=8, base_more=0, singles=100, first_steps=2, kept=6, last_steps=10, more=0, bases=2,
               pairs=4, surveyed=6)
 
 
@@ -294,6 +294,11 @@ class RigSearch:
                 self.fitters[names], self.fits[names] = own, fit
                 self.screened.pop(names, None)
 
+    def promising(self, effects: Iterable[str], most: int) -> list[Names]:
+        """Return the single effects, of those with a fit, whose next step would reach least if all were linear."""
+        there = [names for names in (frozenset({name}) for name in effects) if names in self.fits]
+        return sorted(there, key=lambda names: self.fitter.promise(self.fits[names]))[:most]
+
     def fitter_of(self, names: Names) -> Fitter:
         """Return the fitter of a set."""
         return self.fitters.get(names, self.fitter)
@@ -326,8 +331,9 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
         found.add_from_all_starts(ranked[:effort.surveyed], effort.first_steps)
     found.add(frozenset(), ranked[:effort.singles], effort.first_steps)
     if max(map(found.explained, found.fits)) < NEARLY_ALL:
-        found.add(frozenset(), [name for name in rig_effects() if name not in ranked[:effort.singles]],
-                  effort.more_steps)
+        rest = [name for name in rig_effects() if name not in ranked[:effort.singles]]
+        found.add(frozenset(), rest, 0)
+        found.carry_on(found.promising(rest, effort.more), effort.first_steps)
     progress(0.5, "fitting the most promising")
     # a start may be so far off that an effect that promises much is still behind
     found.carry_on(dict.fromkeys([*found.best(1, effort.kept), *(frozenset({name}) for name in ranked[:PROMISING]
