@@ -163,9 +163,8 @@ class RigSearch:
         """Return the chi-squared that repeats explain."""
         return float(self.fitter.rig.observation.noise.sum())
 
-    @property
     def unbent(self) -> Fit:
-        """Return the baseline's fit, or where that is astray the baseline with its own readings."""
+        """Return the baseline's fit, or where that is astray the baseline simulated with its own readings."""
         if not self.astray:
             return self.baseline
         space = self.baseline.space
@@ -221,7 +220,7 @@ class RigSearch:
         asked = [k for k in unlike if not np.any(starts[k].z)]
         for k in asked:
             if in_sensors_alone(starts[k].effect):
-                starts[k] = seen_through(own, fit if fit.space.effects else self.unbent, starts[k].effect)
+                starts[k] = seen_through(own, fit if fit.space.effects else self.unbent(), starts[k].effect)
         tasks = [_Task(own, *with_start(fit, starts[k]), fit.simulation, 0, np.inf) for k in asked]
         moved[:, unlike] = np.nan
         for k, found in zip(asked, self.pool(fit_task, tasks), strict=True):
