@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fretflow.diagnosis.rig_detection import GAINS
 from fretflow.diagnosis.rig_search import FAST, FULL, LEAST_GAIN, SLACK, Effort, RigSearch, begun, chosen_set, polished
-from fretflow.diagnosis.rig_verdict import decide
+from fretflow.diagnosis.rig_verdict import UNLISTED, decide
 from fretflow.diagnosis.verdict import Detection, Verdict
 
 EXPECTED = 1000.0
@@ -90,7 +91,24 @@ def test_nothing_of_the_catalogue_is_unknown() -> None:
     assert verdict.verdict is Verdict.UNKNOWN
     assert verdict.effects == ()
     assert verdict.explained == pytest.approx(4000.0 / (4000.0 + 5000.0 - SLACK * 1000.0))
-    assert verdict.probability > 0.9
+    assert verdict.probability == UNLISTED
+
+
+def test_a_promise_that_no_fit_keeps_is_nothing() -> None:
+    """Screening sees more than chance, and no fit does: nothing is left out. Other tests are not so overruled."""
+    found = searched(none=1200.0, viscous=1199.0)
+    promise: Any = SimpleNamespace(columns={"viscous": None}, gain=lambda names: 9.0)
+    found.screened[frozenset()] = promise
+    assert chosen_set(found) == frozenset()
+    assert decide(found, frozenset(), replace(seen(1e-3), statistic=GAINS)).verdict is Verdict.NONE
+    assert decide(found, frozenset(), seen(1e-3)).verdict is Verdict.UNKNOWN
+
+
+def test_faint_effects_are_less_sure() -> None:
+    """Where the baseline's misfit is within what codes differ by, the gate cannot tell listed from unlisted effects."""
+    sure, faint = (decide(found, chosen_set(found), seen(1e-9)).probability for found in (
+        searched(none=31000.0, viscous=1010.0), searched(none=1240.0, viscous=1010.0)))
+    assert faint < 0.6 < 0.95 < sure
 
 
 def test_a_bad_fit_is_no_name_though_it_explains_most() -> None:

@@ -19,6 +19,7 @@ FALSE_ALARMS = 0.05
 DRAWS = 400
 SEED = 20241
 HARMONICS = 5
+GAINS = "gain of the effect that promises most"
 REPEATS = "smooth differences between repeats"
 UNSTEADY, SURE = 0.5, 1e-6  # share of the differences beyond which they are not noise, and how sure that is
 
@@ -31,7 +32,7 @@ def detect(observation: Observation, base: Fit, seen: Signatures) -> Detection:
     draws -= own @ (own.T @ draws)
     tests = {
         "chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, len(base.residual) - len(base.z))),
-        "gain of the effect that promises most": _of_draws(
+        GAINS: _of_draws(
             max(seen.gain((name,)) for name in seen.columns) / SYSTEMATIC, _gains(seen, draws)),
         "harmonics of the loops by their trend over the cycles": _harmonics(observation, seen.residual, own),
         REPEATS: SURE if unsteady(observation) else 1.0}

@@ -23,8 +23,8 @@ from fretflow.diagnosis.rig_location import locate
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
 from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, begun, chosen_set, polished, search
 from fretflow.diagnosis.rig_setup import (
-    COARSE,
-    FINER,
+    MESHES,
+    MESHES_FAST,
     Reduce,
     case_of,
     errors_of,
@@ -80,7 +80,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     progress(0.01, "specimens on two meshes")
     observation = observe(recording, SAMPLES)
     case = case_of(recording)
-    fitter, first, checks = _fitter(recording, observation, tools, progress)
+    fitter, first, checks = _fitter(recording, observation, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
     effort = FAST if fast else FULL
     looked = begun(fitter, first, effort, tools.pool, checks)
@@ -122,13 +122,13 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
 
 
-def _fitter(recording: Recording, observation: Observation, tools: RigTools, progress: Progress
-            ) -> tuple[Fitter, Simulation, tuple[RigModel, RigModel]]:
+def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int], tools: RigTools,
+            progress: Progress) -> tuple[Fitter, Simulation, tuple[RigModel, RigModel]]:
     """Return the fitter on the coarse mesh, the first simulation, and the models that tell what the mesh leaves out."""
     # the contact follows its static stiffness; the specimens' own modes are not looked at
     plain = {"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}
     coarse, fine = (tools.reduce(case_of(recording, elements, f"{elements}-elements").model_copy(update=plain))
-                    for elements in (COARSE, FINER))
+                    for elements in meshes)
     read = [reading(recording) for reading in (first_friction, rubbed_friction)]
     model, first = first_simulation([
         model_of(recording, observation, replace(coarse, friction_coefficient=friction),

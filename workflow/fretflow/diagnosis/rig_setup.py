@@ -17,7 +17,8 @@ from fretflow.recordings.recording import Recording
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
 
-COARSE, FINER = 4, 6  # elements per side of the contact square
+# elements per side of the contact square: of the mesh that is fitted with, and of the one that tells what it leaves out
+MESHES, MESHES_FAST = (6, 8), (4, 6)
 # Linear elements err by about h^2: (1/4)^2 / ((1/4)^2 - (1/6)^2) of the difference between the two meshes; the
 # corners' singularity makes it less regular, and half of the difference stays as an error.
 EXTRAPOLATED, MESH_ERROR = 1.3, 0.7

@@ -253,7 +253,7 @@ class _ArmNewton:
         """March the period of `arm`; `last` is the norm before, for the contact's accuracy."""
         # the contact need not be solved much closer than the residual that Newton is about to reach
         accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
-        repeat = min(REPEATS * last, 10.0 * last**2)
+        repeat = min(REPEATS * last, last**2)
         return self.march.period(self.equations.synthesis @ arm, directions, before, near, accuracy, repeat)
 
     @property
