@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.core.errors import NonConvergenceError
 from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.fit import Fitter
-from fretflow.diagnosis.rig_model import Hypothesis
+from fretflow.diagnosis.rig_model import Hypothesis, RigModel
+from fretflow.diagnosis.rig_search import SLACK, RigSearch
+from fretflow.diagnosis.rig_setup import RICHARDSON, first_simulation
 from fretflow.diagnosis.screening import changes, in_sensors_alone, seen_through, signatures, starts_beside
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
@@ -70,3 +73,52 @@ def test_a_start_far_off_is_not_given_up_before_its_first_step(recorded):
     assert then < 0.6 * begun
     assert fitter.fit(space, z, fit.simulation, 1, worth=0.3 * begun).objective == pytest.approx(then)
     assert fitter.fit(space, z, fit.simulation, 1, worth=0.01 * begun).objective == pytest.approx(begun)
+
+
+def test_a_start_without_a_simulation_is_left_out(recorded, monkeypatch):
+    """Of two readings of friction the one that cannot be simulated does not stop the other; two of them do."""
+    fitter, _ = recorded()
+    simulate = RigModel.simulate
+
+    def failing(model, hypothesis, near=None):
+        if np.mean(model.problem.friction_coefficient) > 0.9:
+            raise NonConvergenceError("too much friction")
+        return simulate(model, hypothesis, near)
+
+    monkeypatch.setattr(RigModel, "simulate", failing)
+    stuck = replace(fitter.rig, problem=replace(fitter.rig.problem, friction_coefficient=50.0))
+    for models in ((stuck, fitter.rig), (fitter.rig, stuck)):
+        assert first_simulation(models)[0] is fitter.rig
+    with pytest.raises(NonConvergenceError, match="too much friction"):
+        first_simulation([stuck, stuck])
+
+
+def test_the_reading_whose_displacement_is_nearest_is_the_start(recorded):
+    fitter, _ = recorded()
+    other = replace(fitter.rig, problem=replace(fitter.rig.problem, friction_coefficient=0.7))
+    assert first_simulation([other, fitter.rig])[0] is fitter.rig
+
+
+def test_correction_at_a_fit_is_kept_where_it_lessens_the_misfit(recorded):
+    """A recording of the denser model is met once the plain model is corrected by it; a wrong check changes nothing."""
+    fitter, _ = recorded()
+    denser = replace(fitter.rig, samples=2 * fitter.rig.samples)
+    exact = fitter.rig.predict(fitter.rig.simulate(Hypothesis()))
+    twice = exact + RICHARDSON * (denser.predict(denser.simulate(Hypothesis())) - exact)
+    seen = replace(fitter.rig, observation=replace(fitter.rig.observation, values=twice))
+    plain, space, none = replace(fitter, rig=seen), Space.of(()), frozenset()
+
+    def looked(check):
+        fit = plain.fit(space, np.zeros(space.size), None, 0)
+        found = RigSearch(plain, lambda function, arguments: [function(one) for one in arguments], {none: fit},
+                          (seen, check))
+        found.correct([none], 0)
+        return fit, found
+
+    fit, found = looked(replace(seen, samples=denser.samples))
+    assert fit.chi_squared > found.expected * SLACK
+    assert found.fits[none].chi_squared < 1e-6 * fit.chi_squared
+    assert found.fitter_of(none) is not plain
+    fit, found = looked(replace(seen, problem=replace(seen.problem, friction_coefficient=0.7)))
+    assert found.fits[none] is fit
+    assert found.fitter_of(none) is plain

@@ -27,8 +27,11 @@ Loop = TypeVar("Loop", bound=Callable[..., Any])
 
 
 def compiled(loop: Loop) -> Loop:
-    """Compile an inner loop at its first call; the machine code is kept."""
-    return cast(Loop, njit(cache=True, error_model="numpy")(loop))
+    """Compile an inner loop at its first call; the machine code is kept where there is a folder for it."""
+    try:
+        return cast(Loop, njit(cache=True, error_model="numpy")(loop))
+    except RuntimeError:
+        return cast(Loop, njit(error_model="numpy")(loop))
 
 
 class UnsettledContactError(RuntimeError):

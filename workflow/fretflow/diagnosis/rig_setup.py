@@ -117,14 +117,21 @@ def model_of(recording: Recording, observation: Observation, problem: PeriodicPr
 def first_simulation(models: Sequence[RigModel]) -> tuple[RigModel, Simulation]:
     """Return the model whose displacement is the nearest to the recording's, each loop's zero free, and its simulation.
 
-    A model that does not slide gets less friction until it does. The force decides nothing: its sensor may lie.
+    A model that has no simulation gets less friction until it has; one that never has is left out. The force decides
+    nothing: its sensor may lie.
 
     Raises
     ------
     NonConvergenceError
         If there is none.
     """
-    found = [_eased(model) for model in models]
+    found: list[tuple[RigModel, Simulation]] = []
+    for model in models:
+        try:
+            found.append(_eased(model))
+        except NonConvergenceError:
+            if not found and model is models[-1]:
+                raise
     return min(found, key=lambda one: _displacement_error(*one))
 
 

@@ -22,6 +22,7 @@ MOST_RANKED = 40
 UNLISTED, FAINT, ROOM = 0.56, 0.45, 0.5
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD = 1.5
+CHANCE = 1e-3  # p-value below which a promise is no chance
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
     share = looked.explained(chosen) if chosen else 0.0
     claim = (1.0 - FAINT / (1.0 + looked.excess(looked.baseline) / (ROOM * looked.expected))) / (
         1.0 + exp(-(share - EXPLAINED_GATE) / GATE_WIDTH))
-    if not chosen and detection.statistic == GAINS:  # a first-order promise that no fit keeps
+    if not chosen and _only_promised(detection):
         return Found(Verdict.NONE, (), frozenset(), 0.0, _of_none(looked), ranking, _widened(looked, frozenset()))
     if not chosen or not explains(looked, chosen) or unsteady(looked.fitter.rig.observation):
         best = chosen or next((names for names in probability if names), frozenset())
@@ -67,6 +68,16 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
             sum_ += value / total
     verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
     return Found(verdict, tuple(sets), chosen, share, sum_ * claim, ranking, _widened(looked, chosen))
+
+
+def _only_promised(detection: Detection) -> bool:
+    """Return whether nothing but the first-order gains of the screening sees anything, and that no more than just.
+
+    Where no fit keeps such a promise, it was chance. One that chance does not make stays unexplained.
+    """
+    others = [value for name, value in detection.tests.items() if name != GAINS]
+    return (detection.statistic == GAINS and detection.p_value > CHANCE
+            and all(len(detection.tests) * value >= detection.false_alarm_rate for value in others))
 
 
 def explains(looked: RigSearch, names: Names) -> bool:

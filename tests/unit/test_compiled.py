@@ -1,0 +1,35 @@
+"""The products and factors that compiled loops take from BLAS and LAPACK, against NumPy."""
+
+import numpy as np
+import pytest
+from fretflow.core.compiled import compiled, factorise, multiply, substitute
+
+
+@pytest.mark.parametrize(("m", "s", "p"), [(5, 3, 4), (1, 7, 1), (4, 0, 2), (0, 3, 2), (3, 2, 0)])
+def test_product_is_that_of_numpy(m, s, p):
+    rng = np.random.default_rng(3)
+    a, b, product = rng.normal(size=(m, s)), rng.normal(size=(s, p)), np.full((m, p), np.nan)
+    multiply(a, b, product)
+    np.testing.assert_allclose(product, a @ b, rtol=1e-13, atol=1e-13)
+
+
+def test_factors_solve_for_matrices_that_are_given_by_columns():
+    rng = np.random.default_rng(4)
+    matrix, right = rng.normal(size=(6, 6)), rng.normal(size=(6, 3))
+    columns, pivots, solved = np.ascontiguousarray(matrix.T), np.empty(6, dtype=np.int32), np.ascontiguousarray(right.T)
+    assert factorise(columns, pivots)
+    substitute(columns, pivots, solved)
+    np.testing.assert_allclose(matrix @ solved.T, right, rtol=1e-11, atol=1e-11)
+
+
+def test_singular_matrix_is_told():
+    assert not factorise(np.ones((3, 3)), np.empty(3, dtype=np.int32))
+
+
+def test_division_by_zero_is_infinite_as_in_numpy():
+    @compiled
+    def ratio(a: float, b: float) -> float:
+        return a / b
+
+    assert ratio(1.0, 0.0) == np.inf
+    assert np.isnan(ratio(0.0, 0.0))
