@@ -12,6 +12,7 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.fit import Fitter
+from fretflow.diagnosis.rig_detection import REPEATS, detect
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel
 from fretflow.diagnosis.rig_search import SLACK, RigSearch
 from fretflow.diagnosis.rig_setup import RICHARDSON, first_simulation
@@ -122,3 +123,13 @@ def test_correction_at_a_fit_is_kept_where_it_lessens_the_misfit(recorded):
     fit, found = looked(replace(seen, problem=replace(seen.problem, friction_coefficient=0.7)))
     assert found.fits[none] is fit
     assert found.fitter_of(none) is plain
+
+
+def test_repeats_that_differ_smoothly_are_detected_whatever_the_mean_loops_show(recorded):
+    fitter, fit = recorded()
+    starts = starts_beside(fit, ("viscous", "channel-delay"))
+    seen = signatures(fitter, fit, starts, changes(fitter, fit, starts))
+    steady, wandering = (detect(replace(fitter.rig.observation, smooth_share=share), fit, seen) for share in (0.2, 0.8))
+    assert steady.p_value > steady.false_alarm_rate
+    assert wandering.p_value < 1e-3 * wandering.false_alarm_rate
+    assert wandering.statistic == REPEATS

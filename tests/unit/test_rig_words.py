@@ -77,3 +77,11 @@ def test_fits_that_were_stopped_are_told():
     assert "baseline alone was stopped" in alone
     assert "baseline with backlash and viscous was stopped" in beside
     assert unfinished([]) == []
+
+
+def test_an_unknown_that_is_explained_in_part_says_why_it_has_no_name():
+    """More than the gate explained, and no name: the rest is no noise, or the motion does not repeat itself."""
+    assert "explains 88 % of what the baseline leaves, but not down to the noise" in sentence(
+        Verdict.UNKNOWN, [], 0.88, PLACE, None)
+    assert "noise" not in sentence(Verdict.UNKNOWN, [], 0.5, PLACE, None)
+    assert "does not repeat itself" in sentence(Verdict.UNKNOWN, [], 1.0, PLACE, None, repeats=False)

@@ -32,8 +32,7 @@ def detect(observation: Observation, base: Fit, seen: Signatures) -> Detection:
     draws -= own @ (own.T @ draws)
     tests = {
         "chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, len(base.residual) - len(base.z))),
-        GAINS: _of_draws(
-            max(seen.gain((name,)) for name in seen.columns) / SYSTEMATIC, _gains(seen, draws)),
+        GAINS: _of_draws(float(_gains(seen, seen.residual[:, None] / np.sqrt(SYSTEMATIC))[0]), _gains(seen, draws)),
         "harmonics of the loops by their trend over the cycles": _harmonics(observation, seen.residual, own),
         REPEATS: SURE if unsteady(observation) else 1.0}
     name = min(tests, key=lambda key: tests[key])

@@ -111,7 +111,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=words.sentence(found.verdict, found.sets, found.explained, location, law), detection=detection,
+        sentence=words.sentence(found.verdict, found.sets, found.explained, location, law, not unsteady(observation)),
+        detection=detection,
         location=location, parameters=estimates(fitter.rig, after, found.widened), held_out=unseen.error,
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},

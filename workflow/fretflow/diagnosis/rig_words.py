@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from itertools import combinations
 
-from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Location, ResidualLaw, Verdict
 from fretflow.diagnosis.words import blocks_of as blocks_of
 from fretflow.diagnosis.words import listed
 from fretflow.effects.catalogue import catalogue
@@ -41,8 +41,8 @@ SINGLE = {
     "load-dependent-friction": LOADS}
 
 
-def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None
-             ) -> str:
+def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None,
+             repeats: bool = True) -> str:
     """Return the verdict in one sentence.
 
     Parameters
@@ -57,6 +57,8 @@ def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location
         Where measured and predicted part.
     law
         What an unlisted effect does.
+    repeats
+        Whether the motion repeats itself with the drive.
     """
     share = f"{100.0 * explained:.0f} % of what the baseline leaves"
     if verdict is Verdict.NONE:
@@ -71,15 +73,19 @@ def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location
         also = f"{listed(sure)}, and " if sure else ""
         return f"The model leaves out {also}one of {', or '.join(either)}, which act alike on this recording; " \
                f"{share} is explained."
-    return _unknown(explained, location, law)
+    return _unknown(explained, location, law, repeats)
 
 
-def _unknown(explained: float, location: Location, law: ResidualLaw | None) -> str:
+def _unknown(explained: float, location: Location, law: ResidualLaw | None, repeats: bool) -> str:
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
     best = f"the best of the catalogue explains {100.0 * explained:.0f} % of what the baseline leaves" \
         if explained > 0.0 else "no effect of the catalogue earns a place"
+    if not repeats:
+        best += ", but the motion does not repeat itself with the drive, which it does with all of them"
+    elif explained >= EXPLAINED_GATE:
+        best += ", but not down to the noise"
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
     return f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: {best}{told}."
 
