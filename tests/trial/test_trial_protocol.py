@@ -98,7 +98,7 @@ def test_diagnosis_sees_its_recording_and_nothing_else(trial: Trial, monkeypatch
     monkeypatch.setenv("FRETFLOW_TRIAL_KEY", "viscous")
     trial.run()
     seen = seen_by(trial, "case-000")
-    assert set(seen["environment"]) - {"LC_CTYPE"} == set(scrubbed(Path("/")))
+    assert set(seen["environment"]) - {"LC_CTYPE"} == set(scrubbed(Path("/"), Path("/")))
     assert seen["here"] == []
     assert seen["beside"] == ["home", "recording"]
     assert (seen["files"], seen["name"], seen["fast"]) == (["loops.csv"], "recording", True)

@@ -184,8 +184,8 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool) -> fl
         found, failure = Path(scratch) / "diagnosis.json", ""
         full = [*command, str(Path(scratch) / "recording"), "--json", str(found), *(["--fast"] if fast else [])]
         try:
-            run = subprocess.run(full, cwd=home, env=scrubbed(home), capture_output=True, text=True, check=False,
-                                 timeout=LONGEST, stdin=subprocess.DEVNULL)
+            run = subprocess.run(full, cwd=home, env=scrubbed(home, out / "cache"), capture_output=True, text=True,
+                                 check=False, timeout=LONGEST, stdin=subprocess.DEVNULL)
             lines = run.stderr.strip().splitlines()
             failure = "" if run.returncode == 0 else f"exit code {run.returncode}: {lines[-1] if lines else ''}"
         except subprocess.TimeoutExpired:
@@ -201,9 +201,10 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool) -> fl
     return seconds
 
 
-def scrubbed(home: Path) -> dict[str, str]:
-    """Return the whole environment of a diagnosing process."""
-    return {"PATH": os.defpath, "HOME": str(home), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+def scrubbed(home: Path, cache: Path) -> dict[str, str]:
+    """Return the whole environment of a diagnosing process; the cache keeps what does not depend on the recording."""
+    return {"PATH": os.defpath, "HOME": str(home), "XDG_CACHE_HOME": str(cache), "OPENBLAS_NUM_THREADS": "1",
+            "OMP_NUM_THREADS": "1"}
 
 
 def each(workers: Executor, work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from fretflow.harmonic.periodic import PeriodicProblem
 
 HOME = Path("runs/diagnosis")
-MODELS = "models"  # folder of the reduced specimens
+MODELS = "models"  # folder of the reduced specimens, in the user's cache
 MOST_RANKED = 5
 
 
@@ -56,7 +57,7 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
     if not recording.exists():
         raise InputError(f"{recording}: there is no such folder or file; give a folder with a {FILE}")
     home = _folder(HOME / name_of(recording) if out is None else out)
-    models = (HOME if out is None else out) / MODELS
+    models = _kept_models(home)
     with Progress() as shown, LocalPool(len(os.sched_getaffinity(0))) as pool:
         shown.begin("diagnose")
         found = diagnose(recording, fast, lambda share, text: shown.advance("diagnose", share, text),
@@ -71,15 +72,34 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
     return files
 
 
+def _kept_models(home: Path) -> Path:
+    """Return the folder where reduced specimens are kept from one diagnosis to the next: in `home` without a cache."""
+    kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fretflow" / MODELS
+    try:
+        kept.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return _folder(home / MODELS)
+    return kept if os.access(kept, os.W_OK) else _folder(home / MODELS)
+
+
 def _reduced(case: Case, models: Path) -> PeriodicProblem:
-    """Return the unworn problem of a case, its specimens meshed and reduced under `models` unless they are there."""
+    """Return the unworn problem of a case, its specimens meshed and reduced unless `models` has them."""
     from fretflow.cli_pipeline import pipeline
     from fretflow.stages.problem import make_problem
     from fretflow.stages.ranks import Ranks
     from fretflow.stages.runner import Runner, Silent
 
-    folder = Runner(pipeline(), models, Ranks(together=False), Silent()).run(case, "reduce")["reduce"].folder
-    return make_problem(case, folder)
+    with tempfile.TemporaryDirectory(dir=models) as scratch:
+        runner = Runner(pipeline(), Path(scratch), Ranks(together=False), Silent())
+        kept = models / runner.keys(case)["reduce"]
+        if not kept.is_dir():
+            made = runner.run(case, "reduce")["reduce"].folder
+            try:
+                made.rename(kept)
+            except OSError:
+                if not kept.is_dir():  # another process was not first either
+                    raise
+        return make_problem(case, kept)
 
 
 def _folder(path: Path) -> Path:

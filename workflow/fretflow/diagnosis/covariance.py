@@ -41,6 +41,12 @@ class Covariance:
         flat = flat - left @ (damping[:, None] * (left.T @ flat))
         return np.asarray(flat.reshape(values.shape))
 
+    def shared(self, error: Array) -> Array:
+        """Return the most probable size (B,) of each shared mode in an `error` (M,), in standard deviations."""
+        scaled = self.modes / np.sqrt(self.variance)[:, None]
+        inner = np.eye(scaled.shape[1]) + scaled.T @ scaled
+        return np.asarray(np.linalg.solve(inner, scaled.T @ (error / np.sqrt(self.variance))))
+
     def draw(self, generator: np.random.Generator, count: int) -> Array:
         """Return `count` samples of the error, (M, count)."""
         alone = generator.standard_normal((len(self.variance), count)) * np.sqrt(self.variance)[:, None]

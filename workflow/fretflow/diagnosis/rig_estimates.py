@@ -14,6 +14,7 @@ from fretflow.diagnosis.verdict import Estimate
 from fretflow.effects.catalogue import catalogue, tables
 
 HALF = 1.645  # standard deviations of a 90 % interval
+TURN = 2.0 * np.pi  # width of the range of an angle
 
 BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coefficient"),
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
@@ -36,6 +37,10 @@ def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float) -> E
     value = coordinate.value(z)
     if coordinate.effect:
         kind = catalogue()[coordinate.effect]
+        prior = kind.priors()[coordinate.field]
+        if prior.high - prior.low == TURN:
+            turns = TURN * np.round(value / TURN)
+            value, ends = value - turns, [end - turns for end in ends]
         unit = next(entry.unit for entry in entries(kind()) if entry.key == coordinate.field)
         return Estimate(name=coordinate.name, value=value, low=ends[0], high=ends[1], unit=unit or "1",
                         meaning=kind.model_fields[coordinate.field].description or "")

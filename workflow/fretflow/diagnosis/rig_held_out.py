@@ -1,4 +1,8 @@
-"""Loops of the rig that are held out: what refits without them predict there, and how far these are off."""
+"""Loops of the rig that are held out: what refits without them predict there, and how far these are off.
+
+What the other loops say about errors that all loops share (gains of the sensors, their synchronisation) belongs to the
+prediction.
+"""
 
 from __future__ import annotations
 
@@ -63,8 +67,10 @@ def held_out(looked: RigSearch, names: Names) -> Unseen:
     hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance, np.where(out[:, None], 0.0, known.modes))
     refits = looked.pool(refit_task, [_Refit(replace(looked.fitter_of(one), covariance=hidden), looked.fits[one])
                                       for one in dict.fromkeys((frozenset(), names))])
-    sizes = [held_out_error(observation, one.predicted, out) for one in (refits[0], refits[-1])]
+    sensed = [one.predicted + known.modes @ hidden.shared(observation.values - one.predicted)
+              for one in (refits[0], refits[-1])]
+    sizes = [held_out_error(observation, one, out) for one in sensed]
     order = [label for label in dict.fromkeys(piece.label for piece in observation.pieces) if label in labels]
-    shown = [np.where(out, own.predicted, fit.predicted) for own, fit in ((refits[0], before), (refits[-1], after))]
+    shown = [np.where(out, own, fit.predicted) for own, fit in zip(sensed, (before, after), strict=True)]
     return Unseen(labels, HeldOut(what=f"{len(labels)} of the loops: {'; '.join(order)}", before=sizes[0],
                                   after=sizes[1], floor=1.0), shown[0], shown[1])

@@ -1,7 +1,7 @@
 """The diagnosis of a recording of the rig: baseline, detection, place, name, and the fit before and after.
 
 The baseline's own parameters are refitted first. Everything is fitted on a coarse contact mesh, whose errors are in
-the covariance; a full diagnosis confirms its answer on the mesh of the pipeline.
+the covariance; a full diagnosis confirms its answer on a mesh of the pipeline's size.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
 SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
-FULL_PERIODS = 4  # times the samples, on the mesh of the pipeline
+FULL_PERIODS = 4  # times the samples, on the mesh that confirms
 
 
 @dataclass(frozen=True)
@@ -143,16 +143,16 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
 
 
 def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:
-    """Return in words how well fits predict the recording on the pipeline's own mesh, without any correction."""
+    """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = fitter.rig, fitter.rig.observation
     problem = replace(tools.reduce(case), friction_coefficient=rig.problem.friction_coefficient)
     full = replace(rig, problem=problem, samples=FULL_PERIODS * rig.samples)
     try:
         found = tools.pool(predict_task, [_Prediction(full, fit.space.hypothesis(fit.z)) for fit in fits])
     except FretflowError as error:
-        return f"on the mesh of the pipeline the answer could not be confirmed: {error}"
+        return f"on the mesh of the case file the answer could not be confirmed: {error}"
     sizes = [held_out_error(observation, one) for one in found]
     nodes = problem.interface.size
-    return (f"on the mesh of the pipeline ({nodes} contact nodes) all loops are predicted to "
+    return (f"on the mesh of the case file ({nodes} contact nodes) all loops are predicted to "
             f"{', '.join(f'{size:.3g}' for size in sizes)} times what repeats differ by "
             f"({'baseline, then ' if len(sizes) > 1 else ''}the model of the verdict)")
