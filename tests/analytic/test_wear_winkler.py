@@ -9,7 +9,7 @@ closed form puts it, and on wear and energy sharing one quadrature.
 import numpy as np
 import pytest
 from fretflow.core.config import WearScheme
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.wear.archard import split_between_faces, wear_rate
 from fretflow.wear.asymptotic import find_asymptotic_shape
@@ -139,6 +139,16 @@ def test_stability_bound_is_where_a_pattern_neither_grows_nor_decays(share, grow
     after = WAVE + share * bound * wear_rate(K_W, response)
     ratio = np.linalg.norm(after - WEIGHTS @ after) / np.linalg.norm(WAVE - WEIGHTS @ WAVE)
     assert ratio == pytest.approx(growth, abs=1e-9)
+
+
+def test_wear_that_falls_with_pressure_bounds_no_jump():
+    """A law p^(1 + a) with a < -1 has a negative slope: patterns grow there, and nothing decays."""
+    response = unworn(Winkler())
+    assert feedback().stability_bound(np.full(len(AREAS), -K_W), response) == np.inf
+    mixed = np.where(np.arange(len(AREAS)) < 4, K_W, -K_W)
+    assert feedback().stability_bound(mixed, response) > 2.0 / DECAY
+    with pytest.raises(NonConvergenceError, match="not finite"):
+        feedback().stability_bound(np.full(len(AREAS), np.nan), response)
 
 
 def test_a_jump_above_the_bound_is_split_and_one_below_is_not():

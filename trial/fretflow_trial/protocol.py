@@ -126,8 +126,8 @@ class Trial:
     def _diagnose(self, names: Sequence[str]) -> None:
         left = [name for name in names if not (self.out / "answers" / f"{name}.json").exists()]
         done, begun = len(names) - len(left), time.monotonic()
-        with ThreadPoolExecutor(self.jobs) as workers:
-            tasks = [(self.out, name, tuple(self.command), self.settings.fast) for name in left]
+        with tempfile.TemporaryDirectory(prefix="cache-") as cache, ThreadPoolExecutor(self.jobs) as workers:
+            tasks = [(self.out, name, tuple(self.command), self.settings.fast, Path(cache)) for name in left]
             for k, (name, seconds) in enumerate(each(workers, diagnose_one, tasks), 1):
                 ahead = (time.monotonic() - begun) / k * (len(left) - k)
                 self.say(f"diagnosed {name} in {seconds:.0f} s ({done + k}/{len(names)}, {ahead / 60.0:.0f} min left)")
@@ -174,8 +174,11 @@ def make_one(out: Path, name: str, cases: int, seed: int, place: int, secret: by
     return name
 
 
-def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool) -> float:
-    """Diagnose one recording in a process that sees nothing but a copy of it; return the seconds it took."""
+def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache: Path) -> float:
+    """Diagnose one recording in a process that sees nothing but a copy of it; return the seconds it took.
+
+    The folder `cache` keeps what does not depend on the recording.
+    """
     begun = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="recording-") as scratch:
         home = Path(scratch) / "home"
@@ -184,7 +187,7 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool) -> fl
         found, failure = Path(scratch) / "diagnosis.json", ""
         full = [*command, str(Path(scratch) / "recording"), "--json", str(found), *(["--fast"] if fast else [])]
         try:
-            run = subprocess.run(full, cwd=home, env=scrubbed(home, out / "cache"), capture_output=True, text=True,
+            run = subprocess.run(full, cwd=home, env=scrubbed(home, cache), capture_output=True, text=True,
                                  check=False, timeout=LONGEST, stdin=subprocess.DEVNULL)
             lines = run.stderr.strip().splitlines()
             failure = "" if run.returncode == 0 else f"exit code {run.returncode}: {lines[-1] if lines else ''}"
@@ -202,7 +205,7 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool) -> fl
 
 
 def scrubbed(home: Path, cache: Path) -> dict[str, str]:
-    """Return the whole environment of a diagnosing process; the cache keeps what does not depend on the recording."""
+    """Return the whole environment of a diagnosing process."""
     return {"PATH": os.defpath, "HOME": str(home), "XDG_CACHE_HOME": str(cache), "OPENBLAS_NUM_THREADS": "1",
             "OMP_NUM_THREADS": "1"}
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, eigvalsh
 
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.wear.cycle import CycleResponse
 
 Coefficient = float | NDArray[np.float64]  # K_w in m^2/N, () or (nodes,)
@@ -70,8 +70,18 @@ class Feedback:
         return -factor[:, None] * self.unloading(response.contact_share > 0.0)
 
     def fastest_decay(self, coefficient: Coefficient, response: CycleResponse) -> float:
-        """Return the largest eigenvalue of minus `rate_jacobian`, 1/cycle; 0 when nothing wears."""
-        root = np.sqrt(coefficient * response.slip_path / self.areas)
+        """Return the largest eigenvalue of minus `rate_jacobian`, 1/cycle; 0 when nothing wears.
+
+        Nodes whose wear falls with pressure, as a law may have it, are left out: nothing decays there.
+
+        Raises
+        ------
+        NonConvergenceError
+            If the wear has grown beyond all bounds.
+        """
+        root = np.sqrt(np.maximum(coefficient, 0.0) * response.slip_path / self.areas)
+        if not np.all(np.isfinite(root)):
+            raise NonConvergenceError("the wear of a cycle is not finite; the law of wear leads beyond its range")
         matrix = root[:, None] * self.unloading(response.contact_share > 0.0) * root
         return _largest(matrix)
 
