@@ -17,14 +17,14 @@ from fretflow.recordings.recording import Recording
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
 
-# Elements per side of the contact square: of the mesh that is fitted with, and of the one that tells what it leaves out;
-# of the mesh that confirms. They are of second degree: with the same 25 nodes as 4 by 4 linear elements the specimens'
+# Elements per side of the contact square: of the mesh that is fitted with, of the one that tells what it leaves out, and
+# of the one that confirms. They are of second degree: with the same 25 nodes as 4 by 4 linear elements the specimens'
 # compliance is 2.9 % too small instead of 9.7 %.
 MESHES, MESHES_FAST, CONFIRMING = (3, 4), (2, 3), 5
 DEGREE, GROWTH = 2, 2.0
-# The corners of ridge and body let the compliance converge by about h^1.1 only (M. L. Williams, J. Appl. Mech. 19 (1952)
-# 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35, the
-# coarse mesh misses 2.4 to 3.2 of the difference between the two; more than one difference stays as an error.
+# The corners of ridge and body let the compliance converge by about h^1.1 only (M. L. Williams, J. Appl. Mech. 19
+# (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
+# the coarse mesh misses 2.4 to 3.2 of the difference between the two; more than one difference stays as an error.
 EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 # The march is of first order in the samples: twice as many halve the error.
 RICHARDSON, SAMPLING_ERROR = 2.0, 0.7
