@@ -17,8 +17,8 @@ from fretflow.recordings.recording import Recording
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
 
-# Elements per side of the contact square: of the mesh that is fitted with, of the one that tells what it leaves out, and
-# of the one that confirms. They are of second degree: with the same 25 nodes as 4 by 4 linear elements the specimens'
+# Elements per side of the contact square: of the mesh that is fitted with, of the one that tells what it leaves out, of
+# the one that confirms. They are of second degree: with the same 25 nodes as 4 by 4 linear elements the specimens'
 # compliance is 2.9 % too small instead of 9.7 %.
 MESHES, MESHES_FAST, CONFIRMING = (3, 4), (2, 3), 5
 DEGREE, GROWTH = 2, 2.0
