@@ -8,7 +8,7 @@ from math import exp, sqrt
 import numpy as np
 
 from fretflow.diagnosis.covariance import SYSTEMATIC
-from fretflow.diagnosis.rig_detection import GAINS, unsteady
+from fretflow.diagnosis.rig_detection import BETWEEN_CODES, GAINS, unsteady
 from fretflow.diagnosis.rig_search import LEAST_GAIN, NEARLY_ALL, Names, RigSearch
 from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Verdict
 
@@ -110,11 +110,11 @@ def _ranking(looked: RigSearch) -> tuple[Candidate, ...]:
 def smallest_visible(looked: RigSearch) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been seen.
 
-    There half the square of its signature's norm, over `SYSTEMATIC`, is `LEAST_GAIN`; that at the middle of its ranges
-    is taken as linear in its size.
+    There half the square of its signature's norm, over `BETWEEN_CODES`, is `LEAST_GAIN`; that at the middle of its
+    ranges is taken as linear in its size.
     """
     seen = looked.screen(frozenset())
-    least = sqrt(2.0 * LEAST_GAIN * SYSTEMATIC)
+    least = sqrt(2.0 * LEAST_GAIN * BETWEEN_CODES)
     found = {}
     for name, columns in seen.columns.items():
         size = float(np.linalg.norm(columns[:, 0]))
