@@ -215,6 +215,12 @@ def test_damage_that_leaves_nothing(tmp_path, make, spoil, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_force_that_rings_is_no_wrong_unit(tmp_path, make):
+    made = make()
+    made.columns["friction_force"][::40] *= 20.0
+    assert read_recording(made.write(tmp_path)).loops.mean("friction_force").max() > 5.0 * 50.0
+
+
 def test_rows_without_a_cycle_are_left_out(tmp_path, make, exact):
     folder = make().write(tmp_path)
     lines = (folder / "loops.csv").read_text().splitlines()

@@ -26,6 +26,7 @@ RANGES = {
     TestKind.LUMPED: (1e-9, 20.0),
 }
 LARGEST_FRICTION = 5.0
+PLATEAU = 0.9  # quantile of the force over a loop; peaks beyond it are of masses that ring
 STATED = 2.0  # factor between what is stated and what is measured that is refused
 NOTED = 1.05
 SAME_ORDER = 10.0
@@ -59,14 +60,19 @@ def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: Array,
     notes: tuple[Note, ...] = ()
     force = next((name for name in FORCES if name in loops.channels), None)
     if force and test.kind is TestKind.FRETTING_RIG:
-        mean = loops.mean(force)
-        ratio = float(np.nanmax(0.5 * np.ptp(mean, axis=1) / load)) if np.isfinite(load).any() else 0.0
+        ratio = float(np.nanmax(_plateau(loops.mean(force)) / load)) if np.isfinite(load).any() else 0.0
         if ratio > LARGEST_FRICTION:
             raise UnreliableRecordingError(f"{path}: {block}.{force}: its amplitude is {ratio:.3g} times the normal "
                                            "load; check its unit and column, and normal_load")
     notes += _against(path, block, loops, "excitation", amplitude, "excitation_amplitude", amplitude_of=True)
     notes += _against(path, block, loops, "normal_force", load, "normal_load", amplitude_of=False)
     return notes
+
+
+def _plateau(loops: Array) -> Array:
+    """Return the amplitude (K,) of most of each loop (K, N)."""
+    middle = 0.5 * (loops.max(axis=1) + loops.min(axis=1))
+    return np.asarray(np.quantile(np.abs(loops - middle[:, None]), PLATEAU, axis=1))
 
 
 def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, key: str,
