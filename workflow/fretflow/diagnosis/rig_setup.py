@@ -12,7 +12,7 @@ from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.diagnosis.observation import Array, Observation
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
 from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.loopset import LoopSet, plateau
 from fretflow.recordings.recording import Recording
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
@@ -28,7 +28,6 @@ DEGREE, GROWTH = 2, 2.0
 EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 # The march is of first order in the samples: twice as many halve the error.
 RICHARDSON, SAMPLING_ERROR = 2.0, 0.7
-PLATEAU = 0.9  # quantile of the force over a loop: near its friction limit, above noise and roundings
 SMALLEST_FRICTION, LARGEST_FRICTION = 0.05, 2.0
 EASED, MOST_EASED = 0.85, 4  # factor on a coefficient at which the joint sticks, and how often it is taken
 
@@ -71,9 +70,7 @@ def _loops(recording: Recording) -> LoopSet:
 def first_friction(recording: Recording) -> float:
     """Return the friction coefficient that the loops' plateaus show, of all loops together."""
     loops = _loops(recording)
-    force = loops.mean(loops.force_name)
-    force = force - 0.5 * (force.max(axis=1) + force.min(axis=1))[:, None]
-    limit = np.quantile(np.abs(force), PLATEAU, axis=1)
+    limit = plateau(loops.mean(loops.force_name))
     load = float(recording.test.normal_load or np.nan)
     return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
 

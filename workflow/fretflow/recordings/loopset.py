@@ -14,6 +14,7 @@ from fretflow.core.records import quantity, record
 from fretflow.recordings.schema import DisplacementOf
 
 Array = NDArray[np.float64]
+PLATEAU = 0.9  # quantile of a centred force over a loop
 FORCES = ("friction_force", "force")  # that a loop is drawn with, the first that there is
 
 
@@ -24,6 +25,12 @@ def frozen_arrays(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
         fixed[name] = np.array(values, dtype=float) if values.base is not None else values
         fixed[name].setflags(write=False)
     return MappingProxyType(fixed)
+
+
+def plateau(loops: Array) -> Array:
+    """Return the amplitude (K,) of most of each loop (K, N): near the friction limit, without peaks that ring."""
+    middle = 0.5 * (loops.max(axis=1) + loops.min(axis=1))
+    return np.asarray(np.quantile(np.abs(loops - middle[:, None]), PLATEAU, axis=1))
 
 
 @record

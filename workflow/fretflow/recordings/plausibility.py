@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.units import format_quantity
-from fretflow.recordings.loopset import FORCES, LoopSet
+from fretflow.recordings.loopset import FORCES, LoopSet, plateau
 from fretflow.recordings.notes import Note
 from fretflow.recordings.schema import RecordingFile, Test, TestKind
 
@@ -26,7 +26,6 @@ RANGES = {
     TestKind.LUMPED: (1e-9, 20.0),
 }
 LARGEST_FRICTION = 5.0
-PLATEAU = 0.9  # quantile of the force over a loop; peaks beyond it are of masses that ring
 STATED = 2.0  # factor between what is stated and what is measured that is refused
 NOTED = 1.05
 SAME_ORDER = 10.0
@@ -60,19 +59,13 @@ def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: Array,
     notes: tuple[Note, ...] = ()
     force = next((name for name in FORCES if name in loops.channels), None)
     if force and test.kind is TestKind.FRETTING_RIG:
-        ratio = float(np.nanmax(_plateau(loops.mean(force)) / load)) if np.isfinite(load).any() else 0.0
+        ratio = float(np.nanmax(plateau(loops.mean(force)) / load)) if np.isfinite(load).any() else 0.0
         if ratio > LARGEST_FRICTION:
             raise UnreliableRecordingError(f"{path}: {block}.{force}: its amplitude is {ratio:.3g} times the normal "
                                            "load; check its unit and column, and normal_load")
     notes += _against(path, block, loops, "excitation", amplitude, "excitation_amplitude", amplitude_of=True)
     notes += _against(path, block, loops, "normal_force", load, "normal_load", amplitude_of=False)
     return notes
-
-
-def _plateau(loops: Array) -> Array:
-    """Return the amplitude (K,) of most of each loop (K, N)."""
-    middle = 0.5 * (loops.max(axis=1) + loops.min(axis=1))
-    return np.asarray(np.quantile(np.abs(loops - middle[:, None]), PLATEAU, axis=1))
 
 
 def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, key: str,
