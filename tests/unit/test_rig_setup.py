@@ -68,7 +68,7 @@ def test_case_has_what_the_recording_says() -> None:
     case = case_of(recorded(), 6)
     assert (case.test.normal_load, case.test.excitation_amplitude) == (LOAD, 60.0)
     assert case.test.total_cycles == 30_000
-    assert case.mesh.contact_elements == 6
+    assert (case.mesh.contact_elements, case.mesh.degree) == (6, 2)
 
 
 @pytest.mark.parametrize("field", ["normal_load", "excitation_amplitude", "excitation_frequency"])

@@ -97,7 +97,7 @@ def _reduced(case: Case, models: Path) -> PeriodicProblem:
             try:
                 made.rename(kept)
             except OSError:
-                if not kept.is_dir():  # another process was not first either
+                if not kept.is_dir():  # else another process was first
                     raise
         return make_problem(case, kept)
 

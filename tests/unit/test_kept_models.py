@@ -1,0 +1,24 @@
+"""Where reduced specimens are kept from one diagnosis to the next."""
+
+import os
+
+import pytest
+from fretflow.cli_diagnose import MODELS, _kept_models
+
+
+def test_cache_of_the_user(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert _kept_models(tmp_path / "home") == tmp_path / "cache" / "fretflow" / MODELS
+    assert not (tmp_path / "home").exists()
+
+
+@pytest.mark.parametrize("how", ["no folder", "read-only"])
+def test_without_a_cache_they_stay_beside_the_results(tmp_path, monkeypatch, how):
+    cache = tmp_path / "cache"
+    if how == "no folder":
+        cache.write_text("")
+    else:
+        monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    assert _kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
+    assert (tmp_path / "home" / MODELS).is_dir()
