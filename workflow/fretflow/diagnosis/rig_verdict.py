@@ -17,9 +17,9 @@ MOST_ALTERNATIVES = 3
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
 MOST_RANKED = 40
 # Shares of the verdicts in a trial of 60 recordings (seed 2026): of "unknown" that nothing of the catalogue was hidden
-# (in that of 200 which followed, see benchmarks/trial, half), and of names that were wrong where the baseline's misfit was
-# within what codes differ by. The gate says nothing there; it does where the misfit is beyond that by `ROOM` of the
-# expected chi-squared.
+# (in that of 200 which followed, see benchmarks/trial, half), and of names that were wrong where the baseline's misfit
+# was within what codes differ by. The gate says nothing there; it does where the misfit is beyond that by `ROOM` of
+# the expected chi-squared.
 UNLISTED, FAINT, ROOM = 0.56, 0.45, 0.5
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD = 1.5
