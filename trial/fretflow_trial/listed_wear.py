@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fretflow_trial.elasticity import HALF
 from fretflow_trial.hidden import CATALOGUE, Draw, Facts, Hidden, decades, either, even
 from fretflow_trial.joint import specimens
-from fretflow_trial.physics import Layer, Slow, Worn
+from fretflow_trial.physics import Channels, Layer, Slow, Worn
 
 Array = NDArray[np.float64]
 
@@ -37,20 +37,29 @@ def third_body(rng: Generator, other: bool, facts: Facts) -> Hidden:
 
 
 def scar_edge(rng: Generator, other: bool, facts: Facts) -> Hidden:
-    """Draw ends of the stroke that harden with the square of the way into them; otherwise with its cube."""
+    """Draw ends of the stroke that harden with the square of the way into them; otherwise with its cube.
+
+    Beyond the end of the scar the force stays. The specimens exchange it, so that it is measured with friction.
+    """
     peak, width, scale = decades(rng, 3.0, 25.0), even(rng, 0.1, 0.6), decades(rng, 0.2e-6, 5e-6)
     share, power = specimens().share, 3 if other else 2
 
-    def force(rig: Array, slow: Slow) -> tuple[float, float]:
+    def edges(arm: Array, slow: Slow) -> Array:
         if slow.scar <= 0.0:
-            return 0.0, 0.0
-        into = max(abs(rig[1]) / slow.scar - (1.0 - width), 0.0) / width
-        deep = 1.0 - np.exp(-float(share @ slow.depth) / scale)
-        return 0.0, float(-np.sign(rig[1]) * peak * deep * into**power)
+            return np.zeros_like(arm)
+        into = np.clip((np.abs(arm) / slow.scar - (1.0 - width)) / width, 0.0, 1.0)
+        return np.asarray(-np.sign(arm) * peak * -np.expm1(-float(share @ slow.depth) / scale) * into**power)
+
+    def force(rig: Array, slow: Slow) -> tuple[float, float]:
+        return 0.0, float(edges(rig[1], slow))
+
+    def sense(channels: Channels, slow: Slow) -> Channels:
+        return replace(channels, friction_force=channels.friction_force - edges(channels.arm, slow))
 
     return Hidden("scar-edge", True, "cube" if other else CATALOGUE, ("geometry", "rig"),
                   {"peak_force": peak, "width": width, "depth_scale": scale},
-                  lambda physics: replace(physics, rig_forces=(*physics.rig_forces, force)))
+                  lambda physics: replace(physics, rig_forces=(*physics.rig_forces, force),
+                                          sensors=(*physics.sensors, sense)))
 
 
 def initial_gap(rng: Generator, other: bool, facts: Facts) -> Hidden:

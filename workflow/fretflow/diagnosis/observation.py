@@ -1,14 +1,15 @@
 """What a recording of the rig holds, as one vector with its covariance.
 
-Loops are the means over the repeats at every cycle count and condition, thinned to the phases that the model solves;
-then the worn volume and the map of depth. Sigma is made of sensor noise and the scatter between repeats (estimated from
-the repeats alone), calibration gains, and offsets that no sensor is free of.
+Loops are the means over the repeats at every cycle count and condition, thinned to the instants that the model solves
+and freed of what lies above its harmonics (arms and sensors ring there); then the worn volume and the map of depth.
+Sigma is made of sensor noise and the scatter between repeats (estimated from the repeats alone), calibration gains, and
+offsets that no sensor is free of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import Repeatability, repeatability
 from fretflow.recordings.schema import Condition, Test
+from fretflow.rig.sensors import band_limited
 
 Array = NDArray[np.float64]
 # that the model predicts, as far as they were measured
@@ -27,13 +29,14 @@ CHANNELS = ("displacement", "friction_force", "excitation", "normal_force", "app
 NEEDED = ("displacement", "friction_force")
 ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
 LARGEST_SAMPLES = 100  # of a loop
+PER_HARMONIC = 4  # samples that a period is solved with
 # A loop's zero is lost between recordings, more so of the displacement; over the channel's size, see `_size`.
 LOOP_OFFSET = {"displacement": 0.06, "friction_force": 0.02, "excitation": 0.002, "normal_force": 0.003,
                "approach": 0.02}
 FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
-TIMING = 0.15  # of a sample, to which the model and the recording agree on when sliding begins and ends
+TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends
 SYNCHRONISED = 1.5e-3  # of a period, to which a channel is in step with the drive, in all loops alike
 CORRELATED = 3.0  # samples over which noise of measured loops is taken to be one where nothing tells
 
@@ -66,11 +69,17 @@ class Observation:
     modes: Array = quantity("SI", "(M, B), of errors that samples share")
     floor: Array = quantity("SI", "(M,), sd of a single repeat")
     pieces: tuple[Piece, ...]
-    samples: int  # of a loop
+    solved: int  # samples of a period that the model is solved with
+    harmonics: int  # of a loop
     aligned_to: str  # channel whose fundamental's maximum is phase zero
     conditions: tuple[Condition, ...]
     points: Array = quantity("m", "(P, 2), of the map")
     smooth_share: float = quantity("1", default=0.0)  # of what repeats differ by, the largest of the loops' channels
+
+    @property
+    def samples(self) -> int:
+        """Return the samples of a loop: those that its harmonics need."""
+        return 2 * self.harmonics + 1
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -131,10 +140,10 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     if recording.loops is None:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
     stack = _Stack([], [], [], [], [], [], [])
-    samples = _common_samples(recording, most)
-    _add_loops(stack, recording.loops, samples, None)
+    solved = _common_samples(recording, most)
+    _add_loops(stack, recording.loops, solved, None)
     if recording.sweep is not None:
-        _add_loops(stack, recording.sweep.loops, samples,
+        _add_loops(stack, recording.sweep.loops, solved,
                    condition_labels(recording.sweep.conditions, recording.test))
     last = int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
@@ -152,7 +161,8 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     return Observation(
         values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
         noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
-        pieces=tuple(stack.pieces), samples=samples, aligned_to=recording.loops.aligned_to,
+        pieces=tuple(stack.pieces), solved=solved, harmonics=solved // PER_HARMONIC,
+        aligned_to=recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
         smooth_share=max(stack.smooth, default=0.0))
 
@@ -194,7 +204,7 @@ def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, s
     return found
 
 
-def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: Mapping[int, str] | None) -> None:
+def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[int, str] | None) -> None:
     block = "loops" if conditions is None else "sweep"
     names = [name for name in CHANNELS if name in loops.channels]
     if "friction_force" not in names and "force" in loops.channels:
@@ -203,15 +213,15 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: Mapping[
         raise UnreliableRecordingError(f"{block}: displacement and friction_force are needed; name their columns")
     for name in names:
         channel = "friction_force" if name == "force" else name
-        values = resampled(loops.channels[name], loops.phase, samples)
-        spread = _spread(values)
-        size = _size(channel, spread.mean)
+        values = resampled(loops.channels[name], loops.phase, solved)
+        spread = _spread(values, solved // PER_HARMONIC)
+        samples, size = spread.mean.shape[1], _size(channel, spread.mean)
         if channel in ("displacement", "friction_force"):
             stack.smooth.append(spread.smooth_share)
         least = DIGITIZING * size
         for k in np.flatnonzero(loops.repeats):
             mean, repeats = spread.mean[k], int(loops.repeats[k])
-            moving = 0.5 * (np.roll(mean, -1) - np.roll(mean, 1))
+            moving = 0.5 * samples * (np.roll(mean, -1) - np.roll(mean, 1))  # in a period
             variance = (spread.noise_sd**2 + least**2) / repeats
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
@@ -222,7 +232,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, samples: int, conditions: Mapping[
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
                                  spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * size))),
-                             (f"{channel} synchronisation", place, SYNCHRONISED * samples * moving),
+                             (f"{channel} synchronisation", place, SYNCHRONISED * moving),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * centred),
                              (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * size))]
 
@@ -236,17 +246,19 @@ def _size(channel: str, means: Array) -> float:
     return 0.5 * float(np.nanmax(np.ptp(means, axis=-1)))
 
 
-def _spread(values: Array) -> Repeatability:
+def _spread(values: Array, harmonics: int) -> Repeatability:
     """Return what repeats say; without repeats, the noise is taken from what the samples do from one to the next."""
-    there = np.isfinite(values).all(axis=2)
-    if np.any(there.sum(axis=1) > 1):
-        return repeatability(values)
-    mean = np.where(there[:, 0, None], values[:, 0], np.nan)
-    rough = np.diff(mean, n=3, axis=1)
+    there, limited = np.isfinite(values).all(axis=2), band_limited(values, harmonics)
+    if np.any(there.sum(axis=1) > 1):  # the floor, and how smooth differences are, go by all that a sample holds
+        whole = repeatability(values)
+        floor = np.full(limited.shape[2], np.sqrt(np.mean(whole.repeat_sd**2)))
+        return replace(repeatability(limited), smooth_share=whole.smooth_share, repeat_sd=floor)
+    mean = np.where(there[:, 0, None], limited[:, 0], np.nan)
+    rough = np.diff(values[:, 0], n=3, axis=1)
     noise = float(np.nanmedian(np.abs(rough))) / 0.6745 / np.sqrt(20.0) * CORRELATED
-    flat = np.full(values.shape[2], noise)
-    return Repeatability(mean=mean, repeats=there.sum(axis=1), noise_sd=flat, gain_sd=0.005, offset_sd=noise,
-                         repeat_sd=flat, cycle_sd=None, degrees_of_freedom=0)
+    flat, within = np.full(limited.shape[2], noise), np.sqrt(limited.shape[2] / values.shape[2])
+    return Repeatability(mean=mean, repeats=there.sum(axis=1), noise_sd=within * flat, gain_sd=0.005,
+                         offset_sd=noise, repeat_sd=flat, cycle_sd=None, degrees_of_freedom=0)
 
 
 def _add_map(stack: _Stack, recording: Recording, cycles: int) -> Array:

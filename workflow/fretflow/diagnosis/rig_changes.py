@@ -20,7 +20,7 @@ from fretflow.harmonic.arm import ArmEquations
 from fretflow.harmonic.direction import Direction, gap, rig_force
 from fretflow.harmonic.fourier import derivative_matrix
 from fretflow.harmonic.sensitivity import PeriodSensitivity, sensitivities
-from fretflow.rig.sensors import Signals
+from fretflow.rig.sensors import Signals, band_limited
 
 CONTACT, WEAR, RIG, EXCITATION, GEOMETRY, SENSOR = (
     "contact law", "wear law", "rig", "excitation", "geometry", "sensor")
@@ -75,15 +75,14 @@ class Loop:
 
     def _changes(self, found: PeriodSensitivity, v: int) -> dict[str, Array]:
         solution = self.period.solution
-        thin = len(solution.state) // self.rig.observation.samples
         moved = replace(solution, rig_displacement=solution.rig_displacement + found.rig_displacement[v],
                         upper_observation=solution.upper_observation + found.upper_observation[v],
                         lower_observation=solution.lower_observation + found.lower_observation[v])
         faces = found.relative_displacement[v]
         seen = self.rig.displacement(replace(self.period, solution=moved)) - self.rig.displacement(self.period)
-        return {"displacement": (seen if np.any(seen) else faces)[::thin],
-                "friction_force": found.friction_force[v, ::thin], "arm": found.rig_displacement[v, ::thin, 1],
-                "approach": -found.approach[v, ::thin]}
+        changes = {"displacement": seen if np.any(seen) else faces, "friction_force": found.friction_force[v],
+                   "arm": found.rig_displacement[v, :, 1], "approach": -found.approach[v]}
+        return {name: band_limited(change, self.rig.observation.harmonics) for name, change in changes.items()}
 
     @cached_property
     def following(self) -> Array:

@@ -181,11 +181,11 @@ class RigModel:
                 vector[piece.place] = on_points(face.nodes, depth, self.observation.points)
 
     def signals(self, period: Period) -> Signals:
-        """Return the true channels of a period, thinned to the recording's samples."""
-        found, thin = period.solution, len(period.solution.state) // self.observation.samples
+        """Return the true channels of a period, in the harmonics that are compared."""
+        found = period.solution
         load = period.problem.normal_load + period.problem.load_slope * found.rig_displacement[:, 1]
-        return replace(true_signals(period.problem, found, self.displacement(period), period.elapsed, thin),
-                       approach=arm_approach(period)[::thin], normal_force=load[::thin])
+        true = true_signals(period.problem, found, self.displacement(period), period.elapsed)
+        return replace(true, approach=arm_approach(period), normal_force=load).band_limited(self.observation.harmonics)
 
     def sensed(self, model: EffectModel, signals: Signals) -> Signals:
         """Return what the sensors show, its phase counted as the recording's is."""

@@ -112,7 +112,7 @@ def model_of(recording: Recording, observation: Observation, problem: PeriodicPr
     if loops.displacement_of is None:
         raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of is not given")
     return RigModel(problem=problem, wear_coefficient=wear, observation=observation,
-                    displacement_of=loops.displacement_of, samples=observation.samples,
+                    displacement_of=loops.displacement_of, samples=observation.solved,
                     total_cycles=recording.test.cycles or int(loops.cycles[-1]))
 
 

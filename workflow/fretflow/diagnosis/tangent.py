@@ -31,7 +31,7 @@ from fretflow.harmonic.direction import Direction, gap
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.harmonic.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.recordings.schema import Place
-from fretflow.rig.sensors import Signals
+from fretflow.rig.sensors import Signals, band_limited
 from fretflow.wear.archard import wear_rate
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.slow import SlowState
@@ -175,7 +175,6 @@ def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> Perio
 def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicProblem, change: PeriodSensitivity, v: int,
             before: Signals) -> Signals:
     """Return what the sensors of a neighbour, of `problem`, show of a period whose true channels were `before`."""
-    thin = len(period.solution.state) // rig.observation.samples
     after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
         period.solution,
         rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
@@ -183,9 +182,9 @@ def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicPro
         upper_observation=period.solution.upper_observation + change.upper_observation[v],
         lower_observation=period.solution.lower_observation + change.lower_observation[v])))
     moved = change.relative_displacement[v] - _more_asperity_motion(period, problem, change.friction_force[v])
-    after = _faced(rig, after, before, moved[::thin])
+    after = _faced(rig, after, before, band_limited(moved, rig.observation.harmonics))
     if before.approach is not None:
-        after = replace(after, approach=before.approach - change.approach[v, ::thin])
+        after = replace(after, approach=before.approach - band_limited(change.approach[v], rig.observation.harmonics))
     return rig.sensed(one.model, after)
 
 

@@ -88,7 +88,7 @@ def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
 
 
 def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacement: NDArray[np.float64],
-                 elapsed: float = 0.0, thin: int = 1) -> Signals:
+                 elapsed: float = 0.0) -> Signals:
     """Return the channels of a period before any sensor.
 
     Parameters
@@ -99,8 +99,6 @@ def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacem
         The relative displacement where it is measured, m.
     elapsed
         Share of the test that is over.
-    thin
-        Every so many samples are kept.
     """
     samples = len(solution.state)
     phase = 2.0 * np.pi * np.arange(samples) / samples
@@ -109,9 +107,9 @@ def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacem
         drive = drive + (amplitude * np.exp(1j * order * phase)).real
     motion = solution.rig_displacement
     beside = force_beside_friction(problem.rig_forces, motion, time_derivative(motion, problem.omega))
-    return Signals(step=thin / (samples * problem.frequency), displacement=displacement[::thin],
-                   friction_force=(solution.friction_force + beside)[::thin], arm=solution.rig_displacement[::thin, 1],
-                   excitation=drive[::thin], normal_force=solution.force[::thin, :, 2].sum(axis=1), elapsed=elapsed)
+    return Signals(step=1.0 / (samples * problem.frequency), displacement=displacement,
+                   friction_force=solution.friction_force + beside, arm=solution.rig_displacement[:, 1],
+                   excitation=drive, normal_force=solution.force[:, :, 2].sum(axis=1), elapsed=elapsed)
 
 
 def _acts_over_cycles(effect: Effect) -> bool:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +12,15 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
+
+BESIDE = ("friction_force", "arm", "excitation", "normal_force", "approach", "arm_velocity", "arm_acceleration")
+
+
+def band_limited(periods: Array, harmonics: int) -> Array:
+    """Return periods (..., N) by 2 H + 1 equidistant samples (..., 2 H + 1) of their mean and first H harmonics."""
+    samples = 2 * harmonics + 1
+    kept = np.fft.rfft(periods)[..., :harmonics + 1]
+    return np.asarray(samples / periods.shape[-1] * np.fft.irfft(kept, samples))
 
 
 @record
@@ -42,11 +54,17 @@ class Signals:
         InputError
             Naming the channel.
         """
-        for name in ("friction_force", "arm", "excitation", "normal_force", "approach", "arm_velocity",
-                     "arm_acceleration"):
+        for name in BESIDE:
             values = getattr(self, name)
             if values is not None and values.shape != self.displacement.shape:
                 raise InputError(f"signals: {name} has {values.shape} samples, displacement {self.displacement.shape}")
+
+    def band_limited(self, harmonics: int) -> Signals:
+        """Return one whole period by 2 H + 1 samples of its first H harmonics."""
+        channels: dict[str, Any] = {name: band_limited(values, harmonics) for name in ("displacement", *BESIDE)
+                    if (values := getattr(self, name)) is not None}
+        step = self.step * len(self.displacement) / (2 * harmonics + 1)
+        return replace(self, step=step, **channels)
 
     def rate(self, values: Array) -> Array:
         """Return the time derivative of a channel (N,): of its Fourier series, or by central differences."""
