@@ -32,6 +32,7 @@ from fretflow.diagnosis.screening import (
     seen_through,
     signatures,
     starts_beside,
+    swapped,
     with_start,
 )
 from fretflow.effects.catalogue import catalogue
@@ -281,6 +282,14 @@ class RigSearch:
             elif found is not None and found.converged:
                 self.fits[names] = replace(self.fits[names], converged=True)
 
+    def swap(self, sets: Iterable[Names], steps: int) -> None:
+        """Fit sets in which one effect gives way to another that extends its law, or that its law extends."""
+        begun = [(self.fits[names].simulation, *start) for names in sets for start in swapped(self.fits[names])]
+        tasks = [_Task(self.fitter, space, z, near, steps, np.inf) for near, space, z in begun]
+        for task, found in zip(tasks, self.pool(fit_task, tasks), strict=True):
+            if found is not None:
+                self._keep(frozenset(task.space.effects), found)
+
     def correct(self, sets: Iterable[Names], steps: int) -> None:
         """Correct sets that leave more than noise by what the coarse mesh leaves out at their own fits.
 
@@ -338,6 +347,7 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     found.carry_on(dict.fromkeys([*found.best(1, effort.kept), *(frozenset({name}) for name in ranked[:PROMISING]
                                                                  if frozenset({name}) in found.fits)]),
                    effort.last_steps)
+    found.swap(found.best(1, effort.bases), effort.last_steps)
     found.correct(found.best(1, effort.bases + 1), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):
         progress(0.65 + 0.3 * place / effort.bases, f"what could act beside {', '.join(one)}")
@@ -347,6 +357,7 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
         promising = [name for name in seen.ranked()[:effort.pairs] if seen.gain((name,)) > LEAST_GAIN]
         found.add(one, promising, effort.first_steps)
         found.carry_on(found.best(2, 2, one), effort.last_steps)
+        found.swap(found.best(2, 1, one), effort.last_steps)
         found.correct(found.best(2, 1, one), effort.last_steps)
 
 

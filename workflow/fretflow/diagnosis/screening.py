@@ -125,6 +125,29 @@ def with_start(fit: Fit, start: Start) -> tuple[Space, Array]:
     return space, np.array(z)
 
 
+def swapped(fit: Fit) -> list[tuple[Space, Array]]:
+    """Return where fits begin in which an effect of a fit gives way to one whose law extends its own, or the reverse.
+
+    What both laws have is as it was fitted; the rest is at the middle of its ranges, for either sign.
+    """
+    found = []
+    for old in fit.space.effects:
+        for new in rig_effects():
+            if new in fit.space.effects or not _akin(catalogue()[old], catalogue()[new]):
+                continue
+            known = {(new if one.effect == old else one.effect, one.field): z
+                     for one, z in zip(fit.space.coordinates, fit.z, strict=True)}
+            effects = [new if name == old else name for name in fit.space.effects]
+            for signs in {one.sign: one.signs for one in _starts(new)}.values():
+                space = Space.of(effects, {**fit.space.signs, **signs})
+                found.append((space, np.array([known.get((one.effect, one.field), 0.0) for one in space.coordinates])))
+    return found
+
+
+def _akin(one: type[Effect], other: type[Effect]) -> bool:
+    return issubclass(one, other) or issubclass(other, one)
+
+
 def changes(fitter: Fitter, fit: Fit, starts: Sequence[Start]) -> Array:
     """Return the first-order changes (M, starts) of the recording from a fit to each of `starts`."""
     laid: list[Hypothesis] = []
