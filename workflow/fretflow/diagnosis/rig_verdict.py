@@ -21,6 +21,9 @@ MOST_RANKED = 40
 # was within what codes differ by. The gate says nothing there; it does where the misfit is beyond that by `ROOM` of
 # the expected chi-squared.
 UNLISTED, FAINT, ROOM = 0.56, 0.45, 0.5
+# Odds of an effect ten times the noise to none of that size, where detection sees nothing: 1 to 36 in the trial of 200,
+# with gains of some 0.3 in the mean.
+OVERLOOKED = 0.1
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD = 1.5
 CHANCE = 1e-3  # p-value below which a promise is no chance
@@ -52,7 +55,7 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
     share = looked.explained(chosen) if chosen else 0.0
     claim = (1.0 - FAINT / (1.0 + looked.excess(looked.baseline) / (ROOM * looked.expected))) / (
         1.0 + exp(-(share - EXPLAINED_GATE) / GATE_WIDTH))
-    if not chosen or not explains(looked, chosen) or unsteady(looked.fitter.rig.observation):
+    if not chosen or not explains(looked, chosen) or _unsteady_beside(looked, share):
         best = chosen or next((names for names in probability if names), frozenset())
         return Found(Verdict.UNKNOWN, (), best, share, UNLISTED, ranking, _widened(looked, best))
     rivals = {names: value for names, value in probability.items()
@@ -79,6 +82,11 @@ def _only_promised(detection: Detection) -> bool:
             and all(len(detection.tests) * value >= detection.false_alarm_rate for value in others))
 
 
+def _unsteady_beside(looked: RigSearch, share: float) -> bool:
+    """Return whether repeats differ smoothly, other than by a trifle beside a share explained of something large."""
+    return unsteady(looked.fitter.rig.observation) and not (looked.astray and share >= NEARLY_ALL)
+
+
 def explains(looked: RigSearch, names: Names) -> bool:
     """Return whether a set explains enough to be named."""
     share, left = looked.explained(names), looked.fits[names].chi_squared / looked.expected
@@ -90,10 +98,10 @@ def _widened(looked: RigSearch, names: Names) -> float:
 
 
 def _of_none(looked: RigSearch) -> float:
-    """Return the probability that nothing is left out, by the effects' gains at the baseline."""
+    """Return the probability that nothing is left out that could be seen, by the effects' gains at the baseline."""
     seen = looked.screen(frozenset())
     gains = np.array([seen.gain((name,)) for name in seen.columns]) / SYSTEMATIC
-    return float(1.0 / (1.0 + np.mean(np.exp(np.minimum(gains, 50.0)))))
+    return float(1.0 / (1.0 + OVERLOOKED * np.mean(np.exp(np.minimum(gains, 50.0)))))
 
 
 def _ranking(looked: RigSearch) -> tuple[Candidate, ...]:
