@@ -17,7 +17,8 @@ from fretflow.rig.lumped import LumpedRig
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3
 POINTS = 1e-3 * DATA["x"][FEW, :2]
-SAMPLES = 40
+SOLVED, HARMONICS = 40, 10
+SAMPLES = 2 * HARMONICS + 1
 
 
 def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequence[Condition], volume_sd: float,
@@ -41,8 +42,8 @@ def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequenc
     add("map", "wear_depth", counts[-1], None, len(POINTS), depth_sd, "wear map")
     floor = np.concatenate(sizes)
     return Observation(values=np.zeros(len(floor)), variance=floor**2, noise=np.ones(len(floor)),
-                       modes=np.zeros((len(floor), 0)), floor=floor, pieces=tuple(pieces), samples=SAMPLES,
-                       aligned_to="excitation", conditions=tuple(conditions), points=POINTS)
+                       modes=np.zeros((len(floor), 0)), floor=floor, pieces=tuple(pieces), solved=SOLVED,
+                       harmonics=HARMONICS, aligned_to="excitation", conditions=tuple(conditions), points=POINTS)
 
 
 def rig(observation: Observation) -> RigModel:
@@ -55,5 +56,5 @@ def rig(observation: Observation) -> RigModel:
                                               LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
         interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)
     return RigModel(problem=problem, wear_coefficient=1.1e-14, observation=observation,
-                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SAMPLES,
+                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SOLVED,
                     total_cycles=max(observation.counts))

@@ -66,8 +66,9 @@ def test_normal_force_and_approach_are_those_of_the_period(rig):
     base = model.simulate(space.hypothesis(np.zeros(space.size)))
     for period in (base.loops[0], base.sweep[1]):
         found = model.signals(period)
-        thin = len(period.solution.state) // model.observation.samples
-        assert found.normal_force == pytest.approx(period.solution.force[::thin, :, 2].sum(axis=1), rel=1e-6)
+        carried = period.solution.force[:, :, 2].sum(axis=1)
+        lines, wanted = (np.fft.rfft(one)[:5] / len(one) for one in (found.normal_force, carried))
+        np.testing.assert_allclose(lines, wanted, atol=1e-6 * carried.mean())
         assert np.ptp(found.normal_force) > 1e-3 * found.normal_force.mean()
     lighter, heavier = (model.signals(base.sweep[k]) for k in (1, 0))  # 50 N and 60 N
     assert lighter.approach.mean() < heavier.approach.mean()
@@ -85,5 +86,6 @@ def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep(rig):
     before = model.predict(base)
     for piece in model.observation.pieces:
         if piece.channel == "friction_force" and piece.block == "sweep":
-            at = np.argmax(before[piece.place])
-            assert change[piece.place][at] == pytest.approx((factor - 1.0) * before[piece.place][at], rel=0.1)
+            sliding = before[piece.place] > 0.9 * np.quantile(before[piece.place], 0.8)
+            assert change[piece.place][sliding].mean() == pytest.approx(
+                (factor - 1.0) * before[piece.place][sliding].mean(), rel=0.1)

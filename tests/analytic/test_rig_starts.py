@@ -107,7 +107,8 @@ def test_correction_at_a_fit_is_kept_where_it_lessens_the_misfit(recorded):
     exact = fitter.rig.predict(fitter.rig.simulate(Hypothesis()))
     twice = exact + RICHARDSON * (denser.predict(denser.simulate(Hypothesis())) - exact)
     seen = replace(fitter.rig, observation=replace(fitter.rig.observation, values=twice))
-    plain, space, none = replace(fitter, rig=seen), Space.of(()), frozenset()
+    sharp = Covariance(0.1 * fitter.covariance.variance, fitter.covariance.modes)
+    plain, space, none = replace(fitter, rig=seen, covariance=sharp), Space.of(()), frozenset()
 
     def looked(check):
         fit = plain.fit(space, np.zeros(space.size), None, 0)

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.rig_detection import GAINS
 from fretflow.diagnosis.rig_search import FAST, FULL, LEAST_GAIN, SLACK, Effort, RigSearch, begun, chosen_set, polished
 from fretflow.diagnosis.rig_verdict import UNLISTED, decide
+from fretflow.diagnosis.screening import swapped
 from fretflow.diagnosis.verdict import Detection, Verdict
 
 EXPECTED = 1000.0
@@ -126,10 +128,11 @@ def test_a_bad_fit_is_no_name_though_it_explains_most() -> None:
 
 
 def test_motion_that_does_not_repeat_itself_has_no_name() -> None:
-    """Whatever explains the mean loops, repeats that differ smoothly are beyond every effect of the catalogue."""
-    found = searched(none=9000.0, viscous=1010.0)
-    found.fitter.rig.observation.smooth_share = 0.9  # type: ignore[misc]
-    assert decide(found, chosen_set(found), seen(1e-9)).verdict is Verdict.UNKNOWN
+    """Repeats that differ smoothly are beyond the catalogue, unless that is small beside what it explains."""
+    for before, verdict in ((9000.0, Verdict.UNKNOWN), (310000.0, Verdict.NAMED)):
+        found = searched(none=before, viscous=1010.0)
+        found.fitter.rig.observation.smooth_share = 0.9  # type: ignore[misc]
+        assert decide(found, chosen_set(found), seen(1e-9)).verdict is verdict
 
 
 def test_intervals_widen_with_what_the_best_fit_leaves() -> None:
@@ -183,3 +186,21 @@ def test_polishing_nothing_leaves_the_baseline_alone() -> None:
     found.fits[frozenset()] = before
     polished(found, frozenset())
     assert found.baseline is before
+
+
+def test_an_effect_gives_way_to_one_that_extends_its_law_and_back() -> None:
+    """What both laws have stays as it was fitted, the baseline and other effects too; the rest is in the middle."""
+    space = Space.of(("contact-stiffness", "viscous"))
+    fit: Any = FakeFit(1.0, space=space, z=0.1 * np.arange(1.0, space.size + 1.0))
+    at = {one.name.replace("contact-stiffness", "*"): z for one, z in zip(space.coordinates, fit.z, strict=True)}
+    begun_at = swapped(fit)
+    assert {one.effects for one, _ in begun_at} == {("contact-stiffness-evolution", "viscous")}
+    for wider, z in begun_at:
+        found = {one.name.replace("contact-stiffness-evolution", "*"): value
+                 for one, value in zip(wider.coordinates, z, strict=True)}
+        assert found == at | {"*.gain": 0.0, "*.energy": 0.0}
+    back: Any = FakeFit(1.0, space=begun_at[0][0], z=begun_at[0][1])
+    (narrower, z), = swapped(back)
+    assert narrower.effects == space.effects
+    assert z == pytest.approx(fit.z)
+    assert swapped(FakeFit(1.0, space=Space.of(("backlash",)), z=np.zeros(9))) == []  # type: ignore[arg-type]

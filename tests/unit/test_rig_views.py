@@ -13,7 +13,7 @@ from fretflow.diagnosis.rig_phases import PHASES, Strokes
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.recordings.schema import Condition, Test
 
-SAMPLES, REPEATS, FLOOR = 100, 4, 0.1
+SAMPLES, REPEATS, FLOOR = 101, 4, 0.1
 WITHIN = 1.0 - 1.0 / REPEATS  # variance of a repeat about the mean of all, over that of a repeat
 COUNTS = tuple(range(0, 120_000, 10_000))
 PHASE = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
@@ -39,7 +39,7 @@ def observation(values=None):
     return Observation(
         values=np.concatenate([*parts, [1e-6, 2e-6, 3e-6]]) if values is None else values,
         variance=floor**2 / REPEATS, noise=np.ones(len(floor)), modes=np.zeros((len(floor), 0)), floor=floor,
-        pieces=tuple(pieces), samples=SAMPLES, aligned_to="excitation",
+        pieces=tuple(pieces), solved=2 * SAMPLES, harmonics=SAMPLES // 2, aligned_to="excitation",
         conditions=(Condition(id=0, normal_load="50 N"), Condition(id=1, normal_load="60 N")),
         points=1e-3 * np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 1.0]]))
 

@@ -26,6 +26,7 @@ UNLISTED, FAINT, ROOM = 0.56, 0.45, 0.5
 OVERLOOKED = 0.1
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD = 1.5
+BESIDE = 100.0  # times the expected chi-squared: ten times what repeats differ by, beside which that is a trifle
 CHANCE = 1e-3  # p-value below which a promise is no chance
 
 
@@ -83,8 +84,9 @@ def _only_promised(detection: Detection) -> bool:
 
 
 def _unsteady_beside(looked: RigSearch, share: float) -> bool:
-    """Return whether repeats differ smoothly, other than by a trifle beside a share explained of something large."""
-    return unsteady(looked.fitter.rig.observation) and not (looked.astray and share >= NEARLY_ALL)
+    """Return whether repeats differ smoothly, and not by a trifle beside what is explained nearly whole."""
+    large = looked.baseline.chi_squared > BESIDE * looked.expected
+    return unsteady(looked.fitter.rig.observation) and not (large and share >= NEARLY_ALL)
 
 
 def explains(looked: RigSearch, names: Names) -> bool:
