@@ -11,9 +11,9 @@ import pytest
 from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.rig_detection import GAINS
 from fretflow.diagnosis.rig_search import FAST, FULL, LEAST_GAIN, SLACK, Effort, RigSearch, begun, chosen_set, polished
-from fretflow.diagnosis.rig_verdict import UNLISTED, decide
+from fretflow.diagnosis.rig_verdict import UNLISTED, decide, held_to
 from fretflow.diagnosis.screening import swapped
-from fretflow.diagnosis.verdict import Detection, Verdict
+from fretflow.diagnosis.verdict import Detection, HeldOut, Verdict
 
 EXPECTED = 1000.0
 
@@ -204,3 +204,14 @@ def test_an_effect_gives_way_to_one_that_extends_its_law_and_back() -> None:
     assert narrower.effects == space.effects
     assert z == pytest.approx(fit.z)
     assert swapped(FakeFit(1.0, space=Space.of(("backlash",)), z=np.zeros(9))) == []  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("after", "verdict"), [(1.2, Verdict.NAMED), (1.5, Verdict.NAMED), (1.53, Verdict.UNKNOWN)])
+def test_what_does_not_help_to_predict_is_not_named(after: float, verdict: Verdict) -> None:
+    """An effect that fits the loops it was shown and predicts the others worse is no explanation."""
+    found = searched(none=9000.0, viscous=1010.0)
+    named = decide(found, chosen_set(found), seen(1e-9))
+    held = held_to(named, HeldOut(what="loops", before=1.5, after=after, floor=1.0))
+    assert held.verdict is verdict
+    assert held.effects == (("viscous",) if verdict is Verdict.NAMED else ())
+    assert held_to(named, None) is named

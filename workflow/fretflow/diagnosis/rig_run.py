@@ -34,7 +34,7 @@ from fretflow.diagnosis.rig_setup import (
     model_of,
     rubbed_friction,
 )
-from fretflow.diagnosis.rig_verdict import decide, smallest_visible
+from fretflow.diagnosis.rig_verdict import decide, held_to, predicts, smallest_visible
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.diagnosis.verdict import Diagnosis, Verdict
 from fretflow.diagnosis.words import after_model, blocks_of
@@ -97,6 +97,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     after = looked.fits[found.after]
     progress(0.85, "held-out loops")
     unseen = held_out(looked, found.after)
+    found = held_to(found, unseen.error)
     location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
@@ -111,7 +112,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=words.sentence(found.verdict, found.sets, found.explained, location, law, not unsteady(observation)),
+        sentence=words.sentence(found.verdict, found.sets, found.explained, location, law, not unsteady(observation),
+                                predicts(unseen.error)),
         detection=detection,
         location=location, parameters=estimates(fitter.rig, after, found.widened), held_out=unseen.error,
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, sqrt
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from fretflow.diagnosis.covariance import SYSTEMATIC
 from fretflow.diagnosis.rig_detection import BETWEEN_CODES, GAINS, unsteady
 from fretflow.diagnosis.rig_search import LEAST_GAIN, NEARLY_ALL, Names, RigSearch
-from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, Verdict
+from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Detection, HeldOut, Verdict
 
 SURE = 0.9  # probability from which one set is named alone
 MOST_ALTERNATIVES = 3
@@ -26,6 +26,7 @@ UNLISTED, FAINT, ROOM = 0.56, 0.45, 0.5
 OVERLOOKED = 0.1
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD = 1.5
+WORSE = 1.005  # what noise and a refit may do; some effects show in the wear or in zeros alone
 BESIDE = 100.0  # times the expected chi-squared: ten times what repeats differ by, beside which that is a trifle
 CHANCE = 1e-3  # p-value below which a promise is no chance
 
@@ -71,6 +72,18 @@ def decide(looked: RigSearch, chosen: Names, detection: Detection) -> Found:
             sum_ += value / total
     verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
     return Found(verdict, tuple(sets), chosen, share, sum_ * claim, ranking, _widened(looked, chosen))
+
+
+def predicts(error: HeldOut | None) -> bool:
+    """Return whether held-out loops are predicted no worse with the verdict's effects than without."""
+    return error is None or error.after <= WORSE * error.before
+
+
+def held_to(found: Found, error: HeldOut | None) -> Found:
+    """Return the verdict once held-out loops were predicted: effects that do not help there are not named."""
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or predicts(error):
+        return found
+    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=UNLISTED)
 
 
 def _only_promised(detection: Detection) -> bool:

@@ -42,7 +42,7 @@ SINGLE = {
 
 
 def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None,
-             repeats: bool = True) -> str:
+             repeats: bool = True, predicts: bool = True) -> str:
     """Return the verdict in one sentence.
 
     Parameters
@@ -59,6 +59,8 @@ def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location
         What an unlisted effect does.
     repeats
         Whether the motion repeats itself with the drive.
+    predicts
+        Whether loops that were not fitted are predicted better with them.
     """
     share = f"{100.0 * explained:.0f} % of what the baseline leaves"
     if verdict is Verdict.NONE:
@@ -73,10 +75,11 @@ def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location
         also = f"{listed(sure)}, and " if sure else ""
         return f"The model leaves out {also}one of {', or '.join(either)}, which act alike on this recording; " \
                f"{share} is explained."
-    return _unknown(explained, location, law, repeats)
+    return _unknown(explained, location, law, repeats, predicts)
 
 
-def _unknown(explained: float, location: Location, law: ResidualLaw | None, repeats: bool) -> str:
+def _unknown(explained: float, location: Location, law: ResidualLaw | None, repeats: bool,
+             predicts: bool) -> str:
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
@@ -84,6 +87,8 @@ def _unknown(explained: float, location: Location, law: ResidualLaw | None, repe
         if explained > 0.0 else "no effect of the catalogue earns a place"
     if not repeats:
         best += ", but the motion does not repeat itself with the drive, which it does with all of them"
+    elif not predicts:
+        best += ", but predicts loops that it was not fitted to no better than the baseline does"
     elif explained >= EXPLAINED_GATE:
         best += ", but not down to the noise"
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
