@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.observation import ABSOLUTE, Array, Observation, Piece
 from fretflow.diagnosis.verdict import Comparison, ResidualMap, WearMap
+from fretflow.rig.sensors import band_limited
 
 MOST_SHOWN = 8  # cycle counts
 LOOPS = ("loops", "sweep")
+DRAWN = 50  # harmonics of a loop as it is drawn: between its samples as they have it
 JUDGED = ("displacement", "friction_force")  # by how well held-out loops are predicted
 
 
@@ -60,11 +62,12 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     for label, pieces in loops.items():
         if label not in kept:
             continue
-        x, force = pieces["displacement"].place, pieces["friction_force"].place
+        (x, force), (x_before, force_before), (x_after, force_after) = (
+            [band_limited(vector[pieces[name].place], DRAWN) for name in JUDGED]
+            for vector in (observation.values, before, after))
         found.append(Comparison(
-            label=label, held_out=label in held_out, displacement=observation.values[x],
-            force=observation.values[force], before_displacement=before[x], before_force=before[force],
-            after_displacement=after[x], after_force=after[force]))
+            label=label, held_out=label in held_out, displacement=x, force=force, before_displacement=x_before,
+            before_force=force_before, after_displacement=x_after, after_force=force_after))
     return tuple(found)
 
 
