@@ -62,12 +62,13 @@ class LoopView:
 
 @dataclass(frozen=True)
 class LoopViews:
-    """All loops, whether they share one scale, and whether there is a prediction after."""
+    """All loops; whether they share one scale, have a prediction after, and are drawn in some harmonics alone."""
 
     views: tuple[LoopView, ...]
     word: str  # what they are: loops, or stretches of a long record
     one_scale: bool
     with_after: bool
+    in_harmonics: bool
 
 
 def loop_views(diagnosis: Diagnosis) -> LoopViews:
@@ -82,7 +83,8 @@ def loop_views(diagnosis: Diagnosis) -> LoopViews:
     common = None not in shared
     views = tuple(_view(one, pair, after, tuple(shared) if common else None)
                   for one, pair in zip(loops, channels, strict=True))
-    return LoopViews(views, "stretch" if any(one.time is not None for one in loops) else "loop", common, after)
+    return LoopViews(views, "stretch" if any(one.time is not None for one in loops) else "loop", common, after,
+                     diagnosis.kind == "fretting-rig")
 
 
 def has_after(loops: Sequence[Comparison]) -> bool:
