@@ -14,9 +14,11 @@ import pytest
 from fretflow_trial.campaign import Plan, Test
 from fretflow_trial.contact import Contact
 from fretflow_trial.elasticity import element_stiffness, grid, specimen_compliance
+from fretflow_trial.hidden import Facts
 from fretflow_trial.joint import Joint, node_areas, specimens
+from fretflow_trial.listed_wear import scar_edge
 from fretflow_trial.period import March
-from fretflow_trial.physics import Condition, Physics, Slow
+from fretflow_trial.physics import Channels, Condition, Physics, Slow
 from fretflow_trial.rig import ARM, BLOCK, Rig, step_of
 from numpy.typing import NDArray
 
@@ -195,3 +197,22 @@ def test_half_the_step_changes_little() -> None:
                       steps=steps)
         strokes.append(np.ptp(march.settle().track.rig[:, ARM]))
     assert strokes[0] == pytest.approx(strokes[1], rel=3e-3, abs=0.0)
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_the_force_sensor_takes_up_what_holds_the_arm_back_at_the_scar(other: bool) -> None:
+    """Newton's third law between the specimens: what is measured beside friction is minus the force on the arm.
+
+    The middle of the stroke is free, the force at the end is the peak of a deep scar, and it stays beyond.
+    """
+    hidden = scar_edge(np.random.default_rng(5), other, Facts(cycles=100_000, amplitude=60.0, load=60.0, hinge=1e8))
+    physics, end = hidden.apply(Physics()), 8e-6
+    slow = replace(unworn(specimens()), depth=np.full(specimens().size, 1e-3), scar=end)
+    arm = end * np.array([-1.5, -1.0, -0.3, 0.0, 0.3, 1.0, 1.5])
+    still = np.zeros(len(arm))
+    channels = Channels(100.0, 1, still, still, still, still, still, still, arm, still, still)
+    measured = physics.sensors[0](channels, slow).friction_force
+    on_arm = np.array([physics.rig_forces[0](np.array([0.0, x, 0.0, 0.0]), slow)[ARM] for x in arm])
+    np.testing.assert_allclose(measured, -on_arm, rtol=1e-12)
+    peak = hidden.parameters["peak_force"]
+    np.testing.assert_allclose(on_arm, peak * np.array([1.0, 1.0, 0.0, 0.0, 0.0, -1.0, -1.0]), rtol=1e-6)
