@@ -1,6 +1,7 @@
 """Where reduced specimens are kept from one diagnosis to the next."""
 
 import os
+from pathlib import Path
 
 import pytest
 from fretflow.cli_diagnose import MODELS, _kept_models
@@ -22,3 +23,12 @@ def test_without_a_cache_they_stay_beside_the_results(tmp_path, monkeypatch, how
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     assert _kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
     assert (tmp_path / "home" / MODELS).is_dir()
+
+
+def test_a_user_without_a_home_keeps_them_beside_the_results(tmp_path, monkeypatch):
+    def nowhere():
+        raise RuntimeError("no home")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert _kept_models(tmp_path / "home") == tmp_path / "home" / MODELS

@@ -74,10 +74,10 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
 
 def _kept_models(home: Path) -> Path:
     """Return the folder where reduced specimens are kept from one diagnosis to the next: in `home` without a cache."""
-    kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fretflow" / MODELS
     try:
+        kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fretflow" / MODELS
         kept.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):  # the latter where the user has no home
         return _folder(home / MODELS)
     return kept if os.access(kept, os.W_OK) else _folder(home / MODELS)
 
