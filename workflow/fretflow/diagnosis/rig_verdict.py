@@ -27,7 +27,7 @@ OVERLOOKED = 0.1
 # A fit that still leaves so many times the expected chi-squared names nothing, unless it explains nearly all there was.
 BAD = 1.5
 WORSE = 1.005  # what noise and a refit may do; some effects show in the wear or in zeros alone
-BESIDE = 100.0  # times the expected chi-squared: ten times what repeats differ by, beside which that is a trifle
+BESIDE = 10.0  # times the expected chi-squared: three times what repeats differ by, beside which that is a trifle
 CHANCE = 1e-3  # p-value below which a promise is no chance
 
 
