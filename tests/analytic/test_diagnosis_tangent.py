@@ -87,5 +87,5 @@ def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep(rig):
     for piece in model.observation.pieces:
         if piece.channel == "friction_force" and piece.block == "sweep":
             sliding = before[piece.place] > 0.9 * np.quantile(before[piece.place], 0.8)
-            assert change[piece.place][sliding].mean() == pytest.approx(
-                (factor - 1.0) * before[piece.place][sliding].mean(), rel=0.1)
+            share = change[piece.place][sliding] / before[piece.place][sliding]
+            assert np.median(share) == pytest.approx(factor - 1.0, rel=0.15)  # ten harmonics round the corners

@@ -22,7 +22,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.recordings.schema import Condition
 
 HERE = Path(__file__).parent
-SAMPLES, COUNTS = 40, (0, 4000, 12000, 24000)
+SAMPLES, COUNTS = 21, (0, 4000, 12000, 24000)
 CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"),)
 SD = {"displacement": 3e-8, "friction_force": 0.15, "excitation": 0.02}
 DEPTH_SD, VOLUME_SD = 3e-9, 2e-15

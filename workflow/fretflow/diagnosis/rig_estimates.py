@@ -20,10 +20,14 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
             "mass": ("rig.moving_mass", "kg", "mass of the driven block")}
 
+# Beyond noise and codes: without it 86 % of the intervals of strong effects held the truth, and 84 % of those of friction,
+# in 300 recordings of trials (seeds 2027 and 2028).
+HONEST = 1.2
+
 
 def estimates(rig: RigModel, fit: Fit, widened: float = 1.0) -> tuple[Estimate, ...]:
     """Return the baseline's parameters and those of the fit's effects; `widened` multiplies the intervals."""
-    spread = np.sqrt(np.diag(np.linalg.inv(fit.information))) * HALF * np.sqrt(SYSTEMATIC) * widened
+    spread = np.sqrt(np.diag(np.linalg.inv(fit.information))) * HALF * np.sqrt(SYSTEMATIC) * HONEST * widened
     found = []
     for coordinate, z, half in zip(fit.space.coordinates, fit.z, spread, strict=True):
         made = _estimate(rig, coordinate, float(z), float(half))
