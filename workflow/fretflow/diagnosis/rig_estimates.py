@@ -20,8 +20,8 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
             "mass": ("rig.moving_mass", "kg", "mass of the driven block")}
 
-# Beyond noise and codes: without it 86 % of the intervals of strong effects held the truth, and 84 % of those of friction,
-# in 300 recordings of trials (seeds 2027 and 2028).
+# Beyond noise and codes: without it 86 % of the intervals of strong effects held the truth, and 84 % of friction's, in
+# 300 recordings of trials (seeds 2027 and 2028).
 HONEST = 1.2
 
 
