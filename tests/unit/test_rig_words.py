@@ -90,3 +90,4 @@ def test_an_unknown_that_is_explained_in_part_says_why_it_has_no_name():
 def test_an_effect_that_predicts_nothing_is_said_to():
     assert "predicts loops that it was not fitted to no better" in sentence(
         Verdict.UNKNOWN, [], 1.0, PLACE, None, predicts=False)
+    assert "predicts" not in sentence(Verdict.UNKNOWN, [], 0.0, PLACE, None, predicts=False)  # nothing was chosen

@@ -87,7 +87,7 @@ def _unknown(explained: float, location: Location, law: ResidualLaw | None, repe
         if explained > 0.0 else "no effect of the catalogue earns a place"
     if not repeats:
         best += ", but the motion does not repeat itself with the drive, which it does with all of them"
-    elif not predicts:
+    elif not predicts and explained > 0.0:
         best += ", but predicts loops that it was not fitted to no better than the baseline does"
     elif explained >= EXPLAINED_GATE:
         best += ", but not down to the noise"
