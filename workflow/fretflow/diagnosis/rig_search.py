@@ -284,11 +284,14 @@ class RigSearch:
 
     def swap(self, sets: Iterable[Names], steps: int) -> None:
         """Fit sets in which one effect gives way to another that extends its law, or that its law extends."""
-        begun = [(self.fits[names].simulation, *start) for names in sets for start in swapped(self.fits[names])]
-        tasks = [_Task(self.fitter, space, z, near, steps, np.inf) for near, space, z in begun]
-        for task, found in zip(tasks, self.pool(fit_task, tasks), strict=True):
+        begun = [(names, *start) for names in sets for start in swapped(self.fits[names])]
+        tasks = [_Task(self.fitter_of(names), space, z, self.fits[names].simulation, steps, np.inf)
+                 for names, space, z in begun]
+        for (names, space, _), found in zip(begun, self.pool(fit_task, tasks), strict=True):
             if found is not None:
-                self._keep(frozenset(task.space.effects), found)
+                self._keep(frozenset(space.effects), found)
+                if names in self.fitters:
+                    self.fitters[frozenset(space.effects)] = self.fitters[names]
 
     def correct(self, sets: Iterable[Names], steps: int) -> None:
         """Correct sets that leave more than noise by what the coarse mesh leaves out at their own fits.
