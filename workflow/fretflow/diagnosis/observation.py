@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 CHANNELS = ("displacement", "friction_force", "excitation", "normal_force", "approach")
 NEEDED = ("displacement", "friction_force")
 ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
+GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
 LARGEST_SAMPLES = 100  # of a loop
 PER_HARMONIC = 4  # samples that a period is solved with
 # A loop's zero is lost between recordings, more so of the displacement; over the channel's size, see `_size`.
@@ -91,6 +92,11 @@ class Observation:
         modes = np.hstack([self.modes, *(error.reshape(len(self.values), -1) for error in errors)])
         kept = np.ones(len(self.values), dtype=bool) if rows is None else rows
         return Covariance(self.variance[kept], modes[kept])
+
+    def less_sure(self, variance: Array) -> Observation:
+        """Return the same values with further independent errors of a `variance` (M,) that repeats do not show."""
+        return replace(self, variance=self.variance + variance, noise=self.noise * self.variance / (
+            self.variance + variance))
 
     def rows(self, chosen: Mapping[Piece, bool] | None = None, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
@@ -233,7 +239,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[i
                              (f"{own} offset", place, np.full(samples, np.hypot(
                                  spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * size))),
                              (f"{channel} synchronisation", place, SYNCHRONISED * moving),
-                             (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * centred),
+                             (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * (
+                                 mean if name in GROWING else centred)),
                              (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * size))]
 
 

@@ -27,6 +27,7 @@ from fretflow.diagnosis.rig_setup import (
     MESHES_FAST,
     Reduce,
     case_of,
+    depth_error,
     errors_of,
     first_friction,
     first_simulation,
@@ -82,7 +83,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     case = case_of(recording)
     fitter, first, checks = _fitter(recording, observation, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
-    effort = FAST if fast else FULL
+    observation, effort = fitter.rig.observation, FAST if fast else FULL
     looked = begun(fitter, first, effort, tools.pool, checks)
     base = looked.baseline
     progress(0.3, "screening all effects")
@@ -140,7 +141,10 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
     finer = replace(model, problem=replace(fine, friction_coefficient=model.problem.friction_coefficient))
     denser = replace(model, samples=2 * model.samples)
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
-    correction, modes = errors_of(observation, predicted[0], predicted[1], model.predict(first))
+    plainly = model.predict(first)
+    observation = observation.less_sure(depth_error(observation, predicted[0], plainly))
+    correction, modes = errors_of(observation, *predicted, plainly)
+    model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
     return Fitter(model, observation.covariance(modes), correction), first, (finer, denser)
 
 
