@@ -26,8 +26,9 @@ class FakeFit:
     converged: bool = True
     z: np.ndarray = field(default_factory=lambda: np.zeros(4))
     residual: np.ndarray = field(default_factory=lambda: np.zeros(2000))
-    space: Any = None
+    space: Any = field(default_factory=lambda: Space.of(()))
     simulation: Any = None
+    whitened_jacobian: np.ndarray = field(default_factory=lambda: np.eye(2000, 4))
 
     @property
     def objective(self) -> float:
@@ -69,6 +70,21 @@ def test_second_effect_must_earn_its_place() -> None:
     """What a second effect takes off a law that is not quite the catalogue's is no second effect."""
     assert chosen_set(searched(none=9000.0, viscous=1600.0, viscous__backlash=1500.0)) == {"viscous"}
     assert chosen_set(searched(none=9000.0, viscous=5000.0, viscous__backlash=1050.0)) == {"viscous", "backlash"}
+
+
+def test_what_looks_like_the_first_effect_must_explain_more() -> None:
+    """A law that is wrong by a fifth leaves 4 %, and its nearest kin takes that; what looks otherwise is an effect."""
+    space = Space.of(("viscous", "velocity-dependent-friction"))
+    own = [one.effect for one in space.coordinates]
+    apart = np.eye(2000, len(own))
+    kin = apart.copy()
+    kin[:, own.index("velocity-dependent-friction")] = np.sqrt(0.5) * (apart[:, own.index("viscous")] + apart[:, -1])
+    chosen = []
+    for white in (apart, kin):
+        found = searched(none=31000.0, viscous=1950.0)
+        found.fits[frozenset(own) - {""}] = FakeFit(1010.0, space=space, whitened_jacobian=white)  # type: ignore[assignment]
+        chosen.append(chosen_set(found))
+    assert chosen == [{"viscous", "velocity-dependent-friction"}, {"viscous"}]
 
 
 def test_gain_within_what_codes_differ_by_is_no_effect() -> None:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.diagnosis.rig_setup import case_of, errors_of, first_friction, first_wear, rubbed_friction
+from fretflow.diagnosis.observation import observe
+from fretflow.diagnosis.rig_setup import case_of, depth_error, errors_of, first_friction, first_wear, rubbed_friction
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.schema import DisplacementOf, Place, Test, TestKind, Wear
+from fretflow.recordings.schema import Condition, DisplacementOf, Place, Test, TestKind, Wear
 
 SAMPLES, FRICTION, LOAD, STROKE, COUNTS = 400, 0.6, 50.0, 20e-6, (0, 10_000, 30_000)
 
@@ -80,11 +81,48 @@ def test_what_cannot_be_predicted_from_is_named(field: str) -> None:
 
 def test_errors_of_the_coarse_model_are_extrapolated_loop_by_loop() -> None:
     """Of an error c / N twice the samples leave half, so that twice the difference is added; modes are a piece each."""
-    pieces = [SimpleNamespace(place=slice(0, 3)), SimpleNamespace(place=slice(3, 5))]
+    pieces: Any = [SimpleNamespace(place=slice(0, 3)), SimpleNamespace(place=slice(3, 5))]
     plain, denser = np.full(5, 10.0), np.full(5, 10.0) - 1.0
-    correction, modes = errors_of(SimpleNamespace(pieces=pieces), plain, denser, plain)  # type: ignore[arg-type]
+    seen: Any = SimpleNamespace(pieces=pieces, rows=lambda block: np.zeros(5, dtype=bool))
+    correction, modes = errors_of(seen, plain, denser, plain)
     assert correction == pytest.approx(np.full(5, -2.0))
     assert np.count_nonzero(modes, axis=0).tolist() == [0, 3, 0, 2]
+
+
+def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
+    """Faces worn by 16 um, then a sweep: a gain 0.4 % too large, or a lost zero, is one deviate for all loops."""
+    noise, seen = np.random.default_rng(1), recorded().loops
+    assert seen is not None
+    phase, counts = seen.phase, (3, 4, SAMPLES)
+
+    def loops(depth: Any) -> LoopSet:
+        channels = {name: np.broadcast_to(values, counts) + 1e-3 * values.max() * noise.standard_normal(counts)
+                    for name, values in seen.channels.items()}
+        channels["approach"] = depth[:, None, None] + 1e-8 * (np.cos(phase) + noise.standard_normal(counts))
+        return replace(seen, channels=channels, units={**seen.units, "approach": "m"},
+                       calibration_sd={"approach": 0.004})
+
+    sweep: Any = SimpleNamespace(loops=loops(np.full(3, 16e-6)), conditions=[
+        Condition.model_construct(id=count, normal_load=1.0 + count) for count in COUNTS])
+    observed = observe(replace(recorded(), loops=loops(np.linspace(0.0, 16e-6, 3)), sweep=sweep))
+    for error in (0.004 * observed.values, np.full_like(observed.values, 1e-6)):
+        own = np.where(observed.rows(channel="approach"), error, 0.0)
+        assert np.linalg.norm(own / np.sqrt(observed.variance)) > 20.0
+        assert np.linalg.norm(observed.covariance().whiten(own)) < 1.0
+
+
+def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> None:
+    """Where the edge of a scar falls between coarse nodes is gone with the next mesh, and no promise for the rest."""
+    rows = np.array([False, False, True, True])
+    seen: Any = SimpleNamespace(pieces=[], rows=lambda block: rows)
+    plain, finer = np.zeros(4), np.array([1.0, 1.0, 3.0, -1.0])
+    correction, _ = errors_of(seen, finer, plain, plain)
+    assert correction[2:] == pytest.approx(finer[2:])
+    assert np.all(correction[:2] > finer[:2])
+    variance = depth_error(seen, finer, plain)
+    assert variance[:2] == pytest.approx(0.0)
+    assert variance[2] == variance[3]
+    assert 1.0 < np.sqrt(variance[2]) < 3.0
 
 
 def test_recording_without_loops_is_refused() -> None:

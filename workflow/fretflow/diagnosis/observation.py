@@ -147,10 +147,10 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
     stack = _Stack([], [], [], [], [], [], [])
     solved = _common_samples(recording, most)
-    _add_loops(stack, recording.loops, solved, None)
+    sizes = _add_loops(stack, recording.loops, solved, None, {})
     if recording.sweep is not None:
         _add_loops(stack, recording.sweep.loops, solved,
-                   condition_labels(recording.sweep.conditions, recording.test))
+                   condition_labels(recording.sweep.conditions, recording.test), sizes)
     last = int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
         volume = recording.wear.worn_volume
@@ -210,7 +210,13 @@ def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, s
     return found
 
 
-def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[int, str] | None) -> None:
+def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[int, str] | None,
+               sizes: Mapping[str, float]) -> dict[str, float]:
+    """Add loops to the vector; return the sizes of their channels, where `sizes` do not hold them.
+
+    A sensor's zero is one for all loops, those of the test and those at other conditions after it.
+    """
+    found = dict(sizes)
     block = "loops" if conditions is None else "sweep"
     names = [name for name in CHANNELS if name in loops.channels]
     if "friction_force" not in names and "force" in loops.channels:
@@ -241,7 +247,9 @@ def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[i
                              (f"{channel} synchronisation", place, SYNCHRONISED * moving),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * (
                                  mean if name in GROWING else centred)),
-                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * size))]
+                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * found.setdefault(
+                                 channel, size)))]
+    return found
 
 
 def _size(channel: str, means: Array) -> float:

@@ -143,7 +143,7 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
     observation = observation.less_sure(depth_error(observation, predicted[0], plainly))
-    correction, modes = errors_of(observation, *predicted, plainly)
+    correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
     return Fitter(model, observation.covariance(modes), correction), first, (finer, denser)
 

@@ -26,6 +26,7 @@ from fretflow.diagnosis.rig_setup import errors_of
 from fretflow.diagnosis.screening import (
     Signatures,
     Start,
+    alike,
     changes,
     in_sensors_alone,
     rig_effects,
@@ -47,6 +48,9 @@ BEYOND = 1.0  # of the recording's own size: a first-order change that is larger
 LEAST_GAIN = 12.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
 SECOND = 0.6  # share of what one effect leaves that a second one must explain
 PLACED = 0.005  # share of the baseline's excess that it must explain
+# The same, times how alike it looks to the first: a law that is wrong by a third leaves a tenth of the squares, and the
+# effect that looks most like it takes them.
+MISTAKEN = 0.1
 NEARLY_ALL = 0.97  # share explained from which nothing else is looked for in the place of what does
 PROMISING = 3  # effects by screening that are fitted on whatever their first steps came to
 POLISHING = 8  # steps at most
@@ -384,7 +388,12 @@ def chosen_set(found: RigSearch) -> Names:
             continue
         gain = found.fits[fewer].chi_squared - found.fits[wider].chi_squared
         if size > 1 and (gain < SECOND * (gain + found.excess(found.fits[wider]))
-                         or gain < PLACED * (found.baseline.chi_squared - found.expected)):
+                         or gain < _placed(found, wider) * (found.baseline.chi_squared - found.expected)):
             continue
         best = wider
     return best
+
+
+def _placed(found: RigSearch, pair: Names) -> float:
+    """Return the share of the baseline's excess that the weaker effect of a pair must explain."""
+    return max(PLACED, MISTAKEN * alike(found.fits[pair], *sorted(pair)))

@@ -199,6 +199,17 @@ def signatures(fitter: Fitter, fit: Fit, starts: Sequence[Start], moved: Array) 
                       {name: tuple(own) for name, own in points.items()})
 
 
+def alike(fit: Fit, one: str, other: str) -> float:
+    """Return how much two effects of a fit look alike: the largest squared cosine of what their parameters change.
+
+    What the others' parameters can do is projected out.
+    """
+    white, names = fit.whitened_jacobian, np.array([own.effect for own in fit.space.coordinates])
+    rest = _basis(white[:, ~np.isin(names, (one, other))])
+    first, second = (_basis(own - rest @ (rest.T @ own)) for own in (white[:, names == one], white[:, names == other]))
+    return float(np.linalg.svd(first.T @ second, compute_uv=False).max(initial=0.0)**2)
+
+
 def _basis(columns: Array) -> Array:
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, size > 1e-8 * max(float(size.max(initial=0.0)), FAINT)])
