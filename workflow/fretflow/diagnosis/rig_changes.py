@@ -233,7 +233,7 @@ def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
 
 
 def _sensor(rig: RigModel, base: Fit, loops: list[Loop], name: str, other: str) -> Columns:
-    """Return what the sensor of a channel does: a filter of it or of another, a bent scale, or anything."""
+    """Return what the sensor of a channel does: a filter of it or of another, a bent or drifting scale, or anything."""
     size, _ = _sizes(loops, name, other)
 
     def alike(loop: Loop) -> list[dict[str, Array]]:
@@ -252,11 +252,14 @@ def _sizes(loops: list[Loop], name: str, other: str) -> tuple[float, float]:
 
 
 def _likenesses(loop: Loop, loops: list[Loop], name: str, other: str) -> list[Array]:
-    """Return histories (N,) of one law in all loops: a filter of a channel, of another or of the drive, and powers."""
+    """Return histories (N,) of one law in all loops: filters of a channel, of another or of the drive, powers, gains.
+
+    A gain drifts over the test, evenly or early in it.
+    """
     size, across = _sizes(loops, name, other)
     mine, its = getattr(loop.signals, name), size / across * getattr(loop.signals, other)
-    drive = size * loop.harmonics(1)[:, 1]
-    found = [size * (mine / size)**2, size * (mine / size)**3]
+    drive, share = size * loop.harmonics(1)[:, 1], loop.period.elapsed
+    found = [size * (mine / size)**2, size * (mine / size)**3, share * mine, float(np.exp(-8.0 * share)) * mine]
     for signal, orders in ((mine, FORCE_HARMONICS), (its, FORCE_HARMONICS), (drive, 1)):
         spectrum = np.fft.rfft(signal)
         for k in range(1, orders + 1):
