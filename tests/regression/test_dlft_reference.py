@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.config import PeriodicMethod, Solver
+from fretflow.core.errors import NonConvergenceError
+from fretflow.harmonic import dlft
 from fretflow.harmonic.dlft import DlftSolver
+from fretflow.harmonic.newton import solve_newton
 from fretflow.harmonic.periodic import ContactState, PeriodicProblem
 from fretflow.rig.joint import QuasiStaticJoint
 from fretflow.rig.lumped import LumpedRig
@@ -122,3 +125,21 @@ def test_a_stuck_joint_does_not_move():
     assert np.all(found.state == ContactState.STICK)
     assert np.abs(found.displacement).max() < 1e-15
     assert found.error_estimate == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("force", [38.2, 38.4, 38.5])
+def test_the_transition_to_gross_slip_is_solved_without_raising_the_load(force, monkeypatch):
+    """Newton from rest goes round in circles here. What is found instead balances the joint at every harmonic kept."""
+    given = problem(force)
+    equations = dlft.build_equations(given, dlft.Variant(3, 128, SPECTRAL_RADIUS))
+    with pytest.raises(NonConvergenceError):
+        solve_newton(equations, np.zeros((7, equations.load.shape[1])), equations.scale, 1e-9, 60)
+    monkeypatch.delattr(dlft, "_raise_load")  # ten times as slow
+    found = solution(force, 3)
+    motion, pressing = (np.fft.rfft(a.reshape(128, -1), axis=0)[:4] / 64 for a in (found.displacement, found.force))
+    motion[0], pressing[0] = 0.5 * motion[0], 0.5 * pressing[0]
+    dense = given.joint.dynamic_stiffness(given.frequency, 3, force, given.normal_load)
+    balance = np.einsum("kij,kj->ki", dense.stiffness, motion) - dense.load
+    assert pressing == pytest.approx(balance, abs=1e-7)
+    below, above = (np.ptp(mean_sliding(solution(beside, 3))) for beside in (38.0, 38.7))
+    assert below < np.ptp(mean_sliding(found)) < above

@@ -8,6 +8,7 @@ harmonics the sliding distance depends on the penalty. Every solution therefore 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ from fretflow.rig.joint import JointModel
 
 FIRST_LOAD_STEP, SMALLEST_LOAD_STEP = 0.25, 1e-3
 SMALLER_PENALTY = 0.1
+SOFTER = (0.1, 0.3)  # shares of the penalty at which Newton is tried first where it fails otherwise
 FEW_HARMONICS, COARSE_TOLERANCE = 3, 1e-4
 SLIDING_SHARE = 1.15  # of friction, above which a load slides: between 1 and 4 / pi, that of a square wave; measured
 NO_SLIDING = 1e-15  # m, round-off of a stuck contact
@@ -134,6 +136,9 @@ def solve_equations(equations: DlftEquations, start: NDArray[np.float64] | None,
                     max_iterations: int) -> NewtonResult[Evaluation]:
     """Solve from `start` (2 H + 1, 3 n) if given, else from half the harmonics, sliding or rest, else in steps of load.
 
+    Between partial and gross slip Newton may go round in circles: with a smaller penalty nodes change their state less
+    abruptly, and the solution for that penalty lies near by.
+
     Raises
     ------
     NonConvergenceError
@@ -160,7 +165,19 @@ def _guesses(equations: DlftEquations, start: NDArray[np.float64] | None,
         except NonConvergenceError:
             pass
     rest, sliding = np.zeros((2 * equations.harmonics + 1, equations.load.shape[1])), free_sliding(equations)
-    yield from [sliding, rest] if _slides(equations) else [rest, sliding]
+    first, second = (sliding, rest) if _slides(equations) else (rest, sliding)
+    yield first
+    yield from _softer_roots(equations, first if start is None else start, max_iterations)
+    yield second
+
+
+def _softer_roots(equations: DlftEquations, start: NDArray[np.float64], max_iterations: int
+                  ) -> Iterator[NDArray[np.float64]]:
+    """Yield roots of the same equations with smaller penalties."""
+    for share in SOFTER:
+        with suppress(NonConvergenceError):
+            yield solve_newton(replace(equations, penalty=share * equations.penalty), start, equations.scale,
+                               COARSE_TOLERANCE, max_iterations).unknowns
 
 
 def padded(unknowns: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ Operator = Callable[[Vector], Vector]
 KRYLOV_DIMENSION = 200
 STEPS = (1.0, 0.5, 0.25)
 SUFFICIENT_DECREASE = 1e-4
+PATIENCE = 15  # steps without a new smallest residual, after which the iteration goes round in circles
 
 
 class HasResidual(Protocol):
@@ -122,6 +123,9 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
         if len(history) > max_iterations:
             raise NonConvergenceError(f"Newton: residual {history[-1]:.1e} after {max_iterations} iterations "
                                       f"against {tolerance:.0e}; raise max_iterations or samples", history)
+        if len(history) > PATIENCE and min(history[-PATIENCE:]) >= min(history[:-PATIENCE]):
+            raise NonConvergenceError(f"Newton: residual {min(history):.1e} has not fallen for {PATIENCE} iterations; "
+                                      "start from a neighbouring solution", history)
         apply, precondition = equations.linearise(state)
         forcing = max(min(0.1, history[-1]), 0.3 * tolerance / history[-1])
         flat, iterations = gmres(apply, -state.residual.ravel(), precondition, forcing)
