@@ -123,6 +123,27 @@ def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
     assert found.tangent @ direction == pytest.approx(differences, rel=1e-5, abs=1e-5 * np.abs(differences).max())
 
 
+@pytest.mark.parametrize("stroke", [3.4e-6, 3.8e-6, 4.2e-6])
+def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
+    """Where a contact just slides as a whole, its memory fades over periods, and that of its tangent likewise."""
+    samples, harmonics = 64, 5
+    system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
+    synthesis = synthesis_matrix(harmonics, samples)
+    arm = synthesis[:, [1, 2, 5]] @ np.array([0.5, 0.02, 0.05]) * stroke
+    direction = synthesis @ np.random.default_rng(3).normal(size=2 * harmonics + 1)
+
+    def march(position, directions, before=None, repeat=0.0):
+        marching = ContactMarch(system, JOINT.flexibility)
+        start, near = (marching.preloaded(), None) if before is None else (before.sample(-1), before)
+        return marching.period(position, directions, start, near, 1e-12, repeat)
+
+    plus, minus = (march(arm + h * direction, np.zeros((samples, 0))).trajectory.friction for h in (1e-12, -1e-12))
+    differences = (plus - minus) / 2e-12
+    settled = march(arm, np.zeros((samples, 0))).trajectory
+    found = march(arm, direction[:, None], settled, repeat=1e-4).tangent[:, 0]
+    assert found == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
+
+
 def test_a_load_pressed_on_against_friction_shears_the_faces_within_their_limit():
     """No lateral slip, hence no lateral motion at all, where every node sticks; no net friction force either."""
     given = replace(problem(53.0), frictional_preload=True)

@@ -21,6 +21,7 @@ from fretflow.harmonic.contact_kernel import (
 from fretflow.harmonic.contact_kernel_slope import differentiate
 
 MAX_EXTRAPOLATION = 2.0
+SAME_TANGENT = 1e-4  # relative; far from the accuracy that Newton needs of a tangent
 
 
 class Course(NamedTuple):
@@ -72,6 +73,15 @@ def _as_before(found: Marched, last: Marched, j: int, limit: float) -> bool:
 
 
 @compiled
+def _alike(a: Array, b: Array) -> bool:
+    """Tell whether two rows of tangents are the same."""
+    size, away = 0.0, 0.0
+    for k in range(len(a)):
+        size, away = max(size, abs(b[k])), max(away, abs(a[k] - b[k]))
+    return away <= SAME_TANGENT * size
+
+
+@compiled
 def march(c: Contact, factor: Factor, course: Course, start: Marched, slope: Array, guess: Marched, last: Marched,
           last_tangent: Array, limits: tuple[float, float], found: Marched, tangent: Array) -> tuple[int, Array]:
     """March one period of N samples with its tangent.
@@ -119,8 +129,8 @@ def march(c: Contact, factor: Factor, course: Course, start: Marched, slope: Arr
             for k in range(p):
                 tangent[j, k] = force[0, k] - along * course.directions[j, k] - lift * approach[k]
         earlier, e, before, b = before, b, found, j
-        # where everything slides nothing is remembered
-        if len(last.approach) and _as_before(found, last, j, limits[1]):
+        # where everything slides nothing is remembered, once the directions of sliding have been forgotten
+        if len(last.approach) and _as_before(found, last, j, limits[1]) and _alike(tangent[j], last_tangent[j]):
             for rest in range(j + 1, samples):
                 copy_sample(last, rest, found, rest)
                 for k in range(p):

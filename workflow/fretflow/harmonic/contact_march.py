@@ -35,6 +35,7 @@ MAX_PRELOAD_STEPS = 100
 PRELOAD_PARTS = 20  # of a load applied against friction
 NEWTON_AFTER = 3  # periods
 PERSISTS = 1e-6
+SLOPE_REPEATS = 1e-3  # change of the displacements' derivatives from period to period, m/m
 
 
 @dataclass(frozen=True)
@@ -245,7 +246,7 @@ class ContactMarch:
             if period > NEWTON_AFTER:
                 before, slope = self._newton_start(arm, directions, run)
             run = self._pass(arm, directions, before, slope, run.trajectory, run)
-            if self._same(run.end, before):
+            if self._same(run.end, before) and np.abs(run.slope - slope).max(initial=0.0) < SLOPE_REPEATS:
                 return PeriodicMarch(run.trajectory, run.tangent, period + 1)
         raise NonConvergenceError(
             f"the contact did not repeat itself within {MAX_PERIODS} periods; it may ratchet under this load")
