@@ -5,7 +5,8 @@ import pytest
 from fretflow.core.compiled import compiled, factorise, multiply, substitute
 
 
-@pytest.mark.parametrize(("m", "s", "p"), [(5, 3, 4), (1, 7, 1), (4, 0, 2), (0, 3, 2), (3, 2, 0)])
+@pytest.mark.parametrize(("m", "s", "p"), [(5, 3, 4), (1, 7, 1), (4, 0, 2), (0, 3, 2), (3, 2, 0),
+                                       (5, 7, 1), (7, 5, 1), (0, 3, 1), (3, 0, 1)])
 def test_product_is_that_of_numpy(m, s, p):
     rng = np.random.default_rng(3)
     a, b, product = rng.normal(size=(m, s)), rng.normal(size=(s, p)), np.full((m, p), np.nan)

@@ -37,6 +37,7 @@ def _routine(library: str, name: str, arguments: int) -> Any:
 _dgetrf = _routine("cython_lapack", "dgetrf", 6)
 _dgetrs = _routine("cython_lapack", "dgetrs", 9)
 _dgemm = _routine("cython_blas", "dgemm", 13)
+_dgemv = _routine("cython_blas", "dgemv", 11)
 
 
 @compiled
@@ -61,10 +62,26 @@ def substitute(factors: NDArray[np.float64], pivots: NDArray[np.int32], columns:
 
 
 @compiled
+def _multiply_vector(a: NDArray[np.float64], b: NDArray[np.float64], product: NDArray[np.float64]) -> None:
+    """Put ``a @ b`` of (m, s) and (s, 1) into `product` (m, 1); twice as fast as a product of matrices."""
+    size = np.array([a.shape[1], a.shape[0], 1], dtype=np.int32)
+    transposed, scale = np.array([84], dtype=np.int8), np.array([1.0, 0.0])  # "T": of the columns that BLAS reads
+    if size[1] > 0:
+        _dgemv(transposed.ctypes.data, size.ctypes.data, size[1:].ctypes.data, scale.ctypes.data, a.ctypes.data,
+               size.ctypes.data, b.ctypes.data, size[2:].ctypes.data, scale[1:].ctypes.data, product.ctypes.data,
+               size[2:].ctypes.data)
+    if transposed[0] != 84 or scale[1] != 0.0 or size[2] != 1:
+        raise ValueError("BLAS changed its arguments")  # never; keeps them alive until here
+
+
+@compiled
 def multiply(a: NDArray[np.float64], b: NDArray[np.float64], product: NDArray[np.float64]) -> None:
     """Put ``a @ b`` of (m, s) and (s, p) into `product` (m, p)."""
     if a.shape[1] == 0:
         product.fill(0.0)
+        return
+    if b.shape[1] == 1:
+        _multiply_vector(a, b, product)
         return
     # by columns, as BLAS reads them, these are the transposed matrices: product^T = b^T a^T
     size = np.array([b.shape[1], a.shape[0], a.shape[1]], dtype=np.int32)

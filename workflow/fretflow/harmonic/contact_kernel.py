@@ -22,7 +22,7 @@ Indices = NDArray[np.int64]
 STICK, SLIP, OPEN = int(ContactState.STICK), int(ContactState.SLIP), int(ContactState.OPEN)
 MAX_ITERATIONS = 40
 MOST_PARTS = 256  # of a sample's step of the arm
-STALE = 0.05  # a kept factor must contract the residual at least by this
+STALE = 0.4  # a kept factor must contract the residual at least by this; a new one costs some ten iterations
 
 
 class Contact(NamedTuple):

@@ -144,17 +144,21 @@ def _cold_starts(problem: PeriodicProblem, equations: ArmEquations, march: Conta
         block, arm = (equations.analysis @ _marched(problem, march, len(equations.synthesis))).T
         yield _Start(arm, block)
     else:
-        yield _Start(_first_arm(problem, equations, march, march.preloaded(problem.frictional_preload)))
+        yield _first_start(problem, equations, march, march.preloaded(problem.frictional_preload))
 
 
-def _first_arm(problem: PeriodicProblem, equations: ArmEquations, march: ContactMarch, contact: SampleState) -> Array:
-    """Return the arm's motion on the contact's backbone, or where that fails on one Jenkins element."""
+def _first_start(problem: PeriodicProblem, equations: ArmEquations, march: ContactMarch, contact: SampleState
+                 ) -> _Start:
+    """Return the arm's motion on the contact's backbone, with its tangent, or where that fails on a Jenkins element."""
     try:
-        return find_arm(problem, equations, Backbone.of(march, contact))
+        backbone = Backbone.of(march, contact)
+        arm = find_arm(problem, equations, backbone)
     except NonConvergenceError:
-        return equations.analysis @ jenkins_arm_motion(
+        return _Start(equations.analysis @ jenkins_arm_motion(
             problem.joint.quasi_static().rig, *_one_element(march), problem.excitation, problem.frequency,
-            len(equations.synthesis))
+            len(equations.synthesis)))
+    _, tangent = backbone.friction(equations.synthesis @ arm, equations.synthesis)
+    return _Start(arm, tangent=equations.analysis @ tangent)
 
 
 def _marched(problem: PeriodicProblem, march: ContactMarch, samples: int) -> Array:
@@ -178,11 +182,15 @@ def _one_element(march: ContactMarch) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Start:
-    """Coefficients (2 H + 1,) of the arm and of the block, None where that follows the arm, and a period near by."""
+    """Coefficients (2 H + 1,) of the arm and of the block, None where that follows the arm, and what is known near by.
+
+    That is a period, and the `tangent` (2 H + 1, 2 H + 1) N/m of the friction force.
+    """
 
     arm: Array
     block: Array | None = None
     near: Trajectory | None = None
+    tangent: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -205,8 +213,8 @@ class _ArmNewton:
     """Newton on the arm's coefficients with a line search on the residual.
 
     The tangent costs five times the period itself, so that it is made only where a step was taken. Close to the root
-    that of the step before serves, corrected so that it gives the change of friction just seen (C. G. Broyden, Math.
-    Comp. 19 (1965) 577-593).
+    that of the step before serves, at first that of the contact's backbone, corrected so that it gives the change of
+    friction just seen (C. G. Broyden, Math. Comp. 19 (1965) 577-593).
     """
 
     def __init__(self, equations: ArmEquations, march: ContactMarch, scale: float, tolerance: float) -> None:
@@ -239,7 +247,8 @@ class _ArmNewton:
                 start = next(starts, None)
                 if start is None:
                     break
-                found = self._iterate(start, self._march(start.arm, self._none, before, start.near, 1.0).trajectory)
+                period = self._march(start.arm, self._none, before, start.near, 1.0)
+                found = self._iterate(start, period.trajectory, start.tangent)
             except NonConvergenceError as error:
                 failure = error
                 continue
