@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.core.compiled import compiled, factorise, multiply, substitute
+from fretflow.core.compiled import compiled, factorise, multiply, multiply_symmetric, substitute
 
 
 @pytest.mark.parametrize(("m", "s", "p"), [(5, 3, 4), (1, 7, 1), (4, 0, 2), (0, 3, 2), (3, 2, 0),
@@ -12,6 +12,13 @@ def test_product_is_that_of_numpy(m, s, p):
     a, b, product = rng.normal(size=(m, s)), rng.normal(size=(s, p)), np.full((m, p), np.nan)
     multiply(a, b, product)
     np.testing.assert_allclose(product, a @ b, rtol=1e-13, atol=1e-13)
+
+
+def test_product_with_a_symmetric_matrix_is_that_of_numpy():
+    rng = np.random.default_rng(5)
+    half, vector, product = rng.normal(size=(7, 7)), rng.normal(size=7), np.full(7, np.nan)
+    multiply_symmetric(half + half.T, vector, product)
+    np.testing.assert_allclose(product, (half + half.T) @ vector, rtol=1e-13, atol=1e-13)
 
 
 def test_factors_solve_for_matrices_that_are_given_by_columns():

@@ -38,6 +38,7 @@ _dgetrf = _routine("cython_lapack", "dgetrf", 6)
 _dgetrs = _routine("cython_lapack", "dgetrs", 9)
 _dgemm = _routine("cython_blas", "dgemm", 13)
 _dgemv = _routine("cython_blas", "dgemv", 11)
+_dsymv = _routine("cython_blas", "dsymv", 10)
 
 
 @compiled
@@ -91,4 +92,15 @@ def multiply(a: NDArray[np.float64], b: NDArray[np.float64], product: NDArray[np
                scale.ctypes.data, b.ctypes.data, size.ctypes.data, a.ctypes.data, size[2:].ctypes.data,
                scale[1:].ctypes.data, product.ctypes.data, size.ctypes.data)
     if plain[0] != 78 or scale[1] != 0.0 or size[2] != a.shape[1]:
+        raise ValueError("BLAS changed its arguments")  # never; keeps them alive until here
+
+
+@compiled
+def multiply_symmetric(matrix: NDArray[np.float64], vector: NDArray[np.float64], product: NDArray[np.float64]) -> None:
+    """Put ``matrix @ vector`` into `product` (m,), the matrix (m, m) being symmetric: only one half of it is read."""
+    size = np.array([len(matrix), 1], dtype=np.int32)
+    half, scale = np.array([76], dtype=np.int8), np.array([1.0, 0.0])  # "L": the lower one
+    _dsymv(half.ctypes.data, size.ctypes.data, scale.ctypes.data, matrix.ctypes.data, size.ctypes.data,
+           vector.ctypes.data, size[1:].ctypes.data, scale[1:].ctypes.data, product.ctypes.data, size[1:].ctypes.data)
+    if half[0] != 76 or scale[1] != 0.0 or size[1] != 1:
         raise ValueError("BLAS changed its arguments")  # never; keeps them alive until here

@@ -26,7 +26,8 @@ from fretflow.harmonic.jenkins_start import jenkins_arm_motion
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.rig.joint import QuasiStaticJoint
 
-STEPS_TO_LIMIT = 40  # of the first push, at the stuck stiffness
+STEPS_TO_LIMIT = 40  # of a push from rest, at the stuck stiffness
+FIRST_STEP = 5.0  # of the first push, in those steps: only its end matters
 MAX_STEPS = 1000
 NEVER = -1
 STEADY = 1e-5  # change of the friction force in a step
@@ -57,7 +58,7 @@ class Backbone:
         """
         limit = float(march.system.friction.mean()) * march.system.load
         step = limit / float(march.solver.kbx[:march.system.size].sum()) / STEPS_TO_LIMIT
-        turned, arm, _ = _push(march, start, 0.0, step)
+        turned, arm, _ = _push(march, start, 0.0, FIRST_STEP * step)
         _, _, back = _push(march, turned, arm, -2.0 * step)
         return cls._through(0.5 * np.abs(back - back[0]))
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import SMALLEST_LOAD
-from fretflow.core.compiled import compiled, factorise, multiply, substitute
+from fretflow.core.compiled import compiled, factorise, multiply_symmetric, substitute
 from fretflow.harmonic.periodic import ContactState
 
 Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ def _hold(c: Contact, u: Array, f: Array, previous: Array, state: States, arm: f
             u[2 * n + i] = -c.gap[i]
         if state[i] == STICK:
             u[i], u[n + i] = previous[i], previous[n + i]
-    multiply(c.stiffness, u.reshape(-1, 1), f.reshape(-1, 1))
+    multiply_symmetric(c.stiffness, u, f)
     for i in range(3 * n):
         f[i] -= arm * c.along[i] + approach * c.lift[i]
     try_forces(c, u, f, previous, trial)

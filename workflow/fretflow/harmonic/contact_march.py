@@ -245,7 +245,9 @@ class ContactMarch:
             before, slope = run.end, run.slope
             if period > NEWTON_AFTER:
                 before, slope = self._newton_start(arm, directions, run)
-            run = self._pass(arm, directions, before, slope, run.trajectory, run)
+            # the first loading is a poor guess of the way back: there the sample before serves better
+            near = None if guess is None and period == 1 else run.trajectory
+            run = self._pass(arm, directions, before, slope, near, run)
             if self._same(run.end, before) and np.abs(run.slope - slope).max(initial=0.0) < SLOPE_REPEATS:
                 return PeriodicMarch(run.trajectory, run.tangent, period + 1)
         raise NonConvergenceError(
