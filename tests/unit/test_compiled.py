@@ -21,13 +21,20 @@ def test_product_with_a_symmetric_matrix_is_that_of_numpy():
     np.testing.assert_allclose(product, (half + half.T) @ vector, rtol=1e-13, atol=1e-13)
 
 
-def test_factors_solve_for_matrices_that_are_given_by_columns():
+@pytest.mark.parametrize(("precision", "error"), [(np.float64, 1e-11), (np.float32, 1e-4)])
+def test_factors_solve_for_matrices_that_are_given_by_columns(precision, error):
     rng = np.random.default_rng(4)
     matrix, right = rng.normal(size=(6, 6)), rng.normal(size=(6, 3))
-    columns, pivots, solved = np.ascontiguousarray(matrix.T), np.empty(6, dtype=np.int32), np.ascontiguousarray(right.T)
+    columns, solved = (np.ascontiguousarray(values.T, dtype=precision) for values in (matrix, right))
+    pivots = np.empty(6, dtype=np.int32)
     assert factorise(columns, pivots)
     substitute(columns, pivots, solved)
-    np.testing.assert_allclose(matrix @ solved.T, right, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(matrix @ solved.T, right, rtol=error, atol=error)
+
+
+def test_right_hand_sides_of_another_precision_are_refused():
+    with pytest.raises(ValueError, match="precision"):
+        substitute(np.eye(2, dtype=np.float32), np.arange(1, 3, dtype=np.int32), np.ones((1, 2)))
 
 
 def test_singular_matrix_is_told():

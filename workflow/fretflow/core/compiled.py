@@ -15,6 +15,7 @@ from numba import njit, types
 from numba.extending import get_cython_function_address
 from numpy.typing import NDArray
 
+SINGLE = 4  # bytes of a number in single precision
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 
@@ -36,28 +37,47 @@ def _routine(library: str, name: str, arguments: int) -> Any:
 
 _dgetrf = _routine("cython_lapack", "dgetrf", 6)
 _dgetrs = _routine("cython_lapack", "dgetrs", 9)
+_sgetrf = _routine("cython_lapack", "sgetrf", 6)
+_sgetrs = _routine("cython_lapack", "sgetrs", 9)
 _dgemm = _routine("cython_blas", "dgemm", 13)
 _dgemv = _routine("cython_blas", "dgemv", 11)
 _dsymv = _routine("cython_blas", "dsymv", 10)
 
 
 @compiled
-def factorise(columns: NDArray[np.float64], pivots: NDArray[np.int32]) -> bool:
-    """Replace a matrix, given by its columns (q, q), by its LU factors; `pivots` (q,). Return whether it is regular."""
+def factorise(columns: NDArray[np.floating[Any]], pivots: NDArray[np.int32]) -> bool:
+    """Replace a matrix, given by its columns (q, q), by its LU factors; `pivots` (q,). Return whether it is regular.
+
+    In the matrix's own precision, single or double.
+    """
     size = np.array([len(columns)], dtype=np.int32)
     info = np.zeros(1, dtype=np.int32)
-    _dgetrf(size.ctypes.data, size.ctypes.data, columns.ctypes.data, size.ctypes.data, pivots.ctypes.data,
-            info.ctypes.data)
+    if columns.itemsize == SINGLE:
+        _sgetrf(size.ctypes.data, size.ctypes.data, columns.ctypes.data, size.ctypes.data, pivots.ctypes.data,
+                info.ctypes.data)
+    else:
+        _dgetrf(size.ctypes.data, size.ctypes.data, columns.ctypes.data, size.ctypes.data, pivots.ctypes.data,
+                info.ctypes.data)
     return bool(info[0] == 0 and size[0] == len(columns))
 
 
 @compiled
-def substitute(factors: NDArray[np.float64], pivots: NDArray[np.int32], columns: NDArray[np.float64]) -> None:
-    """Replace right-hand sides, given by their columns (p, q), by the solutions of `factorise`d equations."""
+def substitute(factors: NDArray[np.floating[Any]], pivots: NDArray[np.int32], columns: NDArray[np.floating[Any]]
+               ) -> None:
+    """Replace right-hand sides, given by their columns (p, q), by the solutions of `factorise`d equations.
+
+    The right-hand sides have the factors' precision.
+    """
     size = np.array([len(factors), len(columns), 0], dtype=np.int32)
     plain = np.array([78], dtype=np.int8)  # "N": not the transpose
-    _dgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size.ctypes.data,
-            pivots.ctypes.data, columns.ctypes.data, size.ctypes.data, size[2:].ctypes.data)
+    if columns.itemsize != factors.itemsize:
+        raise ValueError("factors and right-hand sides differ in precision")
+    if factors.itemsize == SINGLE:
+        _sgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size.ctypes.data,
+                pivots.ctypes.data, columns.ctypes.data, size.ctypes.data, size[2:].ctypes.data)
+    else:
+        _dgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size.ctypes.data,
+                pivots.ctypes.data, columns.ctypes.data, size.ctypes.data, size[2:].ctypes.data)
     if size[2] != 0 or plain[0] != 78:
         raise ValueError("LAPACK refused its arguments")
 

@@ -7,7 +7,7 @@ unknowns: x of the slipping nodes, their y, then x, y, z of the open ones, and t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +43,12 @@ class Contact(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """The last LU factors, of the equations of the contact state (n,); size (1,) is q, 0 if there are none."""
+    """The last LU factors, of the equations of the contact state (n,); size (1,) is q, 0 if there are none.
 
-    matrix: Array
+    For Newton's steps they are in single precision, which takes half the time; derivatives need double.
+    """
+
+    matrix: NDArray[np.floating[Any]]
     pivots: NDArray[np.int32]
     state: States
     size: Indices
@@ -60,11 +63,11 @@ class Marched(NamedTuple):
     state: States
 
 
-def empty_factor(nodes: int) -> Factor:
-    """Return room for the factors of any state of n nodes."""
+def empty_factor(nodes: int, single: bool = False) -> Factor:
+    """Return room for the factors of any state of n nodes, in double precision or single."""
     size = 3 * nodes + 1
-    return Factor(np.empty(size * size), np.empty(size, dtype=np.int32), np.empty(nodes, dtype=np.int8),
-                  np.zeros(1, dtype=np.int64))
+    matrix: NDArray[np.floating[Any]] = np.empty(size * size, dtype=np.float32 if single else np.float64)
+    return Factor(matrix, np.empty(size, dtype=np.int32), np.empty(nodes, dtype=np.int8), np.zeros(1, dtype=np.int64))
 
 
 def empty_march(samples: int, nodes: int) -> Marched:
@@ -247,7 +250,7 @@ def factorise_state(c: Contact, trial: Array, cone: Array, m: int, unknown: Indi
 
 
 @compiled
-def solve(factor: Factor, columns: Array) -> None:
+def solve(factor: Factor, columns: NDArray[np.floating[Any]]) -> None:
     """Replace right-hand sides, by columns (p, q), by the solutions."""
     q = factor.size[0]
     substitute(factor.matrix[:q * q].reshape(q, q), factor.pivots[:q], columns)
@@ -289,10 +292,11 @@ def find(c: Contact, factor: Factor, under: tuple[float, float, float], previous
             factor.size[0] = 0
             return False
         last = error
-        solve(factor, residual.reshape(1, -1))
+        step = residual.astype(factor.matrix.dtype)
+        solve(factor, step.reshape(1, -1))
         for k in range(len(unknown)):
-            u[unknown[k]] -= residual[k]
-        sample.approach[j] -= residual[-1]
+            u[unknown[k]] -= step[k]
+        sample.approach[j] -= step[-1]
     return False
 
 

@@ -82,12 +82,15 @@ def _alike(a: Array, b: Array) -> bool:
 
 
 @compiled
-def march(c: Contact, factor: Factor, course: Course, start: Marched, slope: Array, guess: Marched, last: Marched,
-          last_tangent: Array, limits: tuple[float, float], found: Marched, tangent: Array) -> tuple[int, Array]:
+def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: Marched, slope: Array, guess: Marched,
+          last: Marched, last_tangent: Array, limits: tuple[float, float], found: Marched, tangent: Array
+          ) -> tuple[int, Array]:
     """March one period of N samples with its tangent.
 
     Parameters
     ----------
+    factors
+        For the samples, and for their derivatives.
     start
         The sample before the first one, alone.
     slope : (3 n, p)
@@ -115,15 +118,15 @@ def march(c: Contact, factor: Factor, course: Course, start: Marched, slope: Arr
     for j in range(samples):
         _guess(guess, found, j, course.arm, before, b, earlier, e)
         previous, grip = before.displacement[b], course.grip[j]
-        if not find_in_parts(c, factor, (course.arm[j], course.load[j], grip), course.arm[j - 1], previous, found, j,
-                             limits[0]):
+        under = (course.arm[j], course.load[j], grip)
+        if not find_in_parts(c, factors[0], under, course.arm[j - 1], previous, found, j, limits[0]):
             return -1 - j, slope
         if p:
             for i in range(n):
                 for k in range(p):
                     widened[i, k] = c.friction[i] * course.grip_slope[j, k]
             change = (course.directions[j], course.load_slope[j], widened, none)
-            differentiate(c, factor, grip, previous, found, j, slope, change, moved, approach, unpressed)
+            differentiate(c, factors[1], grip, previous, found, j, slope, change, moved, approach, unpressed)
             slope, moved = moved, slope
             multiply(c.along.reshape(1, -1), slope, force)
             for k in range(p):

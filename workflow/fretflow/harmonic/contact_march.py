@@ -262,7 +262,7 @@ class ContactMarch:
         course = Course(*map(plain, (arm, under.load, under.grip, directions, under.load_slope, under.grip_slope)))
         none = empty_march(0, n)
         until, after = march(
-            self.system.data, self.solver.factor, course, start.alone(), plain(slope),
+            self.system.data, self.solver.factors, course, start.alone(), plain(slope),
             none if guess is None else guess.marched, none if last is None else last.trajectory.marched,
             tangent[:0] if last is None else last.tangent, (self.solver.tolerance, self.repeat), found, tangent)
         if until < 0:

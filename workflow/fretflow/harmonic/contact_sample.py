@@ -173,7 +173,7 @@ class SampleSolver:
         self.system = system
         self.tolerance = 1e-10 * system.load / system.size  # N, largest residual at a node
         self.kbx, self.kbz = system.data.along, system.data.lift
-        self.factor = empty_factor(system.size)
+        self.factors = empty_factor(system.size, single=True), empty_factor(system.size)
 
     def solve(self, arm: float, previous: Array, guess: SampleState, arm_before: float,
               instant: Instant | None = None) -> SampleState:
@@ -191,7 +191,7 @@ class SampleSolver:
         """
         at = Instant(self.system.load) if instant is None else instant
         sample = guess.alone(copied=True)
-        if not find_in_parts(self.system.data, self.factor, (float(arm), float(at.load), float(at.grip)),
+        if not find_in_parts(self.system.data, self.factors[0], (float(arm), float(at.load), float(at.grip)),
                              float(arm_before), plain(previous), sample, 0, float(self.tolerance)):
             raise not_found(arm)
         return SampleState(sample.displacement[0], sample.force[0], float(sample.approach[0]), sample.state[0])
@@ -230,8 +230,9 @@ class SampleSolver:
         p, slipping = history.shape[1], int(np.count_nonzero(sample.state == SLIP))
         moved, approach, pressing = np.empty((3 * self.system.size, p)), np.empty(p), np.empty((slipping, p))
         by = (plain(change.arm), plain(change.load), plain(change.friction), plain(change.force))
-        differentiate(self.system.data, self.factor, 1.0 if instant is None else float(instant.grip), plain(previous),
-                      sample.alone(), 0, plain(history), by, moved, approach, pressing)
+        grip = 1.0 if instant is None else float(instant.grip)
+        differentiate(self.system.data, self.factors[1], grip, plain(previous), sample.alone(), 0, plain(history), by,
+                      moved, approach, pressing)
         return SampleDerivative(moved, approach, pressing)
 
 

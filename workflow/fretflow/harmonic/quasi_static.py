@@ -294,7 +294,10 @@ class _ArmNewton:
             following = self._searched(now, now.tangent, lagged_below, shortest=1.0)
             if following is not None:
                 return following
-        return self._searched(*self._differentiated(now), lagged_below, SMALLEST_STEP)
+        closer, tangent = self._differentiated(now)
+        if closer.norm <= self.tolerance:  # what was left came from the accuracy of the march
+            return closer
+        return self._searched(closer, tangent, lagged_below, SMALLEST_STEP)
 
     def _searched(self, now: _Iterate, tangent: Array, lagged_below: float, shortest: float) -> _Iterate | None:
         """Return the iterate after the longest step that helps; with a tangent only where that serves once more."""
