@@ -12,7 +12,7 @@ from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.rig_detection import GAINS
 from fretflow.diagnosis.rig_search import FAST, FULL, LEAST_GAIN, SLACK, Effort, RigSearch, begun, chosen_set, polished
 from fretflow.diagnosis.rig_verdict import UNLISTED, decide, held_to
-from fretflow.diagnosis.screening import swapped
+from fretflow.diagnosis.screening import Signatures, Start, swapped
 from fretflow.diagnosis.verdict import Detection, HeldOut, Verdict
 
 EXPECTED = 1000.0
@@ -231,3 +231,22 @@ def test_what_does_not_help_to_predict_is_not_named(after: float, verdict: Verdi
     assert held.verdict is verdict
     assert held.effects == (("viscous",) if verdict is Verdict.NAMED else ())
     assert held_to(named, None) is named
+
+
+def test_effect_that_is_linear_begins_between_its_starts() -> None:
+    """Data made of a tilt and a crown are met at once, although no start has both; bent columns keep their start."""
+    rng = np.random.default_rng(4)
+    space = Space.of(("initial-gap",))
+    own = [one for one in space.coordinates if one.effect]
+    slopes = 1e8 * rng.standard_normal((60, len(own)))  # by the parameters in m, whitened
+    points = [way * np.eye(len(own))[i] for i in range(len(own)) for way in (0.0, 1.2, -1.2)]
+    starts = tuple(Start("initial-gap", z, {}) for z in points)
+    columns = np.column_stack([slopes @ [one.value(at) for one, at in zip(own, z, strict=True)] for z in points])
+    true = np.array([-0.9e-6, 0.0, 1.4e-6, 0.0])
+    begun_at = Signatures(slopes @ true, {"initial-gap": columns}, {"initial-gap": starts}).begin("initial-gap")
+    assert len(begun_at) == 1
+    found = [one.value(at) for one, at in zip(own, begun_at[0].z, strict=True)]
+    assert found == pytest.approx(true, abs=5e-8)
+    bent = columns + 0.5 * np.abs(columns)
+    kept = Signatures(slopes @ true, {"initial-gap": bent}, {"initial-gap": starts}).begin("initial-gap")
+    assert any(np.array_equal(kept[0].z, z) for z in points)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from fretflow.core.errors import ConfigError
 from fretflow.diagnosis.coordinates import Space, signed_fields
@@ -26,6 +27,7 @@ from fretflow.effects.effect import Effect, Kind
 
 AWAY = 1.2  # coordinate of a point beside the middle of the ranges
 FAINT = 1e-9
+LINEAR = 0.1  # curvature over slope, up to which points between starts are known from these
 WIDEST, FINE, ROUGH = 2.4, 25, 3  # points of ranges that are looked through: of the first coordinate, of the others
 
 
@@ -78,7 +80,28 @@ class Signatures:
         for place in np.argsort(left):
             one = self.starts[effect][place]
             found.setdefault(one.sign, one)
-        return list(found.values())
+        return [self._between(one) or one for one in found.values()]
+
+    def _between(self, start: Start) -> Start | None:
+        """Return where least would be left of all points between an effect's starts; None if it is not linear there."""
+        alike = {tuple(one.z): column for one, column in zip(self.starts[start.effect], self.columns[start.effect].T,
+                                                             strict=True) if one.sign == start.sign}
+        steps = AWAY * np.eye(len(start.z))
+        wanted = [tuple(way * step) for step in steps for way in (1.0, -1.0)]
+        middle = alike.get(tuple(np.zeros(len(start.z))))
+        if middle is None or not all(z in alike for z in wanted):
+            return None
+        ahead, behind = (np.column_stack([alike[tuple(way * step)] for step in steps]) for way in (1.0, -1.0))
+        bent = np.linalg.norm(ahead + behind - 2.0 * middle[:, None], axis=0)
+        if np.any(bent > LINEAR * np.linalg.norm(ahead - behind, axis=0)):
+            return None
+        own = [one for one in Space.of((start.effect,), start.signs).coordinates if one.effect]
+        limits = np.array([((one.lowest - one.middle) / one.size, (one.highest - one.middle) / one.size)
+                           for one in own])
+        best = lsq_linear(np.vstack([(ahead - behind) / (2.0 * AWAY), np.eye(len(own))]),
+                          np.append(self.residual - middle, np.zeros(len(own))),
+                          np.clip(limits, -WIDEST, WIDEST).T)
+        return replace(start, z=best.x)
 
 
 def rig_effects() -> tuple[str, ...]:
