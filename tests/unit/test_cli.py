@@ -4,13 +4,14 @@ What carries the weight: an error is one line on stderr with its exit code and n
 `show` load no numerical library.
 """
 
+import errno
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from fretflow import __version__, cli, cli_pipeline
+from fretflow import __version__, cli, cli_diagnose, cli_pipeline
 from fretflow.core.config import load_case
 from fretflow.core.errors import AuditError, MeshError, NonConvergenceError
 from fretflow.stages.stage import Stage
@@ -126,6 +127,21 @@ def test_non_convergence_names_the_history_and_the_last_good_state(case, failing
     history = Path(words[words.index("history") + 2].rstrip(";"))
     assert history.read_text().splitlines()[-1] == "1,0.5"
     assert (Path(words[-1]) / "state").exists()
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
+def test_a_full_disk_anywhere_is_one_line_that_names_the_file(capsys, monkeypatch, tmp_path, code):
+    """Also in the cache, where the diagnosis keeps its specimens."""
+    def fails(*_arguments):
+        raise OSError(code, os.strerror(code), "/full/cache/models")
+
+    monkeypatch.setattr(cli_diagnose, "_kept_models", fails)
+    (tmp_path / "recording.toml").write_text("")
+    assert fretflow("diagnose", tmp_path, "--out", tmp_path / "out") == 2
+    line = one_line(capsys)
+    assert "/full/cache/models" in line
+    assert "free some space" in line
+    assert "Traceback" not in line
 
 
 def test_an_interrupt_says_that_the_run_goes_on_where_it_stopped(case, failing, capsys, tmp_path):

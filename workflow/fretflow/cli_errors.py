@@ -6,11 +6,10 @@ import os
 import sys
 import tempfile
 import traceback
-from pathlib import Path
 
 from cyclopts import CycloptsError
 
-from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError
 from fretflow.stages.ranks import started_rank
 
 INTERRUPTED = 130
@@ -30,8 +29,10 @@ def describe(error: BaseException) -> tuple[str, int]:
         return str(error), error.exit_code
     if isinstance(error, KeyboardInterrupt):
         return "interrupted; the same command continues where it stopped", INTERRUPTED
-    kept = _keep_traceback(error)
-    return f"unexpected {type(error).__name__}: {error}; traceback in {kept}", UNEXPECTED
+    if isinstance(error, OSError) and error.errno in NO_SPACE:
+        return (f"{error.filename or 'a file'}: cannot be read or written ({error.strerror}); complete results are "
+                "kept: free some space or see who may write there, then run again"), InputError.exit_code
+    return f"unexpected {type(error).__name__}: {error}{_keep_traceback(error)}", UNEXPECTED
 
 
 def say(message: str, code: int) -> int:
@@ -41,8 +42,12 @@ def say(message: str, code: int) -> int:
     return code
 
 
-def _keep_traceback(error: BaseException) -> Path:
-    handle, name = tempfile.mkstemp(prefix="fretflow-traceback-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        traceback.print_exception(error, file=file)
-    return Path(name)
+def _keep_traceback(error: BaseException) -> str:
+    """Return where the traceback was written, nothing if it could not be."""
+    try:
+        handle, name = tempfile.mkstemp(prefix="fretflow-traceback-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            traceback.print_exception(error, file=file)
+    except OSError:
+        return ""
+    return f"; traceback in {name}"

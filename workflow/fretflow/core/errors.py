@@ -5,8 +5,12 @@ Every message is one line: the field or file, what is wrong, and the way out.
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Sequence
 from pathlib import Path
+
+# What the system says where nothing can be written: the user's to mend.
+NO_SPACE = {errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT, errno.EFBIG}
 
 
 class FretflowError(Exception):

@@ -7,7 +7,6 @@ checkpoints again.
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
 import shutil
@@ -20,7 +19,7 @@ from typing import Protocol
 
 from fretflow.core.casefile import dump_case
 from fretflow.core.config import Case, slice_hash
-from fretflow.core.errors import InputError, NonConvergenceError, StoreError
+from fretflow.core.errors import NO_SPACE, InputError, NonConvergenceError, StoreError
 from fretflow.core.provenance import CostMeter, commit, versions
 from fretflow.core.store import write_csv, write_whole
 from fretflow.stages.ranks import Ranks
@@ -38,7 +37,6 @@ from fretflow.stages.stage import (
 PARTIAL = ".partial"
 REPLACED = ".replaced"
 HISTORY_FILE = "residual_history.csv"
-_NO_SPACE = {errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT, errno.EFBIG}
 
 
 class Watcher(Protocol):
@@ -242,7 +240,7 @@ def _writing(home: Path) -> Iterator[None]:
         home.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
-        if error.errno not in _NO_SPACE and not isinstance(error, FileExistsError | NotADirectoryError):
+        if error.errno not in NO_SPACE and not isinstance(error, FileExistsError | NotADirectoryError):
             raise
         raise StoreError(
             f"{error.filename or home}: cannot be written ({error.strerror}); complete stages are "
