@@ -250,3 +250,26 @@ def test_effect_that_is_linear_begins_between_its_starts() -> None:
     bent = columns + 0.5 * np.abs(columns)
     kept = Signatures(slopes @ true, {"initial-gap": bent}, {"initial-gap": starts}).begin("initial-gap")
     assert any(np.array_equal(kept[0].z, z) for z in points)
+
+
+def test_effect_that_another_brought_out_of_a_bad_start_is_fitted_again_alone() -> None:
+    """Alone it is stuck far off, beside a second effect that does nothing it explains all: it needs no second one."""
+    both = Space.of(("channel-delay", "support-nonlinearity"))
+    found = searched(none=9000.0)
+    delay, support = frozenset({"channel-delay"}), frozenset({"support-nonlinearity"})
+    pair = delay | support
+    found.fits |= {delay: FakeFit(8800.0), support: FakeFit(9100.0),  # type: ignore[dict-item]
+                   pair: FakeFit(1010.0, z=np.arange(float(both.size)), space=both,
+                                 whitened_jacobian=np.eye(2000, both.size))}
+    assert chosen_set(found) == pair
+    began: dict[frozenset[str], list[float]] = {}
+
+    def fit(space: Space, z: np.ndarray, *_rest: object) -> FakeFit:
+        began[frozenset(space.effects)] = list(z)
+        return FakeFit(1015.0 if "support-nonlinearity" in space.effects else 8700.0, z=z, space=space)
+
+    found.fitter.fit = fit  # type: ignore[method-assign,assignment]
+    found.thin(pair, 3)
+    assert chosen_set(found) == support
+    kept = [at for at, one in enumerate(both.coordinates) if one.effect != "channel-delay"]
+    assert began[support] == [float(at) for at in kept]

@@ -35,6 +35,7 @@ from fretflow.diagnosis.screening import (
     starts_beside,
     swapped,
     with_start,
+    without,
 )
 from fretflow.effects.catalogue import catalogue
 
@@ -260,10 +261,13 @@ class RigSearch:
             if found is not None:
                 self._keep(frozenset({name}), found)
 
-    def _keep(self, names: Names, fit: Fit) -> None:
+    def _keep(self, names: Names, fit: Fit) -> bool:
         known = self.fits.get(names)
-        if known is None or fit.objective < known.objective:
+        better = known is None or fit.objective < known.objective
+        if better:
             self.fits[names] = fit
+            self.screened.pop(names, None)
+        return better
 
     def _begun(self, to: Names, start: Start) -> tuple[Space, Array]:
         """Return the space and the coordinates at which a fit with another effect begins.
@@ -288,14 +292,19 @@ class RigSearch:
 
     def swap(self, sets: Iterable[Names], steps: int) -> None:
         """Fit sets in which one effect gives way to another that extends its law, or that its law extends."""
-        begun = [(names, *start) for names in sets for start in swapped(self.fits[names])]
+        self._from_neighbours([(names, *start) for names in sets for start in swapped(self.fits[names])], steps)
+
+    def thin(self, names: Names, steps: int) -> None:
+        """Fit a set with each of its effects left out, from where the rest was fitted beside it."""
+        self._from_neighbours([(names, *without(self.fits[names], one)) for one in sorted(names)], steps)
+
+    def _from_neighbours(self, begun: Sequence[tuple[Names, Space, Array]], steps: int) -> None:
+        """Fit sets from points of their spaces that the fits of others lead to, with the corrections of these."""
         tasks = [_Task(self.fitter_of(names), space, z, self.fits[names].simulation, steps, np.inf)
                  for names, space, z in begun]
         for (names, space, _), found in zip(begun, self.pool(fit_task, tasks), strict=True):
-            if found is not None:
-                self._keep(frozenset(space.effects), found)
-                if names in self.fitters:
-                    self.fitters[frozenset(space.effects)] = self.fitters[names]
+            if found is not None and self._keep(frozenset(space.effects), found) and names in self.fitters:
+                self.fitters[frozenset(space.effects)] = self.fitters[names]
 
     def correct(self, sets: Iterable[Names], steps: int) -> None:
         """Correct sets that leave more than noise by what the coarse mesh leaves out at their own fits.
@@ -366,6 +375,9 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
         found.carry_on(found.best(2, 2, one), effort.last_steps)
         found.swap(found.best(2, 1, one), effort.last_steps)
         found.correct(found.best(2, 1, one), effort.last_steps)
+    pair = chosen_set(found)
+    if len(pair) > 1:  # one of the two may have brought the other out of a bad start
+        found.thin(pair, effort.last_steps)
 
 
 def polished(found: RigSearch, chosen: Names) -> None:

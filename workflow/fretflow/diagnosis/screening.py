@@ -167,6 +167,14 @@ def swapped(fit: Fit) -> list[tuple[Space, Array]]:
     return found
 
 
+def without(fit: Fit, effect: str) -> tuple[Space, Array]:
+    """Return the space of a fit's other effects, and where these were fitted."""
+    rest = [name for name in fit.space.effects if name != effect]
+    kept = [own.effect != effect for own in fit.space.coordinates]
+    signs = {name: sign for name, sign in fit.space.signs.items() if name.split(".")[0] in rest}
+    return Space.of(rest, signs), fit.z[kept]
+
+
 def _akin(one: type[Effect], other: type[Effect]) -> bool:
     return issubclass(one, other) or issubclass(other, one)
 
