@@ -26,8 +26,8 @@ from fretflow.harmonic.jenkins_start import jenkins_arm_motion
 from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.rig.joint import QuasiStaticJoint
 
-STEPS_TO_LIMIT = 25  # of a push from rest, at the stuck stiffness
-FIRST_STEP = 4.0  # of the first push, in those steps: only its end matters
+STEPS_TO_LIMIT = 40  # of a push from rest, at the stuck stiffness
+FIRST_STEP = 5.0  # of the first push, in those steps: only its end matters
 MAX_STEPS = 1000
 NEVER = -1
 STEADY = 1e-5  # change of the friction force in a step
