@@ -269,7 +269,9 @@ def test_effect_that_another_brought_out_of_a_bad_start_is_fitted_again_alone() 
         return FakeFit(1015.0 if "support-nonlinearity" in space.effects else 8700.0, z=z, space=space)
 
     found.fitter.fit = fit  # type: ignore[method-assign,assignment]
+    found.fitters[support] = SimpleNamespace()  # type: ignore[assignment]
     found.thin(pair, 3)
     assert chosen_set(found) == support
+    assert found.fitter_of(support) is found.fitter_of(pair)  # its numbers are of that one's corrections
     kept = [at for at, one in enumerate(both.coordinates) if one.effect != "channel-delay"]
     assert began[support] == [float(at) for at in kept]

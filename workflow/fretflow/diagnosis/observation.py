@@ -212,7 +212,7 @@ def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, s
 
 def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[int, str] | None,
                sizes: Mapping[str, float]) -> dict[str, float]:
-    """Add loops to the vector; return the sizes of their channels, where `sizes` do not hold them.
+    """Add loops to the vector; return the sizes of all channels so far, `sizes` those of loops before.
 
     A sensor's zero is one for all loops, those of the test and those at other conditions after it.
     """

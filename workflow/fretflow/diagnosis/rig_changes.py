@@ -259,7 +259,7 @@ def _likenesses(loop: Loop, loops: list[Loop], name: str, other: str) -> list[Ar
     size, across = _sizes(loops, name, other)
     mine, its = getattr(loop.signals, name), size / across * getattr(loop.signals, other)
     drive, share = size * loop.harmonics(1)[:, 1], loop.period.elapsed
-    found = [size * (mine / size)**2, size * (mine / size)**3, share * mine, float(np.exp(-8.0 * share)) * mine]
+    found = [size * (mine / size)**2, size * (mine / size)**3, share * mine, _early(share) * mine]
     for signal, orders in ((mine, FORCE_HARMONICS), (its, FORCE_HARMONICS), (drive, 1)):
         spectrum = np.fft.rfft(signal)
         for k in range(1, orders + 1):
@@ -271,6 +271,11 @@ def _likenesses(loop: Loop, loops: list[Loop], name: str, other: str) -> list[Ar
     for signal in (mine, its):
         found += [np.fft.irfft(factor * np.fft.rfft(signal), len(mine)) for factor in (1.0, 1j * order, -order**2)]
     return found
+
+
+def _early(share: float) -> float:
+    """Return what fades early in a test, of which a share has passed."""
+    return float(np.exp(-8.0 * share))
 
 
 def _force_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
@@ -302,7 +307,7 @@ def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float],
 
 
 def _geometry(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _gaps(rig, base, loops, lambda share: [1.0, 1.0 - share, float(np.exp(-8.0 * share))])
+    return _gaps(rig, base, loops, lambda share: [1.0, 1.0 - share, _early(share)])
 
 
 def _wear(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:

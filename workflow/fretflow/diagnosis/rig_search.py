@@ -303,8 +303,8 @@ class RigSearch:
         tasks = [_Task(self.fitter_of(names), space, z, self.fits[names].simulation, steps, np.inf)
                  for names, space, z in begun]
         for (names, space, _), found in zip(begun, self.pool(fit_task, tasks), strict=True):
-            if found is not None and self._keep(frozenset(space.effects), found) and names in self.fitters:
-                self.fitters[frozenset(space.effects)] = self.fitters[names]
+            if found is not None and self._keep(frozenset(space.effects), found):
+                self.fitters[frozenset(space.effects)] = self.fitter_of(names)
 
     def correct(self, sets: Iterable[Names], steps: int) -> None:
         """Correct sets that leave more than noise by what the coarse mesh leaves out at their own fits.

@@ -84,14 +84,14 @@ class Signatures:
 
     def _between(self, start: Start) -> Start | None:
         """Return where least would be left of all points between an effect's starts; None if it is not linear there."""
-        alike = {tuple(one.z): column for one, column in zip(self.starts[start.effect], self.columns[start.effect].T,
+        known = {tuple(one.z): column for one, column in zip(self.starts[start.effect], self.columns[start.effect].T,
                                                              strict=True) if one.sign == start.sign}
         steps = AWAY * np.eye(len(start.z))
         wanted = [tuple(way * step) for step in steps for way in (1.0, -1.0)]
-        middle = alike.get(tuple(np.zeros(len(start.z))))
-        if middle is None or not all(z in alike for z in wanted):
+        middle = known.get(tuple(np.zeros(len(start.z))))
+        if middle is None or not all(z in known for z in wanted):
             return None
-        ahead, behind = (np.column_stack([alike[tuple(way * step)] for step in steps]) for way in (1.0, -1.0))
+        ahead, behind = (np.column_stack([known[tuple(way * step)] for step in steps]) for way in (1.0, -1.0))
         bent = np.linalg.norm(ahead + behind - 2.0 * middle[:, None], axis=0)
         if np.any(bent > LINEAR * np.linalg.norm(ahead - behind, axis=0)):
             return None
