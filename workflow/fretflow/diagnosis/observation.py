@@ -31,10 +31,12 @@ ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on th
 GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
 LARGEST_SAMPLES = 100  # of a loop
 PER_HARMONIC = 4  # samples that a period is solved with
-# A loop's zero is lost between recordings, more so of the displacement; over the channel's size, see `_size`.
-LOOP_OFFSET = {"displacement": 0.06, "friction_force": 0.02, "excitation": 0.002, "normal_force": 0.003,
-               "approach": 0.02}
-FREE_OFFSET = {"displacement": 1.0, "friction_force": 0.02, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
+# A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
+# size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
+LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002, "normal_force": 0.003,
+               "approach": 0.005}
+FREE_OFFSET = {"displacement": 0.03, "friction_force": 0.01, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
+WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
 TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends
@@ -243,13 +245,19 @@ def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[i
             centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
-                                 spread.offset_sd / np.sqrt(repeats), LOOP_OFFSET[channel] * size))),
+                                 spread.offset_sd / np.sqrt(repeats), _loop_offset(channel, size)))),
                              (f"{channel} synchronisation", place, SYNCHRONISED * moving),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * (
                                  mean if name in GROWING else centred)),
                              (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * found.setdefault(
                                  channel, size)))]
     return found
+
+
+def _loop_offset(channel: str, size: float) -> float:
+    """Return the sd of what a loop's zero loses against those of other loops."""
+    lost = LOOP_OFFSET[channel] * size
+    return float(np.hypot(lost, WARMTH)) if channel in ("displacement", "approach") else lost
 
 
 def _size(channel: str, means: Array) -> float:
