@@ -5,6 +5,8 @@ with the shifted function, the slope of a leaning loop is read by the reader of 
 nodes is summed by a plain march.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
@@ -12,6 +14,7 @@ from fretflow.contact.loops import HysteresisLoop, read_loop
 from fretflow.core.config import Solver
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.channel_delay import ChannelDelay
+from fretflow.effects.directional_friction import DirectionalFriction
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.effect import in_sensing_order
 from fretflow.effects.extra_mode import ExtraMode
@@ -128,15 +131,21 @@ def test_sensors_follow_each_other_from_the_joint_to_the_recording():
     assert seen.friction_force == pytest.approx(whole(TIME - 100e-6), abs=1e-9)
 
 
-def test_friction_that_is_spread_over_nodes_is_the_sum_of_their_sliders():
-    """Nodes on springs of their own between rigid bodies slide one by one."""
+@pytest.fixture
+def bare():
+    """Return nodes on springs of their own between rigid bodies."""
     nodes, stiffness = 12, np.diag([2e6, 2e6, 4e6])
     joint = QuasiStaticJoint.from_stiffness(np.kron(np.eye(nodes), stiffness),
                                             LumpedRig.from_modes(10.0, 0.5, 40.0, 900.0, 0.02))
     areas = 1e-6 / nodes * np.linspace(0.8, 1.2, nodes)
-    bare = PeriodicProblem(joint=joint, interface=Interface(nodes=np.zeros((nodes, 2)), areas=areas,
+    return PeriodicProblem(joint=joint, interface=Interface(nodes=np.zeros((nodes, 2)), areas=areas,
                            gap=np.zeros(nodes)), friction_coefficient=0.8, frequency=100.0, excitation=60.0,
                            normal_load=60.0)
+
+
+def test_friction_that_is_spread_over_nodes_is_the_sum_of_their_sliders(bare):
+    """Nodes on springs of their own between rigid bodies slide one by one."""
+    nodes, areas = bare.interface.size, bare.interface.areas
     effect = DistributedMicroSlip(spread=0.9, power=1.5)
     model = EffectModel.build(bare, [effect])
     problem = model.problem(model.initial())
@@ -153,3 +162,14 @@ def test_friction_that_is_spread_over_nodes_is_the_sum_of_their_sliders():
     assert found.friction_force == pytest.approx(np.array(summed[-128:]), abs=1e-6)
     smooth = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(bare)
     assert np.abs(found.friction_force - smooth.friction_force).max() > 2.0
+
+
+def test_a_lean_makes_the_directions_differ_beside_what_already_does(bare):
+    """With all nodes sliding, the two plateaus are mu N (1 + c) and mu N (1 - c); two differences add."""
+    for effects, c in (([DistributedMicroSlip(spread=0.9, power=1.5, lean=0.06)], 0.06),
+                       ([DirectionalFriction(difference=0.03), DistributedMicroSlip(spread=0.5, lean=0.02)], 0.05)):
+        model = EffectModel.build(replace(bare, excitation=90.0), effects)
+        found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
+            model.problem(model.initial()))
+        plateaus = np.sort(np.abs([found.friction_force.max(), found.friction_force.min()]))
+        assert plateaus == pytest.approx([48.0 * (1.0 - c), 48.0 * (1.0 + c)], rel=5e-4)

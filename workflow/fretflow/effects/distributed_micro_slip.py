@@ -24,13 +24,15 @@ class DistributedMicroSlip(Effect):
     The limit at the quantile q, from 0 to 1, is ``1 - w + w (1 + b) q^b`` of the mean. With b = 1 the limits are
     uniform in ``1 - w ... 1 + w``; with w = 1 their density falls as the power ``1 / b - 1``. A driven joint becomes
     16 sliders side by side. In the fretting rig the nodes differ in their friction coefficient, spread over the face
-    by the golden ratio's sequence so that neighbours differ, and the area mean of the factors is 1.
+    by the golden ratio's sequence so that neighbours differ, and the area mean of the factors is 1. No real face is so
+    even: as the pressure moves with the direction of sliding, what friction differs by between the ends of the stroke
+    makes the whole's differ with the direction, as in `directional-friction`; c stands for that.
     """
 
     id: ClassVar[str] = "distributed-micro-slip"
     title: ClassVar[str] = "distributed slip limits"
     block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "slip limit s (1 - w + w (1 + b) q^b), q uniform in 0...1"
+    equation: ClassVar[str] = "slip limit s (1 - w + w (1 + b) q^b), q uniform in 0...1; rig: times 1 - c t_x"
     source: ClassVar[str] = ("W. D. Iwan, J. Appl. Mech. 33 (1966); power law of limits: D. J. Segalman, J. Appl. "
                              "Mech. 72 (2005)")
     observables: ClassVar[tuple[str, ...]] = ("knee of a loop between stick and plateau",
@@ -40,6 +42,8 @@ class DistributedMicroSlip(Effect):
     spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)
     power: float = parameter(1.0, "b: 1 for a uniform distribution, more for many small limits", 0.5, 4.0,
                              ge=0.25, le=20.0, logarithmic=True)
+    lean: float = parameter(0.0, "c: half the difference between both directions of sliding, over the mean", -0.1, 0.1,
+                            gt=-1.0, lt=1.0, rig_only=True)
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:
@@ -62,14 +66,15 @@ class DistributedMicroSlip(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Spread the friction coefficients of the nodes."""
-        if self.spread == 0.0:
+        if self.spread == self.lean == 0.0:
             return problem
         areas = problem.interface.areas
         # ranks of the sequence instead of its values: even at few nodes
         order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
         factors = self.shares((order + 0.5) / len(areas))
         factors = factors / (factors @ areas / areas.sum())
-        return replace(problem, friction_coefficient=np.asarray(problem.friction_coefficient * factors))
+        return replace(problem, friction_coefficient=np.asarray(problem.friction_coefficient * factors),
+                       friction_asymmetry=problem.friction_asymmetry + self.lean)
 
     def sketch(self) -> Sketch:
         """Return a loop with a round knee."""

@@ -148,7 +148,7 @@ class DrivenJoint:
     def priors(self) -> dict[str, Prior]:
         """Return the ranges of all parameters that have one, as ``backlash.play``."""
         return {f"{name}.{field}": prior for name, part in self.parts.items()
-                for field, prior in declared_priors(type(part)).items()}
+                for field, prior in declared_priors(type(part)).items() if not prior.rig_only}
 
     @property
     def values(self) -> dict[str, float]:

@@ -65,25 +65,27 @@ DRIVEN = frozenset({Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
 
 @dataclass(frozen=True)
 class Prior:
-    """Plausible range of a parameter in SI, whether it spans decades, and where the range is from."""
+    """Plausible range of a parameter in SI, whether it spans decades, where the range is from, and where it acts."""
 
     low: float
     high: float
     logarithmic: bool
     source: str
+    rig_only: bool = False
 
 
 ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm2, 100 Hz"
 
 
 def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,
-              logarithmic: bool | None = None, **limits: Any) -> Any:
+              logarithmic: bool | None = None, rig_only: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
+    One that acts in the fretting rig only is not fitted where a measured motion drives the joint.
     """
     decades = low > 0.0 and high / low >= 10.0
-    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source)
+    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only)
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 
