@@ -58,6 +58,11 @@ def test_one_alternative_needs_no_measurement():
     assert separating([{"viscous"}]) == ""
 
 
+def test_what_a_zero_may_pretend_is_confirmed_at_rest():
+    assert "at rest" in separating([{"force-offset"}])
+    assert "at rest" in separating([{"viscous", "sensor-drift"}])
+
+
 def test_what_a_larger_set_has_beside_is_told_from_the_smaller_alone():
     assert "force-offset from viscous alone" in separating([{"viscous", "force-offset"}, {"viscous"}])
 

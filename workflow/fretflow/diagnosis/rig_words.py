@@ -39,6 +39,10 @@ SINGLE = {
     "initial-gap": "maps of both faces before the test",
     "sensor-inertia": RATES, "channel-delay": RATES, "viscous": RATES, "velocity-dependent-friction": RATES,
     "load-dependent-friction": LOADS}
+CONFIRMED = {
+    "force-offset": "The displacement at rest, before and after the test, would tell a constant force from a sensor "
+                    "that was not set to zero there.",
+    "sensor-drift": "The channels at rest, before and after the test, would confirm that a sensor's zero moves."}
 
 
 def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None,
@@ -109,7 +113,9 @@ def not_repeated() -> str:
 
 
 def separating(sets: Sequence[Names]) -> str:
-    """Return the measurement that would tell the alternatives apart, nothing where there is one only."""
+    """Return the measurement that would tell the alternatives apart; where there is one only, what would confirm it."""
+    if len(sets) == 1:
+        return " ".join(CONFIRMED[name] for name in sorted(sets[0]) if name in CONFIRMED)
     told: dict[str, list[str]] = {}
     for one, other in combinations([frozenset(names) for names in sets], 2):
         left, right = one - other, other - one
