@@ -72,6 +72,27 @@ def test_second_effect_must_earn_its_place() -> None:
     assert chosen_set(searched(none=9000.0, viscous=5000.0, viscous__backlash=1050.0)) == {"viscous", "backlash"}
 
 
+def test_a_pair_that_falls_short_leaves_the_place_to_the_next_best() -> None:
+    """The best pair's second effect explains a share too small; another pair's first effect leaves as much, and all."""
+    fits = {"none": 9000.0, "viscous": 1400.0, "backlash": 8000.0, "viscous__third": 1210.0,
+            "backlash__fourth": 1240.0, "fourth": 5000.0}
+    assert chosen_set(searched(**fits)) == {"backlash", "fourth"}
+    assert chosen_set(searched(**fits | {"viscous__third": 1130.0})) == {"viscous", "third"}
+
+
+def test_what_codes_differ_by_is_not_asked_of_a_second_effect() -> None:
+    """One effect leaves a little more than codes differ by in the mean: what a second one takes is most of that."""
+    assert chosen_set(searched(none=9000.0, viscous=1130.0, viscous__backlash=1090.0)) == {"viscous", "backlash"}
+    assert chosen_set(searched(none=9000.0, viscous=1130.0, viscous__backlash=1100.0)) == {"viscous"}
+
+
+def test_a_baseline_is_lost_only_where_nothing_explains_it() -> None:
+    """Far off and half explained, it is; far off and all explained, or near, it is not."""
+    assert searched(none=30000.0, viscous=15000.0).lost
+    assert not searched(none=30000.0, viscous=1100.0).lost
+    assert not searched(none=9000.0, viscous=5000.0).lost
+
+
 def test_what_looks_like_the_first_effect_must_explain_more() -> None:
     """A law that is wrong by a fifth leaves 4 %, and its nearest kin takes that; what looks otherwise is an effect."""
     space = Space.of(("viscous", "velocity-dependent-friction"))

@@ -33,6 +33,7 @@ from fretflow.diagnosis.screening import (
     seen_through,
     signatures,
     starts_beside,
+    strong,
     swapped,
     with_start,
     without,
@@ -45,15 +46,18 @@ Names = frozenset[str]
 
 SLACK = 1.25  # of the expected chi-squared: what independent codes differ by where nothing is hidden
 ASTRAY = 5.0  # times the expected chi-squared, from which a fitted baseline says little about its own parameters
+LOST = 25.0  # the same, from which strong effects are simulated where screening finds nothing that explains it
 BEYOND = 1.0  # of the recording's own size: a first-order change that is larger says nothing
 LEAST_GAIN = 12.0  # in log evidence that an effect must promise to be looked at, and bring to be taken; see above
-SECOND = 0.6  # share of what one effect leaves that a second one must explain
-PLACED = 0.005  # share of the baseline's excess that it must explain
-# The same, times how alike it looks to the first: a law that is wrong by a third leaves a tenth of the squares, and the
-# effect that looks most like it takes them.
-MISTAKEN = 0.1
+# Share of what one effect leaves, beyond what codes differ by in the mean where nothing is hidden, that a second one
+# must explain: what a law that is not quite the catalogue's leaves, no other effect makes.
+SECOND, BETWEEN = 0.6, 1.07
+# Share of the baseline's excess that it must explain, times how alike it looks to the first: a law that is wrong by a
+# third leaves a tenth of the squares, and the effect that looks most like it takes them.
+MISTAKEN = 0.2
 NEARLY_ALL = 0.97  # share explained from which nothing else is looked for in the place of what does
 PROMISING = 3  # effects by screening that are fitted on whatever their first steps came to
+RIVALS = 3  # sets of a size that are looked at in turn
 POLISHING = 8  # steps at most
 
 
@@ -165,6 +169,12 @@ class RigSearch:
         return self.baseline.chi_squared > ASTRAY * self.expected
 
     @property
+    def lost(self) -> bool:
+        """Return whether the baseline is too far from the answer for its first-order changes to lead there."""
+        explained = max(map(self.explained, self.fits))
+        return self.baseline.chi_squared > LOST * self.expected and explained < NEARLY_ALL
+
+    @property
     def expected(self) -> float:
         """Return the chi-squared that repeats explain."""
         return float(self.fitter.rig.observation.noise.sum())
@@ -246,20 +256,20 @@ class RigSearch:
                 if to in self.fitters:
                     self.fitters[to | {name}] = self.fitters[to]
 
-    def add_from_all_starts(self, effects: Iterable[str], steps: int) -> None:
-        """Fit single effects from the most promising of all their starts; for a baseline far from the answer."""
-        seen, fit = self.screen(frozenset()), self.baseline
-        starts = [start for name in effects if name in seen.columns for start in seen.starts[name]]
-        tasks = [_Task(self.fitter, *self._begun(frozenset(), start), fit.simulation, 0, np.inf) for start in starts]
+    def survey(self, starts: Sequence[Start], most: int, steps: int) -> None:
+        """Fit those single effects that simulations at `starts` promise most of; for a baseline far from the answer."""
+        fit = self.baseline
         best: dict[tuple[str, tuple[float, ...]], Fit] = {}
+        tasks = [_Task(self.fitter, *self._begun(frozenset(), start), fit.simulation, 0, np.inf) for start in starts]
         for start, found in zip(starts, self.pool(fit_task, tasks), strict=True):
             key = (start.effect, start.sign)
             if found is not None and (key not in best or self.fitter.promise(found) < self.fitter.promise(best[key])):
                 best[key] = found
-        tasks = [_Task(self.fitter, one.space, one.z, one.simulation, steps, fit.objective) for one in best.values()]
-        for (name, _), found in zip(best, self.pool(fit_task, tasks), strict=True):
+        promising = sorted(best.values(), key=self.fitter.promise)[:most]
+        tasks = [_Task(self.fitter, one.space, one.z, one.simulation, steps, fit.objective) for one in promising]
+        for found in self.pool(fit_task, tasks):
             if found is not None:
-                self._keep(frozenset({name}), found)
+                self._keep(frozenset(found.space.effects), found)
 
     def _keep(self, names: Names, fit: Fit) -> bool:
         known = self.fits.get(names)
@@ -351,13 +361,19 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     progress(0.0, "screening all effects")
     ranked = found.screen(frozenset()).ranked()
     progress(0.1, "fitting single effects")
-    if found.astray:
-        found.add_from_all_starts(ranked[:effort.surveyed], effort.first_steps)
+    if found.astray and effort.surveyed:
+        starts = found.screen(frozenset()).starts
+        found.survey([start for name in ranked[:effort.surveyed] for start in starts[name]], len(starts),
+                     effort.first_steps)
     found.add(frozenset(), ranked[:effort.singles], effort.first_steps)
     if max(map(found.explained, found.fits)) < NEARLY_ALL:
         rest = [name for name in rig_effects() if name not in ranked[:effort.singles]]
         found.add(frozenset(), rest, 0)
         found.carry_on(found.promising(rest, effort.more), effort.first_steps)
+    if found.lost:
+        progress(0.4, "looking for strong effects")
+        found.survey([one for one in starts_beside(found.baseline, rig_effects()) if strong(one)], PROMISING,
+                     effort.first_steps)
     progress(0.5, "fitting the most promising")
     # a start may be so far off that an effect that promises much is still behind
     found.carry_on(dict.fromkeys([*found.best(1, effort.kept), *(frozenset({name}) for name in ranked[:PROMISING]
@@ -367,8 +383,6 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     found.correct(found.best(1, effort.bases + 1), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):
         progress(0.65 + 0.3 * place / effort.bases, f"what could act beside {', '.join(one)}")
-        if found.excess(found.fits[one]) == 0.0:
-            continue
         seen = found.screen(one)
         promising = [name for name in seen.ranked()[:effort.pairs] if seen.gain((name,)) > LEAST_GAIN]
         found.add(one, promising, effort.first_steps)
@@ -390,22 +404,21 @@ def chosen_set(found: RigSearch) -> Names:
     """Return the set that explains best and in which each effect earns its place; none if no effect does."""
     best: Names = frozenset()
     for size in (1, 2):
-        more = [names for names in found.best(size, 1) if not best or size > len(best)]
-        if not more:
-            continue
-        wider = more[0]
-        fewer = max((names for names in found.fits if names < wider and len(names) == size - 1),
-                    key=lambda names: found.fits[names].log_evidence)
-        if found.fits[wider].log_evidence - found.fits[fewer].log_evidence < LEAST_GAIN:
-            continue
-        gain = found.fits[fewer].chi_squared - found.fits[wider].chi_squared
-        if size > 1 and (gain < SECOND * (gain + found.excess(found.fits[wider]))
-                         or gain < _placed(found, wider) * (found.baseline.chi_squared - found.expected)):
-            continue
-        best = wider
+        more = [names for names in found.best(size, RIVALS)]
+        best = next((names for names in more if _earned(found, names)), best)
     return best
 
 
-def _placed(found: RigSearch, pair: Names) -> float:
-    """Return the share of the baseline's excess that the weaker effect of a pair must explain."""
-    return max(PLACED, MISTAKEN * alike(found.fits[pair], *sorted(pair)))
+def _earned(found: RigSearch, wider: Names) -> bool:
+    """Return whether each effect of a set earns its place."""
+    fewer = max((names for names in found.fits if names < wider and len(names) == len(wider) - 1),
+                key=lambda names: found.fits[names].log_evidence)
+    gain = found.fits[wider].log_evidence - found.fits[fewer].log_evidence
+    return gain >= LEAST_GAIN and (len(wider) == 1 or _placed(found, fewer, wider))
+
+
+def _placed(found: RigSearch, one: Names, pair: Names) -> bool:
+    """Return whether a pair's weaker effect is no stand-in for what the law of the other, `one` alone, leaves."""
+    before, alone, both = (found.fits[names].chi_squared for names in (frozenset(), one, pair))
+    mistaken = MISTAKEN * alike(found.fits[pair], *sorted(pair))
+    return alone - both >= max(SECOND * (alone - BETWEEN * found.expected), mistaken * (before - found.expected))

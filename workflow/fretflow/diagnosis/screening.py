@@ -139,6 +139,11 @@ def _starts(name: str) -> list[Start]:
     return found
 
 
+def strong(start: Start) -> bool:
+    """Tell whether a start is of medium size or more, by an effect's first parameter, all others in the middle."""
+    return bool(start.z[0] >= 0.0) and not np.any(start.z[1:])
+
+
 def with_start(fit: Fit, start: Start) -> tuple[Space, Array]:
     """Return the space of a fit's effects and another one, and the coordinates at which that is added."""
     space = Space.of((*fit.space.effects, start.effect), {**fit.space.signs, **start.signs})
