@@ -1,14 +1,15 @@
 """The most probable parameters of a hypothesis, and its evidence.
 
 With whitened residual r(z) and coordinates z that are standard normal beforehand, ``|r|^2 + |z|^2`` is minimised by
-Gauss-Newton, each Jacobian from one march of the simulated periods. Laplace's approximation gives the evidence::
+Gauss-Newton, each Jacobian from one march of the simulated periods. A step that makes the fit worse is damped
+(D. W. Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431-441). Laplace's approximation gives the evidence::
 
     log Z = -(|r|^2 + |z|^2) / 2 - log det(1 + J^T J) / 2
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,14 +17,14 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.diagnosis.coordinates import FARTHEST, Space
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.diagnosis.observation import Array
-from fretflow.diagnosis.rig_model import RigModel, Simulation
+from fretflow.diagnosis.rig_model import FINE, RigModel, Simulation
 from fretflow.diagnosis.tangent import neighbours
 
 STEP = 0.02  # of a coordinate, for derivatives
 LONGEST = 1.5  # step of a coordinate at once
 # fall of the objective, and share of it, that are not worth another simulation
 ENOUGH, ENOUGH_SHARE = 2.0, 0.005
-HALVINGS = 3
+DAMPINGS = (0.0, 0.3, 3.0, 30.0)  # of a step, tried in turn until one improves the fit
 FAR = 4.0  # times what another hypothesis reaches, from which a start leads nowhere
 
 
@@ -84,45 +85,43 @@ class Fitter:
         NonConvergenceError
             If the start itself has no simulation.
         """
-        now = self._at(space, z, near)
+        now, first = self._at(space, z, near), 0
         for steps in range(iterations):
-            step = _step(now)
-            expected = now.objective - self._expected(now, step)
+            expected = now.objective - self.promise(now)
             enough = max(ENOUGH, ENOUGH_SHARE * now.objective)
             if expected < enough:
                 return _converged(now)
             if now.objective - expected > (worth if steps else FAR * worth):
                 return now
-            better = self._improved(now, step)
-            if better is None:
-                return now
-            fell, now = now.objective - better.objective, better
+            better, taken = self._improved(now, first)
+            fell, now, first = now.objective - better.objective, better, max(0, taken - 1)
             if fell < enough:
-                return _converged(now)
+                if taken and self.rig.wear_tolerance > FINE:
+                    return self._finer().fit(space, now.z, now.simulation, iterations - steps, worth)
+                return now if taken else _converged(now)
         return now
 
-    def promise(self, fit: Fit) -> float:
-        """Return the objective that the next step from a fit would reach if all were linear."""
-        return self._expected(fit, _step(fit))
+    def _finer(self) -> Fitter:
+        return replace(self, rig=replace(self.rig, wear_tolerance=FINE))
 
-    def _expected(self, now: Fit, step: Array) -> float:
+    def promise(self, now: Fit) -> float:
+        """Return the objective that the next step from a fit would reach if all were linear."""
+        step = _step(now)
         return float(np.sum((now.residual - now.whitened_jacobian @ step)**2) + np.sum((now.z + step)**2))
 
-    def _improved(self, now: Fit, step: Array) -> Fit | None:
-        length = 1.0
-        for _ in range(HALVINGS):
-            z = np.clip(now.z + length * step, -FARTHEST, FARTHEST)
+    def _improved(self, now: Fit, first: int) -> tuple[Fit, int]:
+        """Return the first better fit by the dampings from place `first` on, and its place; `now` if there is none."""
+        for place in range(first, len(DAMPINGS)):
+            z = np.clip(now.z + _step(now, DAMPINGS[place]), -FARTHEST, FARTHEST)
             try:
                 simulation = self.rig.simulate(now.space.hypothesis(z), now.simulation)
             except NonConvergenceError:
-                length *= 0.4
                 continue
             predicted = self.predict(simulation)
             residual = self.covariance.whiten(self.rig.observation.values - predicted)
             if float(residual @ residual + z @ z) < now.objective:
-                return self._linearised(now.space, z, simulation, predicted, residual)
-            length *= 0.4
-        return None
+                return self._linearised(now.space, z, simulation, predicted, residual), place
+        return now, len(DAMPINGS)
 
     def _at(self, space: Space, z: Array, near: Simulation | None) -> Fit:
         simulation = self.rig.simulate(space.hypothesis(z), near)
@@ -137,8 +136,12 @@ class Fitter:
         return Fit(space, z, simulation, predicted, residual, jacobian, self.covariance.whiten(jacobian), False)
 
 
-def _step(now: Fit) -> Array:
-    """Return the Gauss-Newton step, no coordinate further than `LONGEST`, and none beyond its limit."""
+def _step(now: Fit, damping: float = 0.0) -> Array:
+    """Return the Gauss-Newton step, damped by Marquardt's rule.
+
+    No coordinate goes further than `LONGEST`, and none beyond its limit.
+    """
+    curved = now.information * (1.0 + damping * np.eye(len(now.z)))
     slope = now.whitened_jacobian.T @ now.residual - now.z
     free = ~((np.abs(now.z) >= FARTHEST) & (np.sign(slope) == np.sign(now.z)))
     step = np.zeros(len(now.z))
@@ -147,7 +150,7 @@ def _step(now: Fit) -> Array:
         if not len(own):
             break
         step = np.zeros(len(step))
-        step[own] = np.linalg.solve(now.information[np.ix_(own, own)], slope[own])
+        step[own] = np.linalg.solve(curved[np.ix_(own, own)], slope[own])
         step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
         beyond = free & (np.abs(now.z + step) > FARTHEST) & (np.abs(now.z) >= FARTHEST)
         if not beyond.any():

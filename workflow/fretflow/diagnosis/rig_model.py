@@ -31,10 +31,12 @@ from fretflow.wear.scheme import WearingJoint
 TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
 HARMONICS = 20
 MOST_ITERATIONS = 15
-MOST_PERIODS = 50  # of a simulation's wear: less plausible laws over cycles may need thousands
+# of a simulation's wear, and where it is fine: less plausible laws over cycles may need thousands
+MOST_PERIODS, MOST_FINE = 50, 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
-# tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error.
-WEAR_TOLERANCE = 0.1
+# tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
+# stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with less.
+WEAR_TOLERANCE, FINE = 0.1, 0.01
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
 SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
 
@@ -88,6 +90,7 @@ class RigModel:
     displacement_of: DisplacementOf
     samples: int
     total_cycles: int
+    wear_tolerance: float = WEAR_TOLERANCE
 
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
@@ -117,13 +120,14 @@ class RigModel:
         counts, last = self.observation.counts, max(self.observation.counts)
         settings = WearSettings(coefficient=coefficient, cycles=max(last, 1), scheme=WearScheme.IMPLICIT,
                                 stops=tuple(sorted({count for count in counts if 0 < count < last})),
-                                tolerance=WEAR_TOLERANCE)
+                                tolerance=self.wear_tolerance)
         joint = WearingJoint(cycle, settings)
         scheme: Implicit[PeriodicSolution] = Implicit(joint)
         known = {} if near is None or not _alike(near, hypothesis) else {
             one.step.cycles: one.solution for one in near.loops}
         step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
         steps, kept = [step], {}
+        most = MOST_FINE if self.wear_tolerance <= FINE else MOST_PERIODS
         while True:
             if step.cycles in counts:
                 kept[step.cycles] = Period(cycle.model.problem(step.slow), state, step,
@@ -132,8 +136,8 @@ class RigModel:
                 break
             step, state = scheme.advance(step, known.get(settings.next_stop(step.cycles), state))
             steps.append(step)
-            if step.solves > MOST_PERIODS:
-                raise NonConvergenceError(f"the wear needs more than {MOST_PERIODS} periods for {last} cycles")
+            if step.solves > most:
+                raise NonConvergenceError(f"the wear needs more than {most} periods for {last} cycles")
         end = kept[last]
         others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)
         sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
