@@ -78,7 +78,7 @@ def test_a_bent_valley_is_followed_to_its_end(monkeypatch: pytest.MonkeyPatch) -
     end = found(Valley(), monkeypatch)
     assert end.converged
     assert end.z == pytest.approx(TRUE, abs=0.05)
-    assert end.chi_squared < 0.1
+    assert end.chi_squared < 1.0
 
 
 def test_what_steps_of_wear_make_rough_is_fitted_with_finer_ones(monkeypatch: pytest.MonkeyPatch) -> None:

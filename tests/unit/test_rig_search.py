@@ -80,6 +80,19 @@ def test_a_pair_that_falls_short_leaves_the_place_to_the_next_best() -> None:
     assert chosen_set(searched(**fits | {"viscous__third": 1130.0})) == {"viscous", "third"}
 
 
+def test_a_law_that_extends_another_must_earn_what_it_adds() -> None:
+    """Springs that change explain a little more than springs: both stay open. They explain much more: no doubt."""
+    narrow, wide = frozenset({"contact-stiffness"}), frozenset({"contact-stiffness-evolution"})
+    for gain, chosen, verdict in ((2.0 * LEAST_GAIN - 2.0, narrow, Verdict.AMBIGUOUS),
+                                  (8.0 * LEAST_GAIN, wide, Verdict.NAMED)):
+        found = searched(none=9000.0)
+        found.fits[narrow], found.fits[wide] = FakeFit(1200.0), FakeFit(1200.0 - gain)  # type: ignore[assignment]
+        assert chosen_set(found) == chosen
+        decided = decide(found, chosen_set(found), seen(1e-9))
+        assert decided.verdict is verdict
+        assert wide in decided.sets
+
+
 def test_what_codes_differ_by_is_not_asked_of_a_second_effect() -> None:
     """One effect leaves a little more than codes differ by in the mean: what a second one takes is most of that."""
     assert chosen_set(searched(none=9000.0, viscous=1130.0, viscous__backlash=1090.0)) == {"viscous", "backlash"}

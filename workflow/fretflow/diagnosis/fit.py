@@ -24,7 +24,7 @@ STEP = 0.02  # of a coordinate, for derivatives
 LONGEST = 1.5  # step of a coordinate at once
 # fall of the objective, and share of it, that are not worth another simulation
 ENOUGH, ENOUGH_SHARE = 2.0, 0.005
-DAMPINGS = (0.0, 0.3, 3.0, 30.0)  # of a step, tried in turn until one improves the fit
+DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until one improves the fit
 FAR = 4.0  # times what another hypothesis reaches, from which a start leads nowhere
 
 

@@ -17,11 +17,11 @@ from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array, Observation, observe
 from fretflow.diagnosis.rig_detection import detect, unsteady
 from fretflow.diagnosis.rig_estimates import case_text, estimates
-from fretflow.diagnosis.rig_held_out import held_out
+from fretflow.diagnosis.rig_held_out import Unseen, held_out
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_location import locate
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
-from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, begun, chosen_set, polished, search
+from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, RigSearch, begun, chosen_set, polished, search
 from fretflow.diagnosis.rig_setup import (
     MESHES,
     MESHES_FAST,
@@ -35,7 +35,7 @@ from fretflow.diagnosis.rig_setup import (
     model_of,
     rubbed_friction,
 )
-from fretflow.diagnosis.rig_verdict import decide, held_to, predicts, smallest_visible
+from fretflow.diagnosis.rig_verdict import Found, decide, held_to, predicts, smallest_visible
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.diagnosis.verdict import Diagnosis, Verdict
 from fretflow.diagnosis.words import after_model, blocks_of
@@ -94,11 +94,9 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         progress(0.8, "fitting the best to the end")
         polished(looked, chosen_set(looked))
         chosen = chosen_set(looked)
-    found = decide(looked, chosen, detection)
-    after = looked.fits[found.after]
     progress(0.85, "held-out loops")
-    unseen = held_out(looked, found.after)
-    found = held_to(found, unseen.error)
+    found, unseen = _held(looked, decide(looked, chosen, detection))
+    after = looked.fits[found.after]
     location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
@@ -124,6 +122,17 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, fitter.rig, after) if named else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
+
+
+def _held(looked: RigSearch, found: Found) -> tuple[Found, Unseen]:
+    """Return the verdict and what is predicted of held-out loops, by the first alternative that helps there."""
+    first = held_out(looked, found.after)
+    if not predicts(first.error):
+        for names in found.sets[1:]:
+            other = held_out(looked, names)
+            if predicts(other.error):
+                return replace(found, after=names), other
+    return held_to(found, first.error), first
 
 
 def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int], tools: RigTools,

@@ -28,6 +28,7 @@ from fretflow.diagnosis.screening import (
     Start,
     alike,
     changes,
+    extends,
     in_sensors_alone,
     rig_effects,
     seen_through,
@@ -404,9 +405,17 @@ def chosen_set(found: RigSearch) -> Names:
     """Return the set that explains best and in which each effect earns its place; none if no effect does."""
     best: Names = frozenset()
     for size in (1, 2):
-        more = [names for names in found.best(size, RIVALS)]
-        best = next((names for names in more if _earned(found, names)), best)
-    return best
+        best = next((names for names in found.best(size, RIVALS) if _earned(found, names)), best)
+    return _plainest(found, best)
+
+
+def _plainest(found: RigSearch, chosen: Names) -> Names:
+    """Return the set with the plainer law where one that extends it does not bring what any effect must."""
+    for names in sorted(found.fits, key=lambda names: -found.fits[names].log_evidence):
+        less = found.fits[chosen].log_evidence - found.fits[names].log_evidence
+        if len(names) == len(chosen) and less < LEAST_GAIN and extends(chosen - names, names - chosen):
+            return names
+    return chosen
 
 
 def _earned(found: RigSearch, wider: Names) -> bool:

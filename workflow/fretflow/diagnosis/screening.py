@@ -9,7 +9,7 @@ already projected out, the gain in log evidence of a set of columns S over none 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -161,7 +161,7 @@ def swapped(fit: Fit) -> list[tuple[Space, Array]]:
     found = []
     for old in fit.space.effects:
         for new in rig_effects():
-            if new in fit.space.effects or not _akin(catalogue()[old], catalogue()[new]):
+            if new in fit.space.effects or not (extends((old,), (new,)) or extends((new,), (old,))):
                 continue
             known = {(new if one.effect == old else one.effect, one.field): z
                      for one, z in zip(fit.space.coordinates, fit.z, strict=True)}
@@ -180,8 +180,10 @@ def without(fit: Fit, effect: str) -> tuple[Space, Array]:
     return Space.of(rest, signs), fit.z[kept]
 
 
-def _akin(one: type[Effect], other: type[Effect]) -> bool:
-    return issubclass(one, other) or issubclass(other, one)
+def extends(wider: Iterable[str], plainer: Iterable[str]) -> bool:
+    """Tell whether the law of the one effect extends that of the other one."""
+    pair = [*wider], [*plainer]
+    return [len(one) for one in pair] == [1, 1] and issubclass(catalogue()[pair[0][0]], catalogue()[pair[1][0]])
 
 
 def changes(fitter: Fitter, fit: Fit, starts: Sequence[Start]) -> Array:
