@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.rig_course import FAST, FULL, Effort, begun, chosen_set, polished
 from fretflow.diagnosis.rig_detection import GAINS
-from fretflow.diagnosis.rig_search import FAST, FULL, LEAST_GAIN, SLACK, Effort, RigSearch, begun, chosen_set, polished
+from fretflow.diagnosis.rig_search import LEAST_GAIN, SLACK, RigSearch
 from fretflow.diagnosis.rig_verdict import UNLISTED, decide, held_to
 from fretflow.diagnosis.screening import Signatures, Start, swapped
 from fretflow.diagnosis.verdict import Detection, HeldOut, Verdict

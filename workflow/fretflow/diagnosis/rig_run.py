@@ -15,13 +15,14 @@ from fretflow.core.errors import FretflowError
 from fretflow.diagnosis import rig_words as words
 from fretflow.diagnosis.fit import Fit, Fitter
 from fretflow.diagnosis.observation import Array, Observation, observe
+from fretflow.diagnosis.rig_course import FAST, FULL, begun, chosen_set, polished, search
 from fretflow.diagnosis.rig_detection import detect, unsteady
 from fretflow.diagnosis.rig_estimates import case_text, estimates
 from fretflow.diagnosis.rig_held_out import Unseen, held_out
 from fretflow.diagnosis.rig_law import residual_law
 from fretflow.diagnosis.rig_location import locate
 from fretflow.diagnosis.rig_model import Hypothesis, RigModel, Simulation
-from fretflow.diagnosis.rig_search import FAST, FULL, Names, Pool, RigSearch, begun, chosen_set, polished, search
+from fretflow.diagnosis.rig_search import Names, Pool, RigSearch
 from fretflow.diagnosis.rig_setup import (
     MESHES,
     MESHES_FAST,
