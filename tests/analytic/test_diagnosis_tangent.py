@@ -4,6 +4,7 @@ What carries the weight: for parameters of the baseline and for effects in frict
 runs in and wear laws, the change that one march of the simulated periods predicts is the difference of two simulations.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +26,14 @@ def rig(monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parent)
     import small_rig
 
-    return small_rig.rig(small_rig.observed(dict.fromkeys(CHANNELS, 1.0), COUNTS, CONDITIONS, 1.0, 1.0))
+    seen = small_rig.observed(dict.fromkeys(CHANNELS, 1.0), COUNTS, CONDITIONS, 1.0, 1.0)
+    return replace(small_rig.rig(seen), wear_tolerance=0.05)
 
 
 @pytest.fixture(autouse=True)
 def accurate(monkeypatch):
     """Solve well below the differences that are looked at; a diagnosis stops at what noise hides."""
     monkeypatch.setattr(rig_model, "TOLERANCE", 1e-8)
-    monkeypatch.setattr(rig_model, "WEAR_TOLERANCE", 0.05)
 
 
 @pytest.mark.parametrize("effects", [("friction-run-in",), ("normal-load-drift", "sensor-path-compliance"),
