@@ -144,6 +144,22 @@ def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
     assert found == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
 
 
+@pytest.mark.parametrize("stroke", [3.0e-6, 3.4e-6, 3.8e-6])
+def test_a_period_is_the_same_with_what_another_taught_of_the_memory(stroke):
+    """How a period's end follows its start is kept from motion to motion; only the periods needed may differ."""
+    system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
+    motion = synthesis_matrix(5, 64)[:, [1, 2, 5]] @ np.array([0.5, 0.02, 0.05])
+    none = np.zeros((64, 0))
+
+    def march(marching, amplitude):
+        return marching.period(amplitude * motion, none, marching.preloaded(), None, 1e-12)
+
+    fresh, taught = ContactMarch(system, JOINT.flexibility), ContactMarch(system, JOINT.flexibility)
+    march(taught, 0.98 * stroke)
+    expected, found = march(fresh, stroke), march(taught, stroke)
+    assert found.trajectory.friction == pytest.approx(expected.trajectory.friction, abs=1e-8 * LOAD)
+
+
 def test_a_load_pressed_on_against_friction_shears_the_faces_within_their_limit():
     """No lateral slip, hence no lateral motion at all, where every node sticks; no net friction force either."""
     given = replace(problem(53.0), frictional_preload=True)

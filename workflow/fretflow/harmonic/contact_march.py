@@ -34,7 +34,10 @@ MAX_PERIODS = 60
 MAX_PRELOAD_STEPS = 100
 PRELOAD_PARTS = 20  # of a load applied against friction
 NEWTON_AFTER = 3  # periods
-PERSISTS = 1e-6
+HELPS = 0.5  # decrease of the drift with which a former T serves once more
+PERSISTS = 1e-6  # share of I - T below which a position persists; where T is a former one:
+MAY_PERSIST = 1e-3
+SMALL = 1e-3  # drift relative to the mean nodal load; one that is larger a former T might lead elsewhere
 SLOPE_REPEATS = 1e-3  # change of the displacements' derivatives from period to period, m/m
 
 
@@ -183,6 +186,7 @@ class ContactMarch:
         self.surroundings = surroundings or Surroundings()
         self.solver = SampleSolver(system)
         self.repeat = 0.0  # N, see `period`
+        self._returning: Array = np.zeros((0, 0))  # (2 n, 2 n), see `_newton_start`
 
     @classmethod
     def of(cls, problem: PeriodicProblem) -> ContactMarch:
@@ -239,16 +243,29 @@ class ContactMarch:
         mean_load = self.system.load / self.system.size
         self.solver.tolerance = tolerance * mean_load
         self.repeat = max(100.0 * tolerance, repeat) * mean_load
-        unmoved = np.zeros((3 * self.system.size, directions.shape[1]))
-        run = self._pass(arm, directions, start, unmoved, guess)
+        before, slope, last = start, np.zeros((3 * self.system.size, directions.shape[1])), np.inf
+        run = self._pass(arm, directions, before, slope, guess)
         for period in range(1, MAX_PERIODS):
-            before, slope = run.end, run.slope
-            if period > NEWTON_AFTER:
+            drift = self._drift(run, before, slope)
+            waits = period <= NEWTON_AFTER and not self._lingers(run, before)
+            led = not waits and drift < HELPS * last and self._knows(run, before)
+            if led:
+                before, slope = self._led(run, before, slope, MAY_PERSIST)
+            elif waits:
+                before, slope = run.end, run.slope
+            else:
                 before, slope = self._newton_start(arm, directions, run)
+            last = drift if led else np.inf
             # the first loading is a poor guess of the way back: there the sample before serves better
             near = None if guess is None and period == 1 else run.trajectory
-            run = self._pass(arm, directions, before, slope, near, run)
-            if self._same(run.end, before) and np.abs(run.slope - slope).max(initial=0.0) < SLOPE_REPEATS:
+            try:
+                run = self._pass(arm, directions, before, slope, near, run)
+            except NonConvergenceError:
+                if waits:
+                    raise
+                before, slope, last, self._returning = run.end, run.slope, np.inf, np.zeros((0, 0))  # led astray
+                run = self._pass(arm, directions, before, slope, near, run)
+            if self._repeats(run, before, slope) and not (led and self._drift(run, before, slope) > 1.0):
                 return PeriodicMarch(run.trajectory, run.tangent, period + 1)
         raise NonConvergenceError(
             f"the contact did not repeat itself within {MAX_PERIODS} periods; it may ratchet under this load")
@@ -277,24 +294,62 @@ class ContactMarch:
 
         A partly sliding contact creeps toward its shakedown state over many periods. With T the derivative of
         the slid positions after a period by those before it, Newton leads there at once: (I - T) du = drift.
+        T costs ten times the period itself, so that it is kept as long as it serves.
         """
-        n = self.system.size
-        moving = np.flatnonzero(np.any(run.trajectory.state != STICK, axis=0))
-        memory = np.concatenate([moving, n + moving])
+        n, p, memory = self.system.size, directions.shape[1], _memory(run)
         own = np.zeros((3 * n, len(memory)))
         own[memory, np.arange(len(memory))] = 1.0
         still = np.zeros((len(arm), len(memory)))
         probe = self._pass(arm, np.hstack([directions, still]), run.end, np.hstack([run.slope, own]), run.trajectory)
-        p = directions.shape[1]
-        drift = np.column_stack([probe.slope[memory, :p] - run.slope[memory],
-                                 (probe.end.displacement - run.end.displacement)[memory]])
-        # some positions persist for ever (T = 1): those keep their value, the smallest change
-        change = np.linalg.lstsq(np.eye(len(memory)) - probe.slope[memory, p:], drift, rcond=PERSISTS)[0]
-        slope, displacement = run.slope.copy(), run.end.displacement.copy()
-        slope[memory] += change[:, :p]
-        displacement[memory] += change[:, p]
+        self._returning = np.zeros((2 * n, 2 * n))
+        self._returning[np.ix_(memory, memory)] = probe.slope[memory, p:]
+        return self._led(replace(probe, slope=probe.slope[:, :p]), run.end, run.slope, PERSISTS, memory)
+
+    def _led(self, run: _Pass, before: SampleState, slope: Array, persists: float,
+             memory: NDArray[np.intp] | None = None) -> tuple[SampleState, Array]:
+        """Return where to start instead of `before` and `slope`, from which `run` was marched, with the T in hand."""
+        at = _memory(run) if memory is None else memory
+        returning = self._returning[np.ix_(at, at)]
+        drift = np.column_stack([run.slope[at] - slope[at], (run.end.displacement - before.displacement)[at]])
+        # some positions persist for ever (T = 1): for those no more than the drift itself
+        change = drift + np.linalg.lstsq(np.eye(len(at)) - returning, returning @ drift, rcond=persists)[0]
+        slope, displacement = slope.copy(), before.displacement.copy()
+        slope[at] += change[:, :-1]
+        displacement[at] += change[:, -1]
         return SampleState(displacement, run.end.force, run.end.approach, run.end.state), slope
 
-    def _same(self, a: SampleState, b: SampleState) -> bool:
-        """Tell whether two samples agree in force."""
-        return bool(np.abs(a.force - b.force).max() < self.repeat)
+    def _lingers(self, run: _Pass, before: SampleState) -> bool:
+        """Tell whether derivatives are all that has yet to repeat, and that slowly because some node always sticks."""
+        repeats = np.abs(run.end.force - before.force).max() < self.repeat
+        return bool(run.slope.shape[1] and repeats and not _forgets(run))
+
+    def _knows(self, run: _Pass, before: SampleState) -> bool:
+        """Tell whether there is a former T and too little left for it to lead astray."""
+        return self._returning.size > 0 and self._moved(run, before) < SMALL * self.system.load / self.system.size
+
+    def _moved(self, run: _Pass, before: SampleState) -> float:
+        """Return how far from its start a period ends, as a nodal force in N."""
+        moved = np.abs(run.end.displacement - before.displacement)[:2 * self.system.size]
+        return float(self.system.penalty * moved.max())
+
+    def _drift(self, run: _Pass, before: SampleState, slope: Array) -> float:
+        """Return how far from its start a period ends, 1 being about where it repeats."""
+        turned = np.abs(run.slope - slope)[:2 * self.system.size].max(initial=0.0)
+        return float(max(self._moved(run, before) / self.repeat, turned / SLOPE_REPEATS))
+
+    def _repeats(self, run: _Pass, before: SampleState, slope: Array) -> bool:
+        """Tell whether a period ends with the forces of `before` and with the derivatives that it began with."""
+        return bool(np.abs(run.end.force - before.force).max() < self.repeat
+                    and np.abs(run.slope - slope)[:2 * self.system.size].max(initial=0.0) < SLOPE_REPEATS)
+
+
+def _memory(run: _Pass) -> NDArray[np.intp]:
+    """Return the tangential DOFs of the nodes that do not stick all the period."""
+    n = run.trajectory.state.shape[1]
+    moving = np.flatnonzero(np.any(run.trajectory.state != STICK, axis=0))
+    return np.concatenate([moving, n + moving])
+
+
+def _forgets(run: _Pass) -> bool:
+    """Tell whether no node sticks at some sample: nothing is remembered from there on."""
+    return bool(np.any(np.all(run.trajectory.state != STICK, axis=1)))
