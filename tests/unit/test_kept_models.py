@@ -4,7 +4,13 @@ import os
 from pathlib import Path
 
 import pytest
-from fretflow.cli_diagnose import MODELS, _kept_models
+from fretflow.cli_diagnose import MODELS, _kept_models, _reduced
+from fretflow.core.config import validate_case
+from fretflow.core.errors import StoreError
+from fretflow.stages.runner import Runner
+
+CASE = {"format": "fretflow-case/1", "name": "short", "test": {
+    "excitation_amplitude": "60 N", "cycles": 1000, "excitation_frequency": "100 Hz", "normal_load": "60 N"}}
 
 
 def test_cache_of_the_user(tmp_path, monkeypatch):
@@ -32,3 +38,14 @@ def test_a_user_without_a_home_keeps_them_beside_the_results(tmp_path, monkeypat
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
     assert _kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
+
+
+def test_a_cache_that_is_full_is_named_with_the_way_out(tmp_path, monkeypatch):
+    def full(*asked):
+        raise StoreError("mesh: no space left; choose another --out")
+
+    monkeypatch.setattr(Runner, "run", full)
+    with pytest.raises(StoreError, match="XDG_CACHE_HOME") as found:
+        _reduced(validate_case(CASE), tmp_path)
+    assert str(tmp_path) in str(found.value)
+    assert "--out" not in str(found.value)

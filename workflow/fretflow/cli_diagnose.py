@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from fretflow.cli_report import Progress, new_table, show_files
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, StoreError
 from fretflow.core.store import write_csv, write_whole
 from fretflow.diagnosis.verdict import Diagnosis, write_json
 from fretflow.recordings.schema import FILE, name_of
@@ -93,7 +93,11 @@ def _reduced(case: Case, models: Path) -> PeriodicProblem:
         runner = Runner(pipeline(), Path(scratch), Ranks(together=False), Silent())
         kept = models / runner.keys(case)["reduce"]
         if not kept.is_dir():
-            made = runner.run(case, "reduce")["reduce"].folder
+            try:
+                made = runner.run(case, "reduce")["reduce"].folder
+            except StoreError as error:
+                raise StoreError(f"{models}: the reduced specimens cannot be kept there; free some space, or name "
+                                 "another folder by XDG_CACHE_HOME") from error
             try:
                 made.rename(kept)
             except OSError:
