@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from fretflow.diagnosis import rig_model
 from fretflow.diagnosis.coordinates import Space
+from fretflow.diagnosis.rig_model import Hypothesis
 from fretflow.diagnosis.tangent import neighbours
+from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.recordings.schema import Condition
 
 CHANNELS = ("displacement", "friction_force", "normal_force", "approach")
@@ -58,6 +60,16 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects):
             size = np.ptp(shown) if channel in ("displacement", "friction_force") else np.abs(shown).max()
             assert np.abs(found[place, i] - difference[place]).max() < max(0.3 * whole, 2e-4 * size), (
                 coordinate.name, channel)
+
+
+def test_a_neighbour_without_data_at_the_motion_is_left_out_alone(rig):
+    """A load that would vanish under the arm's motion has no period; those beside it are as without it."""
+    base = rig.simulate(Hypothesis())
+    good = [Hypothesis(friction=1.01), Hypothesis(wear=1.01), Hypothesis(mass=1.01)]
+    lifts = Hypothesis(effects=(NormalLoadCoupling().changed(slope=1e9),))
+    found = neighbours(rig, base, [good[0], lifts, *good[1:]])
+    assert np.all(np.isnan(found[:, 1]))
+    np.testing.assert_allclose(found[:, [0, 2, 3]], neighbours(rig, base, good), rtol=1e-9, atol=1e-12)
 
 
 def test_normal_force_and_approach_are_those_of_the_period(rig):

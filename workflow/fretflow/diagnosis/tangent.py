@@ -51,6 +51,17 @@ def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypot
 
     A hypothesis whose data cannot be made at the simulated motion has a column of nan.
     """
+    try:
+        return _changes(rig, simulation, hypotheses)
+    except FretflowError:  # of one of them, in one of the periods
+        if len(hypotheses) == 1:
+            return np.full((len(rig.observation.values), 1), np.nan)
+        half = len(hypotheses) // 2
+        return np.hstack([neighbours(rig, simulation, part) for part in (hypotheses[:half], hypotheses[half:])])
+
+
+def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothesis]) -> Array:
+    """Return what `neighbours` does, of hypotheses whose data can be made in all periods."""
     beside = [_beside(rig, simulation, one) for one in hypotheses]
     columns = np.full((len(rig.observation.values), len(beside)), np.nan)
     usable = [v for v, one in enumerate(beside) if one is not None]
