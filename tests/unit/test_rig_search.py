@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.rig_course import FAST, FULL, Effort, begun, chosen_set, polished
+from fretflow.diagnosis.rig_course import FAST, FULL, Effort, begun, chosen_set, contenders, polished
 from fretflow.diagnosis.rig_detection import GAINS
 from fretflow.diagnosis.rig_search import LEAST_GAIN, SLACK, RigSearch
 from fretflow.diagnosis.rig_verdict import UNLISTED, decide, held_to
@@ -105,6 +105,15 @@ def test_a_baseline_is_lost_only_where_nothing_explains_it() -> None:
     assert searched(none=30000.0, viscous=15000.0).lost
     assert not searched(none=30000.0, viscous=1100.0).lost
     assert not searched(none=9000.0, viscous=5000.0).lost
+
+
+@pytest.mark.parametrize(("best", "going_on"), [(1010.0, {"viscous", "backlash"}),
+                                                (5000.0, {"viscous", "backlash", "third"})])
+def test_what_cannot_come_near_is_not_fitted_further(best: float, going_on: set[str]) -> None:
+    """Where one effect explains all, those that promise no half of its fit's quality stay; else all go on."""
+    found = searched(none=30000.0, viscous=best, backlash=1900.0 + best - 1010.0, third=20000.0)
+    found.fitter = SimpleNamespace(rig=found.fitter.rig, promise=lambda fit: fit.objective)  # type: ignore[assignment]
+    assert {name for names in contenders(found, found.best(1, 3)) for name in names} == going_on
 
 
 def test_what_looks_like_the_first_effect_must_explain_more() -> None:

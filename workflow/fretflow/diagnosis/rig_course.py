@@ -7,7 +7,7 @@ a second one. A set is chosen only if each of its effects earns its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,8 @@ MISTAKEN = 0.2
 PROMISING = 3  # effects by screening that are fitted on whatever their first steps came to
 RIVALS = 3  # sets of a size that are looked at in turn
 POLISHING = 8  # steps at most
+# times the best one's objective: what promises no less is not fitted further where that explains nearly all
+HOPELESS = 2.0
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,9 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
                      effort.first_steps)
     progress(0.5, "fitting the most promising")
     # a start may be so far off that an effect that promises much is still behind
-    found.carry_on(dict.fromkeys([*found.best(1, effort.kept), *(frozenset({name}) for name in ranked[:PROMISING]
-                                                                 if frozenset({name}) in found.fits)]),
-                   effort.last_steps)
+    found.carry_on(contenders(found, dict.fromkeys([
+        *found.best(1, effort.kept), *(frozenset({name}) for name in ranked[:PROMISING]
+                                       if frozenset({name}) in found.fits)])), effort.last_steps)
     found.swap(found.best(1, effort.bases), effort.last_steps)
     found.correct(found.best(1, effort.bases + 1), effort.last_steps)
     for place, one in enumerate(found.best(1, effort.bases)):
@@ -100,6 +102,15 @@ def search(found: RigSearch, effort: Effort, progress: Callable[[float, str], No
     pair = chosen_set(found)
     if len(pair) > 1:  # one of the two may have brought the other out of a bad start
         found.thin(pair, effort.last_steps)
+
+
+def contenders(found: RigSearch, sets: Iterable[Names]) -> list[Names]:
+    """Return the sets that may still come near the best one; all of them where that does not explain nearly all."""
+    best = found.best(1, 1)[0]
+    if found.explained(best) < NEARLY_ALL:
+        return list(sets)
+    most = HOPELESS * found.fits[best].objective
+    return [names for names in sets if found.fitter_of(names).promise(found.fits[names]) < most]
 
 
 def polished(found: RigSearch, chosen: Names) -> None:
