@@ -273,7 +273,7 @@ def load_recording_file(path: Path) -> RecordingFile:
 
 
 def _in_words(error: ErrorDetails) -> str:
-    clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those of a recording", "missing": "is required",
+    clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
                "model_type": "must be a table of keys"}
     field = ".".join(str(part) for part in error["loc"] if part != "channels")
     text = clearer.get(error["type"], error["msg"].removeprefix("Value error, "))
