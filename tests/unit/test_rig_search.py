@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fretflow.diagnosis import rig_run
 from fretflow.diagnosis.coordinates import Space
 from fretflow.diagnosis.rig_course import FAST, FULL, Effort, begun, chosen_set, contenders, polished
 from fretflow.diagnosis.rig_detection import GAINS
@@ -275,6 +276,26 @@ def test_what_does_not_help_to_predict_is_not_named(after: float, verdict: Verdi
     assert held.verdict is verdict
     assert held.effects == (("viscous",) if verdict is Verdict.NAMED else ())
     assert held_to(named, None) is named
+
+
+@pytest.mark.parametrize(("second", "verdict", "after"), [(1.2, Verdict.AMBIGUOUS, "channel-delay"),
+                                                          (1.6, Verdict.UNKNOWN, "viscous")])
+def test_alternatives_are_held_to_what_they_predict_in_turn(monkeypatch: pytest.MonkeyPatch, second: float,
+                                                            verdict: Verdict, after: str) -> None:
+    """Of two effects that fit alike, one predicts held-out loops badly; the verdict stands on the other, if it can."""
+    found = searched(none=9000.0, viscous=1010.0, **{"channel-delay": 1010.5})
+    alike = decide(found, chosen_set(found), seen(1e-9))
+    assert (alike.verdict, alike.after) == (Verdict.AMBIGUOUS, frozenset({"viscous"}))
+    errors = {"viscous": 2.0, "channel-delay": second}
+
+    def held_out(looked: RigSearch, names: frozenset[str]) -> Any:
+        return SimpleNamespace(error=HeldOut(what="loops", before=1.5, after=errors[min(names)], floor=1.0))
+
+    monkeypatch.setattr(rig_run, "held_out", held_out)
+    held, unseen = rig_run._held(found, alike)
+    assert held.verdict is verdict
+    assert held.after == {after}
+    assert unseen.error.after == errors[after]
 
 
 def test_effect_that_is_linear_begins_between_its_starts() -> None:

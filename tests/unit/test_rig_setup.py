@@ -111,6 +111,25 @@ def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
         assert np.linalg.norm(observed.covariance().whiten(own)) < 1.0
 
 
+def noisy(force: float) -> Recording:
+    """Return three repeats of each loop, 0.5 % noise, with a force (N) added to all of them."""
+    seen, rng = recorded(), np.random.default_rng(3)
+    assert seen.loops is not None
+    channels = {name: np.repeat(values, 3, axis=1) + 5e-3 * values.max() * rng.standard_normal(
+        (len(COUNTS), 3, SAMPLES)) for name, values in seen.loops.channels.items()}
+    channels["friction_force"] += force
+    return replace(seen, loops=replace(seen.loops, channels=channels))
+
+
+@pytest.mark.parametrize(("force", "is_seen"), [(0.15, False), (-3.0, True)])
+def test_a_force_beyond_what_a_sensor_s_zero_may_be_off_is_seen(force: float, is_seen: bool) -> None:
+    """Beside a friction of 30 N a load cell's zero may well be off by 0.15 N, but not by 3 N, in all loops alike."""
+    plain, moved = observe(noisy(0.0)), observe(noisy(force))
+    change = moved.values - plain.values
+    assert np.max(np.abs(change)) == pytest.approx(abs(force), rel=1e-6)
+    assert (float(np.linalg.norm(moved.covariance().whiten(change))) > 3.0) == is_seen
+
+
 def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> None:
     """Where the edge of a scar falls between coarse nodes is gone with the next mesh, and no promise for the rest."""
     rows = np.array([False, False, True, True])
