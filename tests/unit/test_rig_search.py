@@ -66,6 +66,8 @@ def test_one_effect_that_explains_all_is_named() -> None:
     assert verdict.effects == ("viscous",)
     assert verdict.explained == pytest.approx(1.0)
     assert verdict.probability > 0.9
+    misfits = [one.chi_squared / one.degrees_of_freedom for one in verdict.ranking]
+    assert misfits == pytest.approx([1.01, 7.0, 9.0], rel=0.01)
 
 
 def test_second_effect_must_earn_its_place() -> None:

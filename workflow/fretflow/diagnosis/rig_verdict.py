@@ -123,7 +123,7 @@ def _ranking(looked: RigSearch) -> tuple[Candidate, ...]:
     """Return all sets that were fitted, and the effects that were only screened, most probable first."""
     rows = [Candidate(effects=tuple(sorted(names)), probability=value, explained=looked.explained(names) if names
                       else 0.0, chi_squared=looked.fits[names].chi_squared,
-                      degrees_of_freedom=len(looked.fits[names].residual) - len(looked.fits[names].z),
+                      degrees_of_freedom=round(looked.expected) - len(looked.fits[names].z),
                       log_evidence=looked.fits[names].log_evidence, converged=looked.fits[names].converged)
             for names, value in looked.probabilities().items()]
     return tuple(rows[:MOST_RANKED])

@@ -47,7 +47,7 @@ class Candidate:
     probability: float
     explained: float  # share of the excess chi-squared
     chi_squared: float
-    degrees_of_freedom: int
+    degrees_of_freedom: int  # the chi-squared that noise alone would leave
     log_evidence: float
     converged: bool = False  # fitted to the end; what is given up sooner could explain a little more
 
