@@ -51,7 +51,7 @@ def test_the_jacobian_is_exact_with_asperities_and_friction_by_pressure():
         difference = (equations.evaluate(at + step * way).residual - equations.evaluate(at - step * way).residual) / (
             2.0 * step)
         own = apply(way.ravel()).reshape(at.shape)
-        assert np.abs(own - difference).max() < 1e-4 * np.abs(difference).max()
+        assert np.abs(own - difference).max() < 1e-6 * np.abs(difference).max()
 
 
 def test_springs_are_in_series_at_every_harmonic():
