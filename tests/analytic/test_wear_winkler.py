@@ -249,6 +249,18 @@ def test_wear_beside_sticking_nodes_ends_when_they_carry_the_load():
     assert face.distance(history.depth[-1]) < 1e-3
 
 
+@pytest.mark.parametrize("scheme", WearScheme)
+@pytest.mark.parametrize("least", [0.1, 0.01])
+def test_wear_ends_where_its_rate_has_fallen_as_far_as_asked(scheme, least):
+    path = np.where(np.arange(7) < 3, 0.0, PATH)
+    settings = WearSettings(coefficient=K_W, cycles=10**9, scheme=scheme, vanishing_rate=least)
+    history = run_history(Winkler(gap=np.zeros(7), path=path), settings)
+    share = history.rate @ AREAS / (history.rate[0] @ AREAS)
+    assert history.stopped_by == "vanishing rate"
+    assert np.all(share[:-1] > least)
+    assert 0.0 < share[-1] <= least
+
+
 def test_asymptotic_face_needs_sliding_and_a_volume():
     with pytest.raises(InputError, match="nothing slides"):
         find_asymptotic_shape(Winkler(path=0.0), K_W, 1e-12)
