@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.config import PeriodicMethod, Solver
-from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.errors import AuditError, InputError, NonConvergenceError
 from fretflow.harmonic import dlft
+from fretflow.harmonic.dlft_equations import DlftEquations
 from fretflow.harmonic.newton import _line_search, gmres, solve_newton
 from fretflow.harmonic.periodic import PeriodicProblem
 from fretflow.rig.joint import QuasiStaticJoint
@@ -105,6 +106,20 @@ def test_motion_of_the_rig_balances_the_forces_in_time(problem):
         load = np.array([60.0 if h == 1 else 0.0, -friction[h]])
         impedance = problem.joint.rig.impedance(np.array([h * problem.omega]))[0]
         assert impedance @ amplitudes[h] == pytest.approx(load, abs=1e-6)
+
+
+def test_a_period_that_breaks_the_contact_law_is_refused(problem, monkeypatch):
+    """By a nanometre of penetration at a single sample."""
+    lawful = DlftEquations.contact_displacement
+
+    def unlawful(equations, at):
+        moved = np.array(lawful(equations, at))
+        moved[17, 1, 2] -= 1e-9
+        return moved
+
+    monkeypatch.setattr(DlftEquations, "contact_displacement", unlawful)
+    with pytest.raises(AuditError, match="penetration"):
+        dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
 
 
 def test_failure_carries_its_history(problem):
