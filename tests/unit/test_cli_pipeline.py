@@ -100,6 +100,15 @@ def test_the_five_tests_are_the_paper_s():
         assert (t.mesh.contact_elements + 1) ** 2 == 121
 
 
+def test_the_mesh_stage_reports_the_quality_of_both_meshes(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(QUICK.read_text().replace("[mesh]", "[specimen.lower]\nbody = 'round'\n[mesh]"))
+    figures = cli_pipeline.MESH.run(StageContext(load_case(path), tmp_path, {}, lambda share, text: None))
+    assert figures["upper_min_scaled_jacobian"] == pytest.approx(1.0, abs=1e-9)  # bricks
+    assert 0.7 < figures["lower_min_scaled_jacobian"] < 0.9  # right angles outside of the core's corners are halved
+    assert figures["contact_nodes"] == 25
+
+
 def test_a_full_disk_is_named_where_gmsh_only_fails_to_read_back(tmp_path, monkeypatch):
     import fretflow_meshes
 
