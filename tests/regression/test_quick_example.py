@@ -1,19 +1,25 @@
 """The quick example through the command line, from meshes to pictures.
 
 What carries the weight: the load that went in comes out of the contact, the reduced models meet the full ones, wear
-volume follows dissipated energy, and a second call computes nothing.
+volume follows dissipated energy, loops are those of points 1 mm from the interface, and a second call computes nothing.
 """
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fretflow import cli
+from fretflow.assembly.preload import Preload
 from fretflow.cli_pipeline import complete_stages
 from fretflow.core.config import load_case
 from fretflow.core.store import read_record
+from fretflow.harmonic.periodic import PeriodicSolution
+from fretflow.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.stages.response import ForcedResponse, LoopSeries
+from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 
 pytestmark = [pytest.mark.fem, pytest.mark.render]
@@ -37,6 +43,9 @@ def test_the_summary_holds_what_went_in_and_what_must_follow(home):
     assert 0.0 < found["mean wear depth"] <= found["largest wear depth"]
     assert found["wear volume"] == pytest.approx(found["mean wear depth"] * 1e-6, rel=1e-6)  # over 1 mm^2
     assert len(summary["trends"]) == 5
+    assert 0.0 < found["stick share"] < 0.3  # it slides as a whole for most of the period
+    texts = {figure["name"]: figure["text"] for figure in summary["figures"]}
+    assert re.search(r"quasi-static, estimated error \d+\.\d+%", texts["sliding distance, unworn"])
 
 
 def test_in_gross_slip_wear_volume_follows_dissipated_energy(home):
@@ -45,6 +54,70 @@ def test_in_gross_slip_wear_volume_follows_dissipated_energy(home):
     energy = np.sum(history.dissipated_energy[:-1] * np.diff(history.cycles))
     expected = case.wear.coefficient / case.contact.friction_coefficient * energy
     assert history.volume[-1] == pytest.approx(expected, rel=1e-6)
+
+
+def specimens(home):
+    folder = complete_stages(home)["reduce"]
+    return [read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")]
+
+
+def observed(specimen, force):
+    """Return the static x displacement (N,) of the observed point under contact forces (N, nodes, 3), by all DOFs."""
+    free = np.delete(np.arange(len(specimen.stiffness)), np.arange(len(specimen.stiffness))[specimen.rigid])
+    load = np.zeros((len(specimen.stiffness), len(force)))
+    load[:specimen.contact_size] = force.reshape(len(force), -1).T
+    return np.linalg.solve(specimen.stiffness[np.ix_(free, free)], load[free])[specimen.contact_size]
+
+
+def test_loops_are_those_of_points_one_millimetre_from_the_interface(home):
+    upper, lower = specimens(home)
+    assert [upper.observation_point[2], lower.observation_point[2]] == pytest.approx([1e-3, -1e-3], rel=1e-9)
+    stages = complete_stages(home)
+    series, faces = (read_record(stages["response"] / f"loops_{name}.h5", LoopSeries) for name in ("observed", "faces"))
+    periods = kept_states(stages["wear"] / "checkpoints", PeriodicSolution)
+    assert series.cycles.tolist() == sorted(periods) == [0, 2_000, 10_000, 20_000]
+    for cycles, measured in zip(series.cycles, series.peak_to_peak, strict=True):
+        period = periods[int(cycles)]
+        motion = period.rig_displacement[:, 1] + observed(upper, period.force) - observed(lower, -period.force)
+        assert measured == pytest.approx(np.ptp(motion), rel=1e-9, abs=0.0)
+    assert np.all(series.peak_to_peak > faces.peak_to_peak)  # by what lies between gives way
+
+
+def test_the_worn_joint_responds_otherwise(home):
+    unworn, worn = (read_record(complete_stages(home)["response"] / f"{name}.h5", ForcedResponse)
+                    for name in ("unworn", "worn"))
+    assert (unworn.cycles, worn.cycles) == (0, 20_000)
+    assert worn.resonance != unworn.resonance
+    assert worn.amplitude.max() != pytest.approx(unworn.amplitude.max(), rel=1e-6)
+
+
+def again(home, folder, table, until):
+    """Run the example with `table` for its mesh table, in a copy of the first run, whose stages serve again."""
+    shutil.copytree(home, folder / "runs" / "quick")
+    path = folder / "case.toml"
+    path.write_text(QUICK.read_text().replace("[mesh]\n", f"{table}\n"))
+    assert cli.execute(["run", str(path), "--out", str(folder / "runs"), "--until", until]) == 0
+    return folder / "runs" / "quick"
+
+
+def test_a_load_pressed_on_against_friction_is_another_pressure_of_the_same_sum(home, tmp_path):
+    rougher = again(home, tmp_path, '[contact]\npreload = "frictional"\n[mesh]', "preload")
+    smooth, rough = (read_record(complete_stages(run)["preload"] / "preload.h5", Preload) for run in (home, rougher))
+    assert rough.force.sum() == pytest.approx(60.0, rel=1e-10)
+    assert rough.force.min() > 0.0
+    assert np.abs(rough.gap).max() < 1e-14
+    assert 1e-3 < np.abs(rough.force - smooth.force).max() / smooth.force.max() < 0.2
+    assert rough.approach < smooth.approach  # held laterally, the bodies are stiffer
+
+
+def test_own_meshes_are_reduced_as_those_of_the_stage(home, tmp_path):
+    for side in ("upper", "lower"):
+        shutil.copy(complete_stages(home)["mesh"] / f"{side}.msh", tmp_path / f"my_{side}.msh")
+    own = again(home, tmp_path, '[mesh]\nupper = "my_upper.msh"\nlower = "my_lower.msh"', "reduce")
+    assert complete_stages(own)["mesh"].name != complete_stages(home)["mesh"].name
+    for ours, theirs in zip(specimens(own), specimens(home), strict=True):
+        size = np.sqrt(np.diag(theirs.stiffness))
+        assert np.abs((ours.stiffness - theirs.stiffness) / np.outer(size, size)).max() < 1e-9
 
 
 def test_pictures_and_curves_are_there_and_render_draws_them_again(home, capsys):
