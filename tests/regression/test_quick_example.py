@@ -91,17 +91,18 @@ def test_the_worn_joint_responds_otherwise(home):
     assert worn.amplitude.max() != pytest.approx(unworn.amplitude.max(), rel=1e-6)
 
 
-def again(home, folder, table, until):
-    """Run the example with `table` for its mesh table, in a copy of the first run, whose stages serve again."""
+def again(home, folder, old, new, until):
+    """Run the example with `new` in place of `old`, in a copy of the first run, whose stages serve again."""
+    assert old in QUICK.read_text()
     shutil.copytree(home, folder / "runs" / "quick")
     path = folder / "case.toml"
-    path.write_text(QUICK.read_text().replace("[mesh]\n", f"{table}\n"))
+    path.write_text(QUICK.read_text().replace(old, new))
     assert cli.execute(["run", str(path), "--out", str(folder / "runs"), "--until", until]) == 0
     return folder / "runs" / "quick"
 
 
 def test_a_load_pressed_on_against_friction_is_another_pressure_of_the_same_sum(home, tmp_path):
-    rougher = again(home, tmp_path, '[contact]\npreload = "frictional"\n[mesh]', "preload")
+    rougher = again(home, tmp_path, "[mesh]", '[contact]\npreload = "frictional"\n[mesh]', "preload")
     smooth, rough = (read_record(complete_stages(run)["preload"] / "preload.h5", Preload) for run in (home, rougher))
     assert rough.force.sum() == pytest.approx(60.0, rel=1e-10)
     assert rough.force.min() > 0.0
@@ -113,11 +114,18 @@ def test_a_load_pressed_on_against_friction_is_another_pressure_of_the_same_sum(
 def test_own_meshes_are_reduced_as_those_of_the_stage(home, tmp_path):
     for side in ("upper", "lower"):
         shutil.copy(complete_stages(home)["mesh"] / f"{side}.msh", tmp_path / f"my_{side}.msh")
-    own = again(home, tmp_path, '[mesh]\nupper = "my_upper.msh"\nlower = "my_lower.msh"', "reduce")
+    own = again(home, tmp_path, "[mesh]", '[mesh]\nupper = "my_upper.msh"\nlower = "my_lower.msh"', "reduce")
     assert complete_stages(own)["mesh"].name != complete_stages(home)["mesh"].name
     for ours, theirs in zip(specimens(own), specimens(home), strict=True):
         size = np.sqrt(np.diag(theirs.stiffness))
         assert np.abs((ours.stiffness - theirs.stiffness) / np.outer(size, size)).max() < 1e-9
+
+
+def test_the_share_of_the_upper_face_reaches_the_results_and_changes_nothing_else(home, tmp_path):
+    split = again(home, tmp_path, "[wear]", "[wear]\nupper_share = 0.3", "wear")
+    even, uneven = (read_record(complete_stages(run)["wear"] / "history.h5", WearHistory) for run in (home, split))
+    assert (even.upper_share, uneven.upper_share) == (0.5, 0.3)
+    assert np.array_equal(uneven.depth, even.depth)
 
 
 def test_pictures_and_curves_are_there_and_render_draws_them_again(home, capsys):
