@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from fretflow.wear.archard import split_between_faces
 from fretflow.wear.history import WearHistory
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
@@ -52,16 +53,15 @@ class WornFace:
 
 def worn_faces(history: WearHistory, row: int) -> tuple[WornFace, WornFace]:
     """Return the upper and the lower face at `row` of the history, each with its share of the depth."""
-    cycles, depth = int(history.cycles[row]), history.depth[row]
-    return (WornFace(True, cycles, history.upper_share * depth),
-            WornFace(False, cycles, (1.0 - history.upper_share) * depth))
+    cycles = int(history.cycles[row])
+    upper, lower = split_between_faces(history.depth[row], history.upper_share)
+    return WornFace(True, cycles, upper), WornFace(False, cycles, lower)
 
 
 def wear_scale(nodes: NDArray[np.float64], profiles: NDArray[np.float64], history: WearHistory,
                rows: Sequence[int]) -> WearScale:
     """Return one scale for the faces at all `rows`; `profiles` (2, nodes) in m are upper, lower."""
-    shares = np.array([history.upper_share, 1.0 - history.upper_share])
-    depth = shares[:, None, None] * history.depth[list(rows)]
+    depth = np.stack(split_between_faces(history.depth[list(rows)], history.upper_share))
     height = float((profiles[:, None] + depth).max())
     side = float(np.ptp(nodes, axis=0).max())
     top, ticks = style.round_scale(float(depth.max()) * UM)

@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pyvista as pv
+from fretflow.wear.archard import split_between_faces
 from fretflow.wear.history import WearHistory
 from numpy.typing import NDArray
 
@@ -61,7 +62,7 @@ def write_wear_series(path: Path, nodes: NDArray[np.float64], history: WearHisto
     folder = path.with_suffix("")
     files = []
     for row, depth in enumerate(history.depth):
-        upper, lower = history.upper_share * depth, (1.0 - history.upper_share) * depth
+        upper, lower = split_between_faces(depth, history.upper_share)
         zero = np.zeros(len(depth))
         files.append(write_contact_face(folder / f"{row:04d}.vtu", nodes, {
             "wear_depth_um": depth * UM, "wear_depth_upper_um": upper * UM, "wear_depth_lower_um": lower * UM,

@@ -14,6 +14,7 @@ from fretflow.core.store import read_record
 from fretflow.harmonic.periodic import PeriodicSolution
 from fretflow.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.stages.response import ForcedResponse
+from fretflow.wear.archard import split_between_faces
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 from numpy.typing import NDArray
@@ -198,11 +199,11 @@ def _paraview_files(run: RunResults, out: Path) -> list[Path]:
     last = run.periods[max(run.periods)]
     shares = state_shares(last)
     depth = run.history.depth[-1] if run.has("wear") else np.zeros(len(run.areas))
-    upper_share = run.history.upper_share if run.has("wear") else 0.5
+    worn = split_between_faces(depth, run.history.upper_share if run.has("wear") else 0.5)
     files = []
-    for side, specimen, share in zip(SIDES, run.meshed, (upper_share, 1.0 - upper_share), strict=True):
+    for side, specimen, own in zip(SIDES, run.meshed, worn, strict=True):
         files.append(paraview.write_specimen(out / f"{side}_specimen.vtu", specimen, {
-            "wear_depth_um": share * depth * 1e6, "mean_pressure_MPa": mean_pressure(last, run.areas) * 1e-6,
+            "wear_depth_um": own * 1e6, "mean_pressure_MPa": mean_pressure(last, run.areas) * 1e-6,
             "stick_percent": 100.0 * shares.stick, "slip_percent": 100.0 * shares.slip,
             "open_percent": 100.0 * shares.open}))
     if run.has("wear"):
