@@ -17,6 +17,8 @@ from fretflow.core.records import record
 from fretflow.reduction import craig_bampton
 from fretflow.reduction.modes import component_modes, full_frequencies
 from fretflow.reduction.reduce import reduce_specimen
+from fretflow.rig.joint import Joint
+from fretflow.rig.lumped import LumpedRig
 from fretflow_meshes.specimen import Side, build_specimen
 from mpi4py import MPI
 
@@ -132,24 +134,21 @@ def test_static_flexibility_is_that_of_the_full_model(full):
 
 
 def test_static_stiffness_is_that_of_the_full_model(full):
-    """On all masters, and condensed onto the contact alone."""
-    n = 3 * len(full.body.contact.nodes)
+    """On all masters, and condensed onto the contact: a pair of the same specimens has half of it."""
+    specimen = reduce_specimen(full.path, full.summary, SPECIMEN, config.Reduction(), 1, MPI.COMM_SELF)
+    n = specimen.contact_size
     free = np.setdiff1d(np.arange(full.body.full_dofs), dofs(full.body.clamped.nodes))
     masters = np.concatenate([dofs(full.body.contact.nodes), dofs(full.observation)])
-    kept = np.concatenate([np.arange(n), np.arange(n + 6, n + 9)])
-    reduced = component_modes(full.body, full.observation, 3).stiffness[np.ix_(kept, kept)]
-    for found, own in ((reduced, masters), (craig_bampton.condense(reduced, np.arange(n)), masters[:n])):
+    kept = np.r_[:n, specimen.observation]
+    pair = Joint(upper=specimen, lower=specimen, rig=LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
+    for found, own in ((specimen.stiffness[np.ix_(kept, kept)], masters),
+                       (2.0 * pair.quasi_static().stiffness, masters[:n])):
         inner = np.setdiff1d(free, own)
         across = full.stiffness[inner][:, own].toarray()
         factor = sparse_linalg.splu(full.stiffness[inner][:, inner].tocsc(), "MMD_AT_PLUS_A",
                                     options={"SymmetricMode": True})
         exact = full.stiffness[own][:, own].toarray() - across.T @ factor.solve(across)
         assert np.abs(found - exact).max() < 1e-10 * np.abs(exact).max()
-
-
-def test_condensing_what_is_not_held_is_refused():
-    with pytest.raises(InputError, match="not held"):
-        craig_bampton.condense(np.diag([1.0, 0.0]), np.array([0]))
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from fretflow.core.errors import AuditError, InputError
+from fretflow.core.errors import AuditError
 from fretflow.core.records import quantity, record
 from fretflow.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS, ReducedSpecimen
 
@@ -54,24 +54,6 @@ def rigid_motions(points: NDArray[np.float64], centre: NDArray[np.float64]) -> N
     for axis in range(3):
         motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
     return motions.reshape(-1, 6)
-
-
-def condense(stiffness: NDArray[np.float64], kept: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Condense `stiffness` (N, N) statically onto the DOFs `kept` (k,); the others carry no force.
-
-    Raises
-    ------
-    InputError
-        If the other DOFs are free to move without strain.
-    """
-    rest = np.setdiff1d(np.arange(len(stiffness)), kept)
-    inner = stiffness[np.ix_(rest, rest)]
-    across = stiffness[np.ix_(rest, kept)]
-    try:
-        factor = scipy.linalg.cho_factor(inner, lower=True)
-    except np.linalg.LinAlgError as error:
-        raise InputError("static condensation: the condensed DOFs are not held; keep more DOFs") from error
-    return np.asarray(stiffness[np.ix_(kept, kept)] - across.T @ scipy.linalg.cho_solve(factor, across))
 
 
 def natural_frequencies(stiffness: NDArray[np.float64], mass: NDArray[np.float64],
