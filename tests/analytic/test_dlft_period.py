@@ -99,7 +99,7 @@ def test_oscillator_with_jenkins_element_against_three_codes(point):
     root = 1.2 * expected
     for _ in range(12):
         root = root - np.linalg.solve(residual(root, derivative=True), residual(root))
-    assert root == pytest.approx(expected, abs=2e-10)
+    assert root == pytest.approx(expected, abs=1e-10)
 
 
 def sliding_contact():
