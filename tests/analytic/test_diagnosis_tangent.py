@@ -38,10 +38,17 @@ def accurate(monkeypatch):
     monkeypatch.setattr(rig_model, "TOLERANCE", 1e-8)
 
 
-@pytest.mark.parametrize("effects", [("friction-run-in",), ("normal-load-drift", "sensor-path-compliance"),
-                                     ("wear-power-law",), ("directional-friction", "excitation-distortion")])
-def test_neighbours_are_what_another_simulation_shows(rig, effects):
-    model, space = rig, Space.of(effects)
+def counted_from(rig, channel):
+    """Return a rig whose recording counts the phase from the largest value of a channel's fundamental."""
+    return replace(rig, observation=replace(rig.observation, aligned_to=channel))
+
+
+@pytest.mark.parametrize(("effects", "aligned_to"), [
+    (("friction-run-in",), "excitation"), (("normal-load-drift", "sensor-path-compliance"), "excitation"),
+    (("wear-power-law",), "excitation"), (("directional-friction", "excitation-distortion"), "excitation"),
+    (("viscous", "sensor-path-compliance"), "displacement")])
+def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
+    model, space = counted_from(rig, aligned_to), Space.of(effects)
     z = np.zeros(space.size)
     base = model.simulate(space.hypothesis(z))
     step = 0.02
@@ -60,6 +67,25 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects):
             size = np.ptp(shown) if channel in ("displacement", "friction_force") else np.abs(shown).max()
             assert np.abs(found[place, i] - difference[place]).max() < max(0.3 * whole, 2e-4 * size), (
                 coordinate.name, channel)
+
+
+def test_without_the_drive_the_phase_is_counted_from_the_displacement(rig):
+    """The same loops, each begun where the displacement's fundamental is largest, as such recordings are put."""
+    base = rig.simulate(Hypothesis())
+    seen, moved = (counted_from(rig, channel).predict(base) for channel in ("excitation", "displacement"))
+    loops = {}
+    for piece in rig.observation.pieces:
+        if piece.block in ("loops", "sweep"):
+            at = loops.setdefault(piece.label, {})
+            at[piece.channel] = [np.fft.rfft(vector[piece.place]) for vector in (seen, moved)]
+    orders = np.arange(len(at["displacement"][0]))
+    for at in loops.values():
+        x = at["displacement"]
+        assert abs(np.angle(x[0][1])) > 0.3
+        assert np.angle(x[1][1]) == pytest.approx(0.0, abs=1e-9)
+        for before, after in at.values():
+            turned = before * np.exp(-1j * orders * np.angle(x[0][1]))
+            np.testing.assert_allclose(after, turned, atol=1e-9 * np.abs(before).max())
 
 
 def test_a_neighbour_without_data_at_the_motion_is_left_out_alone(rig):

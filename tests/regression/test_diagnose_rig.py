@@ -4,6 +4,7 @@ In both the friction coefficient is known (0.84; from 0.40 to 0.88), so that its
 """
 
 import json
+import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -29,6 +30,20 @@ def test_baseline_is_none_with_its_friction(recordings, tmp_path):
     assert friction["low"] < 0.84 < friction["high"]
     assert friction["high"] - friction["low"] < 0.04
     assert not (tmp_path / "out" / "case.toml").exists()
+
+
+def test_baseline_is_none_without_a_record_of_its_drive(recordings, tmp_path):
+    """The loops alone tell no phase against the drive; the model then counts it from the displacement too."""
+    folder = shutil.copytree(recordings / "example_baseline", tmp_path / "undriven", copy_function=shutil.copyfile)
+    folder.chmod(0o755)
+    file = folder / "recording.toml"
+    text = file.read_text()
+    file.write_text(text.replace('excitation = { column = "excitation_N", unit = "N" }\n', ""))
+    assert file.read_text() != text
+    found = diagnosed(folder, tmp_path / "out")
+    assert (found["verdict"], found["effects"]) == ("none", [])
+    friction = found["parameters"]["contact.friction_coefficient"]
+    assert friction["low"] < 0.84 < friction["high"]
 
 
 def test_run_in_is_named_and_predicts_what_was_held_out(recordings, tmp_path):

@@ -199,8 +199,8 @@ class RigModel:
         lead = getattr(found, self.observation.aligned_to, None)
         if lead is None or self.observation.aligned_to == "excitation":
             return found
-        early = float(np.angle(np.fft.rfft(lead)[1])) / found.angular_frequencies[1]
-        shifted: dict[str, Any] = {name: found.delayed(values, -early) for name in CHANNELS
+        late = -float(np.angle(np.fft.rfft(lead)[1])) / found.angular_frequencies[1]  # its maximum, after zero
+        shifted: dict[str, Any] = {name: found.delayed(values, -late) for name in CHANNELS
                                    if (values := getattr(found, name)) is not None}
         return replace(found, **shifted)
 
