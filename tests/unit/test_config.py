@@ -51,6 +51,8 @@ BAD = [
     ({"test__duration": "1 h"}, "test: give exactly one of cycles and duration"),
     ({"test__cycles": -1}, "test.cycles"),
     ({"test__cycles": 1.5}, "test.cycles"),
+    ({"test__cycles": 10**15 + 1}, "test.cycles"),
+    ({"test__cycles": None, "test__duration": "1e20 s"}, "test: duration makes 1e+22 cycles; 1e+15 are the most"),
     ({"tset": {}}, "tset"),
     ({"contact__friction": 0.5}, "contact.friction"),
     ({"specimen__friction": 0.5}, "specimen.friction"),

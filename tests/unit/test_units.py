@@ -74,6 +74,12 @@ def test_what_is_no_force_is_refused(text):
         parse_quantity(text, "N")
 
 
+@pytest.mark.parametrize("text", ["1e25 N", "-1e25 N", "1e-25 N", "1e300 N", "1e-300 N"])
+def test_beyond_what_any_joint_has(text):
+    with pytest.raises(ValueError, match=f"'{text}' is beyond what any joint has; check the number"):
+        parse_quantity(text, "N")
+
+
 @pytest.mark.parametrize("text", ["628 rad/s", "6000 rpm", "1 revolution/s", "360 degree/s"])
 def test_an_angular_frequency_is_no_frequency(text):
     with pytest.raises(ValueError, match="wrong dimension"):

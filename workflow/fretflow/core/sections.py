@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from fretflow.core import units as u
 
 SIDES = ("upper", "lower")
+MOST_CYCLES = 10**15  # still whole numbers as floats, and far beyond any test
 
 
 class Section(BaseModel):
@@ -76,13 +77,15 @@ class Test(Section):
     excitation_frequency: u.Frequency = Field(100.0, description="frequency of the shaker force")
     excitation_amplitude: u.Force = Field(description="amplitude of the shaker force on the moving mass")
     normal_load: u.Force = Field(60.0, description="static normal load on the arm")
-    cycles: int | None = Field(None, ge=0, description="length of the test in cycles")
+    cycles: int | None = Field(None, ge=0, le=MOST_CYCLES, description="length of the test in cycles")
     duration: u.Duration | None = Field(None, description="length of the test in time, instead of cycles")
 
     @model_validator(mode="after")
     def _one_length(self) -> Test:
         if (self.cycles is None) == (self.duration is None):
             raise ValueError("give exactly one of cycles and duration")
+        if self.total_cycles > MOST_CYCLES:
+            raise ValueError(f"duration makes {self.total_cycles:.3g} cycles; {MOST_CYCLES:.0e} are the most")
         return self
 
     @property

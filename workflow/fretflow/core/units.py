@@ -41,6 +41,9 @@ _READABLE = {
     "N/m^3": (("N/mm^3", 1e9), ("N/m^3", 1.0)),
 }
 
+# Of any quantity in SI; squares and products of such numbers still fit into a float.
+BEYOND = 1e24
+
 _NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -57,8 +60,8 @@ def parse_quantity(value: object, unit: str) -> float:
     Raises
     ------
     ValueError
-        If the unit is missing, unknown or of another dimension, or the number is not finite. Angles count as
-        a dimension: an angular frequency is no frequency.
+        If the unit is missing, unknown or of another dimension, or the number is not finite or beyond reason.
+        Angles count as a dimension: an angular frequency is no frequency.
     """
     example = f'write it as text with its unit, for example "1 {unit}"'
     match = _NUMBER.fullmatch(value) if isinstance(value, str) else None
@@ -69,6 +72,8 @@ def parse_quantity(value: object, unit: str) -> float:
     number = float(match[1]) * _factor(match[2], unit, f"{value!r}", example)
     if not math.isfinite(number):
         raise ValueError(f"{value!r} is not a finite number")
+    if number and not 1.0 / BEYOND <= abs(number) <= BEYOND:
+        raise ValueError(f"{value!r} is beyond what any joint has; check the number and its unit")
     return number
 
 
