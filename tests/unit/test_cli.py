@@ -97,6 +97,7 @@ def test_version(capsys):
         (["render", "{case}"], "holds no run"),
         (["run", "{case}", "{case}"], "'small' is the name of several cases"),
         (["run", "{case}", "--out", "{case}"], "cannot be written"),
+        (["run", "{case}", "--out", 300 * "x"], "cannot be written (File name too long)"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(case, capsys, arguments, message):

@@ -79,6 +79,7 @@ BAD = [
     ({"output__wear_map_cycles": [5, 3]}, "output.wear_map_cycles"),
     ({"output__frequency_response__stop": "10 Hz"}, "output.frequency_response: stop"),
     ({"name": "../elsewhere"}, "name"),
+    ({"name": 101 * "x"}, "name"),
     ({"format": "fretflow-case/2"}, "format"),
     ({"format": None}, "format"),
 ]

@@ -49,7 +49,8 @@ class Case(Section):
 
     format: Literal["fretflow-case/1"] = Field(description="format of this file")
     name: str = Field(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="name of the case; names its result folder"
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100,  # of a file's 255, as other names are made of it
+        description="name of the case; names its result folder"
     )
     title: str = Field("", description="one line for people")
     test: Test

@@ -235,12 +235,14 @@ def _note_run(home: Path, case: Case, keys: dict[str, str]) -> None:
 
 @contextmanager
 def _writing(home: Path) -> Iterator[None]:
-    """Turn a full disk or a folder without write permission into one clear line."""
+    """Turn a full disk or a folder that cannot be made or written into one clear line."""
+    made = False
     try:
         home.mkdir(parents=True, exist_ok=True)
+        made = True
         yield
     except OSError as error:
-        if error.errno not in NO_SPACE and not isinstance(error, FileExistsError | NotADirectoryError):
+        if made and error.errno not in NO_SPACE:
             raise
         raise StoreError(
             f"{error.filename or home}: cannot be written ({error.strerror}); complete stages are "
