@@ -94,8 +94,10 @@ class World:
         (self.bin / name).chmod(0o755)
 
     def start(self, *arguments: str, program: Path | None = None, **environment: str):
+        # Where the tests themselves run in the background of a script, SIGINT would be ignored.
         return subprocess.Popen(
-            [str(program or self.clone / "fretflow"), *arguments], cwd=self.root / "elsewhere",
+            ["/usr/bin/env", "--default-signal=INT", str(program or self.clone / "fretflow"), *arguments],
+            cwd=self.root / "elsewhere",
             env={"PATH": str(self.bin), "WORLD": str(self.root), **environment},
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
