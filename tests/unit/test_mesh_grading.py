@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fretflow.core.errors import MeshError
 from fretflow_meshes.grading import graded_sizes, levels, subdivide
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -40,3 +41,13 @@ def test_levels_and_middle_nodes():
     np.testing.assert_allclose(boundaries, [0.5, 1.5, 3.5])
     np.testing.assert_allclose(subdivide(boundaries, 1), boundaries)
     np.testing.assert_allclose(subdivide(boundaries, 2), [0.5, 1.0, 1.5, 2.5, 3.5])
+
+
+def test_a_tiny_first_layer_takes_as_many_layers_as_its_growth():
+    assert len(graded_sizes(5e-3, 1e-12, 1.35, 1e-3)) == pytest.approx(np.log(1e9) / np.log(1.35), abs=8)
+
+
+@pytest.mark.parametrize("growth", [1.0, 1.00001])
+def test_endless_layers_are_refused(growth):
+    with pytest.raises(MeshError, match=r"\de\+0[68] layers from 1e-11 m on, .* check its lengths"):
+        graded_sizes(5e-3, 1e-11, growth, 1e-3)
