@@ -66,8 +66,9 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
 
 
 def write_summary(path: Path, figures: Sequence[Figure], trends: Sequence[Trend]) -> Path:
-    """Write figures and trends to the JSON file `path`."""
-    write_json(path, {"figures": [asdict(figure) for figure in figures],
+    """Write figures and trends to the JSON file `path`; a figure that cannot be told is null."""
+    values = [{"value": figure.value if np.isfinite(figure.value) else None} for figure in figures]
+    write_json(path, {"figures": [asdict(figure) | value for figure, value in zip(figures, values, strict=True)],
                       "trends": [asdict(trend) for trend in trends]})
     return path
 
