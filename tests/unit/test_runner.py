@@ -152,6 +152,19 @@ def test_non_convergence_keeps_its_history_and_names_the_last_good_state(pipelin
     assert not (result["solve"].folder / caught.value.history_file.name).exists()
 
 
+def test_without_a_history_none_is_claimed_and_the_stage_before_is_the_last_good_state(pipeline):
+    mesh = pipeline.run(a_case(), until="mesh")["mesh"].folder
+
+    def fails_at_once(context):
+        raise NonConvergenceError("no first residual")
+
+    pipeline.stages[1] = Stage("solve", 1, lambda case: case.contact.friction_coefficient, ("mesh",), fails_at_once)
+    with pytest.raises(NonConvergenceError) as caught:
+        pipeline.run(a_case())
+    assert caught.value.history_file is None
+    assert caught.value.last_good == mesh
+
+
 @pytest.mark.parametrize("damage", ["truncate", "remove"])
 def test_a_damaged_result_is_refused_by_name(pipeline, damage):
     file = pipeline.run(a_case())["solve"].folder / "solve.txt"

@@ -280,7 +280,11 @@ class _ArmNewton:
         now = first
         history = [now.norm]
         while not now.norm <= self.tolerance:  # nan included
-            following = self._step(now, lagged_below) if len(history) <= max_iterations else None
+            try:
+                following = self._step(now, lagged_below) if len(history) <= max_iterations else None
+            except NonConvergenceError as error:
+                error.history = error.history or tuple(history)
+                raise
             if following is None:
                 raise NonConvergenceError(
                     f"quasi-static period: residual {now.norm:.1e} of the excitation after {len(history) - 1} "

@@ -166,7 +166,11 @@ class Runner:
         (partial / HISTORY_FILE).unlink(missing_ok=True)
         self._watcher.begin(stage.name)
         folders = {name: results[name].folder for name in stage.needs}
-        figures, cost, memory = self._compute(stage, case, partial, folders)
+        try:
+            figures, cost, memory = self._compute(stage, case, partial, folders)
+        except NonConvergenceError as error:
+            _keep_history(partial, error, list(results.values()))
+            raise
         manifest = Manifest(
             stage=stage.name, version=stage.version, folder=folder.name,
             inputs={name: path.name for name, path in folders.items()}, figures=dict(figures),
@@ -192,14 +196,10 @@ class Runner:
         context = StageContext(
             case, partial, inputs, lambda share, text: self._watcher.advance(stage.name, share, text),
             self._ranks.comm if together else None)
-        try:
-            if together:
-                memory = self._ranks.lead(_Task(stage.name, case, partial, inputs), work)
-            else:
-                memory = work()
-        except NonConvergenceError as error:
-            _keep_history(partial, error)
-            raise
+        if together:
+            memory = self._ranks.lead(_Task(stage.name, case, partial, inputs), work)
+        else:
+            memory = work()
         return figures, cost, memory
 
 
@@ -218,9 +218,14 @@ def _sizes(folder: Path) -> dict[str, int]:
             if path.is_file() and not path.name.startswith(".")}
 
 
-def _keep_history(partial: Path, error: NonConvergenceError) -> None:
+def _keep_history(partial: Path, error: NonConvergenceError, complete: Sequence[StageResult]) -> None:
+    """Write the history, if there is one, and name what the stage left, or the stage before where it left nothing."""
     if error.last_good is None and any(partial.iterdir()):
         error.last_good = partial
+    elif error.last_good is None and complete:
+        error.last_good = complete[-1].folder
+    if not error.history:  # not even the first residual was found
+        return
     history = {"iteration": range(len(error.history)), "relative_residual": error.history}
     write_csv(partial / HISTORY_FILE, history)
     error.history_file = partial / HISTORY_FILE
