@@ -23,6 +23,7 @@ from fretflow.core.config import FaceShape, Specimen
 from fretflow.core.errors import MeshError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from fretflow_meshes import checks, quality
 from fretflow_meshes.gmsh_files import read_mesh, write_mesh
@@ -87,7 +88,11 @@ def check_matching(upper: MeshSummary, lower: MeshSummary) -> None:
         raise MeshError(f"{upper.file}, {lower.file}: {len(upper.contact_nodes)} and "
                         f"{len(lower.contact_nodes)} contact nodes do not match; {way_out}")
     distance = np.linalg.norm(upper.contact_nodes[:, :2] - lower.contact_nodes[:, :2], axis=1)
-    if distance.max() > MATCH_SHARE * _spacing(upper.contact_nodes):
+    tolerance = MATCH_SHARE * _spacing(upper.contact_nodes)
+    if distance.max() > tolerance:
+        # a node out of line also shifts the order of others, so that each is measured from the nearest
+        nearest = cKDTree(lower.contact_nodes[:, :2]).query(upper.contact_nodes[:, :2])[0]
+        distance = nearest if nearest.max() > tolerance else distance
         x, y = 1e3 * upper.contact_nodes[np.argmax(distance), :2]
         raise MeshError(f"{upper.file}, {lower.file}: contact nodes lie up to {1e6 * distance.max():.4g} um "
                         f"apart, most at ({x:.4g}, {y:.4g}) mm; {way_out}")

@@ -14,7 +14,7 @@ from fretflow.core.errors import MeshError
 from fretflow_meshes import run_mesh
 from fretflow_meshes.gmsh_files import gmsh_session, read_mesh, write_mesh
 from fretflow_meshes.hexmesh import specimen_mesh, turned_over
-from fretflow_meshes.specimen import Side, build_specimen, check_matching, read_specimen
+from fretflow_meshes.specimen import Side, build_specimen, check_matching, read_specimen, sorted_nodes
 
 SPECIMEN = config.Specimen()
 MESH = config.Mesh(contact_elements=3)
@@ -179,6 +179,10 @@ def test_faces_that_do_not_match(tmp_path):
     nodes[6] += (0.0, -2e-6, 0.0)
     with pytest.raises(MeshError, match=r"up to 2 um apart, most at \(-0.1667, 0.1667\) mm; mesh both"):
         check_matching(upper, replace(upper, file="lower.msh", contact_nodes=nodes))
+    moved = np.array(upper.contact_nodes)
+    moved[5] += (5e-5, 0.0, 0.0)  # leaves its column, so that its neighbours are sorted to other places
+    with pytest.raises(MeshError, match="up to 50 um apart"):
+        check_matching(replace(upper, contact_nodes=sorted_nodes(moved)), replace(upper, file="lower.msh"))
     check_matching(upper, replace(upper, contact_nodes=upper.contact_nodes + np.array([0.0, -1e-10, 0.0])))
 
 
