@@ -80,6 +80,7 @@ BAD = [
     ({"output__frequency_response__stop": "10 Hz"}, "output.frequency_response: stop"),
     ({"name": "../elsewhere"}, "name"),
     ({"name": 101 * "x"}, "name"),
+    ({"mesh__upper": "a\0b", "mesh__lower": "b"}, "mesh.upper"),
     ({"format": "fretflow-case/2"}, "format"),
     ({"format": None}, "format"),
 ]

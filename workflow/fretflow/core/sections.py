@@ -179,6 +179,13 @@ class Mesh(Section):
     upper: Path | None = Field(None, description="your own mesh of the upper specimen, .msh in metres")
     lower: Path | None = Field(None, description="your own mesh of the lower specimen, .msh in metres")
 
+    @field_validator("upper", "lower")
+    @classmethod
+    def _names_a_file(cls, value: Path | None) -> Path | None:
+        if value is not None and "\0" in str(value):
+            raise ValueError("no file has a null character in its name")
+        return value
+
     @model_validator(mode="after")
     def _both(self) -> Mesh:
         if (self.upper is None) != (self.lower is None):

@@ -102,7 +102,7 @@ class PeriodicSolution:
     upper_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
     lower_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
     friction_force: NDArray[np.float64] = quantity("N", "(N,), x force of the upper specimen on the lower")
-    residual_history: tuple[float, ...]
+    residual_history: tuple[float, ...] = quantity("1", "(iterations,), relative to the excitation")
     error_estimate: float = quantity("1")
 
     @property
