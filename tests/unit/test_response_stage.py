@@ -195,3 +195,12 @@ def test_what_a_loop_does_not_show_is_nan():
     series = read_loops({5: period}, 60.0, lambda period: period.rig_displacement[:, 0])
     assert np.isnan(series.friction_coefficient[0])
     assert series.regime != ("gross slip",)
+
+
+def test_faces_that_stick_all_the_time_have_no_loop_but_a_regime():
+    still = np.zeros((len(TAU), 2))
+    stuck = replace(Oscillator().solve(PROBLEM), friction_force=20.0 * np.cos(TAU), rig_displacement=still)
+    series = read_loops({0: stuck}, 60.0, lambda period: period.rig_displacement[:, 0])
+    assert series.regime == ("stick",)
+    assert [*series.sliding_distance, *series.peak_to_peak, *series.dissipated_energy] == [0.0, 0.0, 0.0]
+    assert np.isnan([*series.friction_coefficient, *series.tangential_stiffness]).all()

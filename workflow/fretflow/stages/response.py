@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.loops import HysteresisLoop, read_loop
+from fretflow.contact.loops import HysteresisLoop, LoopReadings, SlidingRegime, read_loop
 from fretflow.core.config import Case, PeriodicMethod
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
@@ -65,6 +65,15 @@ class ForcedResponse:
         return float(self.frequency[top] - b / (2.0 * a))
 
 
+def _read(displacement: NDArray[np.float64], force: NDArray[np.float64], normal_load: float) -> LoopReadings:
+    """Read one loop; faces that stick all the time do not move at all, and make none."""
+    if np.ptp(displacement) > 0.0:
+        return read_loop(HysteresisLoop(displacement=displacement, force=force), normal_load)
+    return LoopReadings(regime=SlidingRegime.STICK, friction_coefficient=None, friction_limit=None,
+                        tangential_stiffness=None, tangential_compliance=None, dissipated_energy=0.0,
+                        sliding_distance=0.0, peak_to_peak=0.0)
+
+
 def read_loops(periods: Mapping[int, PeriodicSolution], normal_load: float,
                displacement: Callable[[PeriodicSolution], NDArray[np.float64]]) -> LoopSeries:
     """Read the loops of `periods`, given by cycle count, under `normal_load` (N).
@@ -72,7 +81,7 @@ def read_loops(periods: Mapping[int, PeriodicSolution], normal_load: float,
     `displacement` returns the relative displacement (N,), m, that a period's friction force is drawn over.
     """
     readings = [
-        read_loop(HysteresisLoop(displacement=displacement(period), force=period.friction_force), normal_load)
+        _read(displacement(period), period.friction_force, normal_load)
         for period in periods.values()
     ]
 
