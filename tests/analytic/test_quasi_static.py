@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Solver
-from fretflow.core.errors import NonConvergenceError
+from fretflow.core.errors import AuditError, NonConvergenceError
+from fretflow.harmonic import quasi_static
+from fretflow.harmonic.audit import audit_period
 from fretflow.harmonic.contact_march import ContactMarch
 from fretflow.harmonic.contact_sample import ContactSystem
 from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex
@@ -63,6 +65,38 @@ def test_every_sample_obeys_the_contact_laws(force, domed):
     assert np.abs(power + MU * pressing * np.hypot(slip[..., 0], slip[..., 1]))[slips].max(initial=0.0) < 1e-6 * small
     assert np.abs(slip[found.state == ContactState.STICK]).max() < 1e-15
     assert np.any(found.state == ContactState.OPEN) or not domed
+
+
+@pytest.mark.parametrize(("law", "channel", "factor", "shift"), [
+    ("cone", "force", (1.0 + 1e-5, 1.0 + 1e-5, 1.0), 0.0), ("slip_direction", "displacement", (-1.0, 1.0, 1.0), 0.0),
+    ("penetration", "displacement", (1.0, 1.0, 1.0), -1e-9)])
+def test_a_period_that_breaks_the_contact_law_at_one_sample_is_refused(law, channel, factor, shift):
+    """With all that friction may depend on a period keeps its own law; spoiled at one sliding node it does not."""
+    whole = replace(problem(75.0), friction_exponent=0.1, friction_asymmetry=0.2, load_slope=2e5)
+    found = QuasiStaticSolver(Solver(harmonics=15, samples=64, estimate_error=False)).solve(whole)
+    audit_period(whole, found, 1e-7)
+    values = getattr(found, channel).copy()
+    j, m = np.argwhere(found.state == ContactState.SLIP)[20]
+    values[j, m] = values[j, m] * factor + np.array([0.0, 0.0, shift])
+    with pytest.raises(AuditError, match=law):
+        audit_period(whole, replace(found, **{channel: values}), 1e-7)
+    with pytest.raises(AuditError, match="cone"):
+        audit_period(replace(whole, friction_asymmetry=0.0), found, 1e-7)
+
+
+def test_the_solver_audits_its_periods(monkeypatch):
+    """What a march leaves outside of the cone does not get out of the solver."""
+    monkeypatch.setattr(quasi_static, "_solution", lambda *given: spoiled(made(*given)))
+    with pytest.raises(AuditError, match="cone"):
+        QuasiStaticSolver(Solver(harmonics=5, samples=32, estimate_error=False)).solve(problem(60.0))
+
+
+made = quasi_static._solution
+
+
+def spoiled(found):
+    """Return a period with a hundred-thousandth more friction."""
+    return replace(found, force=found.force * np.array([1.0 + 1e-5, 1.0 + 1e-5, 1.0]))
 
 
 @pytest.mark.parametrize(("force", "domed"), CASES)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import NonConvergenceError
 from fretflow.harmonic.arm import ArmEquations, RigBalance
+from fretflow.harmonic.audit import audit_period
 from fretflow.harmonic.backbone import Backbone, find_arm
 from fretflow.harmonic.contact_march import ContactMarch, PeriodicMarch, Trajectory
 from fretflow.harmonic.contact_sample import Array, ContactSystem, SampleState
@@ -39,6 +40,10 @@ REPEATS = 0.02  # how well a period must repeat, relative to the residual before
 STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with forces on the rig
 LAGGED = 0.3  # decrease of the residual with which a former tangent serves
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
+# Violation of the contact law over the solver's tolerance, and at least, that counts as one: ten times what was seen of
+# the direction of sliding, and a hundred times of all else.
+UNLAWFUL, LEAST_UNLAWFUL = 1e3, 1e-6
+COARSE = 1e-6  # tolerance from which a period is a step on the way to something, and its contact as rough
 CLOSE = 5e-3  # residual of a neighbouring period below which no other start is looked at
 
 
@@ -64,14 +69,18 @@ class QuasiStaticSolver:
         self.settings = settings
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
-        """Return the converged period.
+        """Return the converged period; where the tolerance is not coarse, its contact law is audited.
 
         Raises
         ------
         NonConvergenceError
             With the residual history, relative to the excitation.
+        AuditError
+            If the period breaks the contact law at a node and sample.
         """
         found = self._solve(problem, self.settings.resolved_samples, start)
+        if self.settings.tolerance <= COARSE:
+            audit_period(problem, found, max(LEAST_UNLAWFUL, UNLAWFUL * self.settings.tolerance))
         if not self.settings.estimate_error:
             return found
         # first order in the samples: the difference to half of them is about the error that remains
