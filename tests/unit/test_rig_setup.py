@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.diagnosis.observation import observe
+from fretflow.diagnosis.observation import observe, resampled
 from fretflow.diagnosis.rig_setup import case_of, depth_error, errors_of, first_friction, first_wear, rubbed_friction
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
@@ -109,6 +109,37 @@ def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
         own = np.where(observed.rows(channel="approach"), error, 0.0)
         assert np.linalg.norm(own / np.sqrt(observed.variance)) > 20.0
         assert np.linalg.norm(observed.covariance().whiten(own)) < 1.0
+
+
+@pytest.mark.parametrize(("measured", "start"), [(200, 0.0), (256, 0.0), (101, 0.0), (64, 0.0),
+                                                 (1000, 0.01), (51, 0.1)])
+def test_loops_of_any_number_of_samples_are_seen_in_the_same_harmonics(measured: int, start: float) -> None:
+    """What has no more harmonics than are compared is read exactly, wherever the samples lie."""
+    rng = np.random.default_rng(measured)
+    cosines, sines = rng.standard_normal((2, 13))
+
+    def wave(at: Any) -> Any:
+        return sum(cosines[k] * np.cos(k * at) + sines[k] * np.sin(k * at) for k in range(13))
+
+    phase = start + 2.0 * np.pi * np.arange(measured) / measured
+    found = resampled(wave(phase)[None], phase, 50)
+    assert found[0] == pytest.approx(wave(2.0 * np.pi * np.arange(50) / 50), abs=1e-12)
+
+
+def thinned(every: int) -> Recording:
+    """Return the recording with every so many of its samples."""
+    seen = recorded()
+    assert seen.loops is not None
+    return replace(seen, loops=replace(seen.loops, phase=seen.loops.phase[::every], channels={
+        name: values[..., ::every] for name, values in seen.loops.channels.items()}))
+
+
+def test_too_few_samples_of_a_period_are_refused() -> None:
+    """Forty tell ten harmonics; of twenty-five too many fold into those that are compared."""
+    few = observe(thinned(10), 50)
+    assert (few.solved, few.harmonics) == (40, 10)
+    with pytest.raises(UnreliableRecordingError, match=r"25 samples a period are too few .* record 32 or more"):
+        observe(thinned(16), 50)
 
 
 def noisy(force: float) -> Recording:

@@ -30,7 +30,8 @@ NEEDED = ("displacement", "friction_force")
 ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
 GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
 LARGEST_SAMPLES = 100  # of a loop
-PER_HARMONIC = 4  # samples that a period is solved with
+LEAST_SAMPLES = 32
+PER_HARMONIC = 4  # samples of a loop for each harmonic that is compared
 # A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
 # size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
 LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002, "normal_force": 0.003,
@@ -138,20 +139,20 @@ class _Stack:
 
 
 def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
-    """Return the vector of a recording of the rig, its loops thinned to at most so many samples.
+    """Return the vector of a recording of the rig, its loops looked at with at most so many samples.
 
     Raises
     ------
     UnreliableRecordingError
-        If it holds no loops with displacement and friction force.
+        If it holds no loops with displacement and friction force, or too few samples of them.
     """
     if recording.loops is None:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
     stack = _Stack([], [], [], [], [], [], [])
-    solved = _common_samples(recording, most)
-    sizes = _add_loops(stack, recording.loops, solved, None, {})
+    samples = _common_samples(recording, most)
+    sizes = _add_loops(stack, recording.loops, samples, None, {})
     if recording.sweep is not None:
-        _add_loops(stack, recording.sweep.loops, solved,
+        _add_loops(stack, recording.sweep.loops, samples,
                    condition_labels(recording.sweep.conditions, recording.test), sizes)
     last = int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
@@ -169,29 +170,41 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     return Observation(
         values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
         noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
-        pieces=tuple(stack.pieces), solved=solved, harmonics=solved // PER_HARMONIC,
+        pieces=tuple(stack.pieces), solved=samples, harmonics=samples // PER_HARMONIC,
         aligned_to=recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
         smooth_share=max(stack.smooth, default=0.0))
 
 
 def _common_samples(recording: Recording, most: int) -> int:
-    """Return the samples of a loop that the model is solved with: those measured, thinned by a whole number."""
-    if recording.loops is None:
-        return most
-    measured = len(recording.loops.phase)
-    thin = next((k for k in range(1, measured + 1) if measured % k == 0 and measured // k <= most), 1)
-    return measured // thin
+    """Return the samples of a period that all loops are looked at with, at most so many.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If there are too few: what lies above half of their frequency folds into the harmonics that are compared.
+    """
+    sweep = None if recording.sweep is None else recording.sweep.loops
+    measured = min(len(loops.phase) for loops in (recording.loops, sweep) if loops is not None)
+    if measured < LEAST_SAMPLES:
+        raise UnreliableRecordingError(f"{recording.path}: {measured} samples a period are too few to tell the physics "
+                                       f"of a rig by; record {LEAST_SAMPLES} or more")
+    return min(measured, most)
 
 
 def resampled(loops: Array, phase: Array, samples: int) -> Array:
-    """Return loops (..., N) measured at `phase` at `samples` equidistant phases from zero, linearly."""
-    wanted = 2.0 * np.pi * np.arange(samples) / samples
-    if len(phase) % samples == 0 and abs(phase[0]) < 1e-9:
-        return loops[..., ::len(phase) // samples]
-    flat = loops.reshape(-1, loops.shape[-1])
-    taken = np.stack([np.interp(wanted, phase, row, period=2.0 * np.pi) for row in flat])
-    return taken.reshape(*loops.shape[:-1], samples)
+    """Return loops (..., N), measured at equidistant `phase`, at `samples` of them from zero, N or fewer.
+
+    Where N is no multiple, the loops' Fourier series is first read at one, about as many.
+    """
+    measured = len(phase)
+    if measured % samples == 0 and abs(phase[0]) < 1e-9:
+        return loops[..., ::measured // samples]
+    every = round(measured / samples)
+    order = np.arange((measured - 1) // 2 + 1)  # the last one of an even number has no phase
+    lines = np.fft.rfft(loops)[..., :len(order)] * np.exp(-1j * order * phase[0])
+    kept = lines[..., :(every * samples - 1) // 2 + 1]
+    return np.asarray(np.fft.irfft(kept, every * samples) * (every * samples / measured))[..., ::every]
 
 
 def count_label(cycles: int) -> str:
@@ -212,7 +225,7 @@ def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, s
     return found
 
 
-def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[int, str] | None,
+def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[int, str] | None,
                sizes: Mapping[str, float]) -> dict[str, float]:
     """Add loops to the vector; return the sizes of all channels so far, `sizes` those of loops before.
 
@@ -227,8 +240,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, solved: int, conditions: Mapping[i
         raise UnreliableRecordingError(f"{block}: displacement and friction_force are needed; name their columns")
     for name in names:
         channel = "friction_force" if name == "force" else name
-        values = resampled(loops.channels[name], loops.phase, solved)
-        spread = _spread(values, solved // PER_HARMONIC)
+        values = resampled(loops.channels[name], loops.phase, looked)
+        spread = _spread(values, looked // PER_HARMONIC)
         samples, size = spread.mean.shape[1], _size(channel, spread.mean)
         if channel in ("displacement", "friction_force"):
             stack.smooth.append(spread.smooth_share)
