@@ -135,11 +135,11 @@ def thinned(every: int) -> Recording:
 
 
 def test_too_few_samples_of_a_period_are_refused() -> None:
-    """Forty tell ten harmonics; of twenty-five too many fold into those that are compared."""
-    few = observe(thinned(10), 50)
-    assert (few.solved, few.harmonics) == (40, 10)
-    with pytest.raises(UnreliableRecordingError, match=r"25 samples a period are too few .* record 32 or more"):
-        observe(thinned(16), 50)
+    """Fifty tell twelve harmonics; of forty too many fold into those that are compared."""
+    few = observe(thinned(8), 50)
+    assert (few.solved, few.harmonics) == (50, 12)
+    with pytest.raises(UnreliableRecordingError, match=r"40 samples a period are too few .* record 48 or more"):
+        observe(thinned(10), 50)
 
 
 def noisy(force: float) -> Recording:

@@ -30,7 +30,7 @@ NEEDED = ("displacement", "friction_force")
 ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
 GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
 LARGEST_SAMPLES = 100  # of a loop
-LEAST_SAMPLES = 32
+LEAST_SAMPLES = 48
 PER_HARMONIC = 4  # samples of a loop for each harmonic that is compared
 # A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
 # size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
