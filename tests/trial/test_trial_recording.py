@@ -40,7 +40,7 @@ def short() -> Short:
     drawn = draw("nothing", (), SeedSequence(4))
     main = Condition(60.0, 58.0)
     plan = Plan(main, (0, 3000), (replace(main, load=45.0),), steps=200)
-    case = replace(drawn, plan=plan, channels=CHANNELS)
+    case = replace(drawn, plan=plan, channels=CHANNELS, drive_recorded=True)
     outcome = Test(specimens(), case.physics, plan).run()
     other = replace(case.physics, friction=1.02 * case.physics.friction)
     seen, rates = signal_of(specimens(), outcome, other, plan, case.noise, case.seen, case.repeats)
@@ -137,6 +137,23 @@ def test_force_offset_of_a_sensor_has_the_signal_that_it_should(short: Short) ->
     assert seen.by_channel["friction_force"] == pytest.approx(2.0 / level * np.sqrt(2.0 / 3.0), rel=0.02)
     apart = np.sqrt(2.0 * 2.0**2 / (sd.offset["friction_force"]**2 + sd.sample["friction_force"]**2 / 600.0))
     assert seen.total == pytest.approx(apart, rel=0.05)
+
+
+def test_without_a_record_of_the_drive_its_phase_is_no_signal(short: Short, tmp_path: Path) -> None:
+    """A test that all starts nine degrees later differs from the drive's phase alone, which then nothing tells."""
+    case, outcome = short.case, short.simulated.outcome
+    late = replace(outcome, **{block: tuple(replace(loop, **{
+        name: np.roll(getattr(loop, name), 5) for name in CHANNELS}) for loop in getattr(outcome, block))
+        for block in ("loops", "sweep")})
+    told, untold = (signal_of(specimens(), late, case.physics, case.plan, case.noise, seen, case.repeats)[0].total
+                    for seen in (case.seen, replace(case, drive_recorded=False).seen))
+    assert told > 50.0
+    assert untold < 1e-6 * told
+    undriven = replace(short.simulated, case=replace(case, drive_recorded=False))
+    found = read_recording(write(undriven, tmp_path / "recording", "Fretting rig"))
+    assert found.loops is not None
+    assert set(found.loops.channels) == set(CHANNELS)
+    assert found.loops.aligned_to == "displacement"
 
 
 def test_key_is_plain_json(short: Short) -> None:

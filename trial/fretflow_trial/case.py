@@ -24,6 +24,7 @@ NOTHING, SINGLE, PAIR, UNKNOWN = "nothing", "single", "pair", "unlisted"
 SHARES = {NOTHING: 0.2, UNKNOWN: 0.2, PAIR: 0.2, SINGLE: 0.4}
 OTHER_LAW = 0.35  # of the cases
 ALL_CHANNELS = 0.75  # of the cases; the others lack normal force and approach
+DRIVE_RECORDED = 0.85  # of the cases; in the others nothing tells the phase against the drive
 STROKES = (1e-6, 70e-6)  # of the arm, peak to peak
 LARGEST_UNREST = 1e-3
 MOST_DRAWS = 20
@@ -46,11 +47,12 @@ class Case:
     channels: tuple[str, ...]
     repeats: int
     seed: SeedSequence  # of the noise
+    drive_recorded: bool
 
     @property
     def seen(self) -> tuple[str, ...]:
         """Return all channels in which an effect may be seen."""
-        return (*self.channels, "excitation")
+        return (*self.channels, "excitation") if self.drive_recorded else self.channels
 
     def with_effects(self) -> Physics:
         """Return the physics with what is hidden."""
@@ -122,7 +124,7 @@ def draw(kind: str, names: Sequence[str], seed: SeedSequence) -> Case:
         hidden.append({**LISTED, **UNLISTED}[name](rng, other, facts))
     channels = BASIC + (MORE if rng.random() < ALL_CHANNELS else ())
     return Case(kind, tuple(hidden), physics, stated, _plan(rng, main, cycles), _noise(rng, main), channels, 3,
-                noise_seed)
+                noise_seed, bool(rng.random() < DRIVE_RECORDED))
 
 
 def _plan(rng: Generator, main: Condition, cycles: int) -> Plan:
@@ -194,6 +196,6 @@ def key(simulated: Simulated) -> dict[str, Any]:
         "catalogue_laws": all(one.listed and one.law == CATALOGUE for one in case.hidden),
         "baseline": {"friction_coefficient": physics.friction, "wear_coefficient": physics.wear,
                      "moving_mass": physics.rig.block_mass, "stated_moving_mass": case.stated_mass},
-        "channels": list(case.channels), "cycle_counts": list(case.plan.cycles),
+        "channels": list(case.channels), "drive_recorded": case.drive_recorded, "cycle_counts": list(case.plan.cycles),
         "noise": {name: case.noise.sample[name] for name in case.channels},
     }

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 UNITS = {"displacement": ("displacement_um", "um", 1e6, 5), "friction_force": ("friction_force_N", "N", 1.0, 4),
          "normal_force": ("normal_force_N", "N", 1.0, 4), "approach": ("approach_um", "um", 1e6, 5)}
+DRIVE = ("excitation_N",)
 GRID = 9  # points of the wear map a side
 
 
@@ -31,7 +32,8 @@ def write(simulated: Simulated, folder: Path, title: str) -> Path:
     for file, heading, marks, loops, first in (
             ("loops.csv", "cycle", counts, simulated.outcome.loops, 0),
             ("sweep.csv", "condition", range(len(case.plan.sweep)), simulated.outcome.sweep, len(counts))):
-        lines = [",".join([heading, "repeat", "time_s", "excitation_N", *(UNITS[name][0] for name in case.channels)])]
+        lines = [",".join([heading, "repeat", "time_s", *(DRIVE if case.drive_recorded else ()),
+                           *(UNITS[name][0] for name in case.channels)])]
         for k, (mark, loop) in enumerate(zip(marks, loops, strict=True)):
             lines += _loop_rows(simulated, rng, loop, f"{mark}", first + k, gains)
         (folder / file).write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -54,14 +56,14 @@ def _loop_rows(simulated: Simulated, rng: Generator, loop: Channels, mark: str, 
         begin = (first + repeat) % loop.periods * samples
         part = slice(begin, begin + samples)
         friction = noise.repeat_friction * rng.standard_normal()
-        columns = [loop.time[:samples],
-                   loop.excitation[part] + noise.sample["excitation"] * rng.standard_normal(samples)]
+        drive = loop.excitation[part] + noise.sample["excitation"] * rng.standard_normal(samples)
+        columns = [loop.time[:samples], *([drive] if case.drive_recorded else [])]
         for name in case.channels:
             scatter = gains[name] * (1.0 + noise.repeat_gain * rng.standard_normal() * (name in BASIC))
             ideal = getattr(loop, name)[part] + friction * simulated.rates.friction[name][row]
             columns.append(UNITS[name][2] * (scatter * ideal + offsets[name]
                                              + noise.sample[name] * rng.standard_normal(samples)))
-        places = [6, 4, *(UNITS[name][3] for name in case.channels)]
+        places = [6, *([4] if case.drive_recorded else []), *(UNITS[name][3] for name in case.channels)]
         lines += [f"{mark},{repeat}," + ",".join(f"{value:.{digits}f}" for value, digits in zip(
             values, places, strict=True)) for values in zip(*columns, strict=True)]
     return lines
@@ -83,6 +85,8 @@ def _toml(simulated: Simulated, title: str, volume: float, spread: float) -> str
     calibrated = "\n".join(
         f'{name} = {{ column = "{UNITS[name][0]}", unit = "{UNITS[name][1]}", '
         f"calibration_sd = {case.noise.calibration} }}" for name in case.channels)
+    if case.drive_recorded:
+        calibrated += '\nexcitation = { column = "excitation_N", unit = "N" }'
     conditions = "\n".join(
         f'[[sweep.conditions]]\nid = {k}\nexcitation_amplitude = "{one.amplitude} N"\nnormal_load = "{one.load} N"\n'
         f'excitation_frequency = "{one.frequency} Hz"' for k, one in enumerate(case.plan.sweep))
@@ -121,7 +125,6 @@ worn_volume_sd = "{1e9 * spread:.2g} mm^3"
 file = "loops.csv"
 displacement_of = "contact-faces"
 {calibrated}
-excitation = {{ column = "excitation_N", unit = "N" }}
 time = {{ column = "time_s", unit = "s" }}
 cycle = {{ column = "cycle" }}
 repeat = {{ column = "repeat" }}

@@ -63,9 +63,19 @@ class Signal:
     refit: tuple[float, float, float]  # relative changes of friction, mass and wear coefficient
 
 
-def stacked(loops: tuple[Channels, ...], name: str) -> Array:
-    """Return the first period of channel `name` of all loops, (loops, N)."""
-    return np.stack([getattr(loop, name)[:len(loop.time) // loop.periods] for loop in loops])
+def stacked(loops: tuple[Channels, ...], names: tuple[str, ...]) -> dict[str, Array]:
+    """Return the first period of each channel of all loops, (loops, N).
+
+    Where the drive is not among them, nothing tells the phase: it is then counted from the displacement's fundamental.
+    """
+    found = {name: np.stack([getattr(loop, name)[:len(loop.time) // loop.periods] for loop in loops])
+             for name in names}
+    if "excitation" in names:
+        return found
+    first = np.fft.rfft(found["displacement"])[:, 1:2]
+    samples = found["displacement"].shape[1]
+    turn = np.exp(-1j * np.angle(first) * np.arange(samples // 2 + 1))
+    return {name: np.fft.irfft(turn * np.fft.rfft(values), samples) for name, values in found.items()}
 
 
 def slopes(joint: Joint, physics: Physics, plan: Plan, outcome: Outcome, names: tuple[str, ...]) -> Slopes:
@@ -80,7 +90,8 @@ def slopes(joint: Joint, physics: Physics, plan: Plan, outcome: Outcome, names: 
         test = Test(joint, nudged, plan)
         loops = [test.repeated(outcome.starts[0]), test.repeated(outcome.starts[-1])]
         loops += [test.repeated(outcome.starts[-1], condition) for condition in plan.sweep]
-        change = {name: (stacked(tuple(loops), name) - stacked(base, name)) / NUDGE for name in names}
+        after, before = stacked(tuple(loops), names), stacked(base, names)
+        change = {name: (after[name] - before[name]) / NUDGE for name in names}
         between = [0] + [1] * (len(plan.cycles) - 1) + list(range(2, len(base)))
         found.append({name: values[between] for name, values in change.items()})
     return Slopes(*found)
@@ -89,8 +100,9 @@ def slopes(joint: Joint, physics: Physics, plan: Plan, outcome: Outcome, names: 
 def signal(joint: Joint, with_effect: Outcome, without: Outcome, rates: Slopes, noise: Noise, repeats: int) -> Signal:
     """Return how much of the difference between two outcomes is left after the refit."""
     names = tuple(rates.friction)
-    loops = {name: stacked((*without.loops, *without.sweep), name) for name in names}
-    parts = {name: (stacked((*with_effect.loops, *with_effect.sweep), name) - loops[name]).ravel() for name in names}
+    loops = stacked((*without.loops, *without.sweep), names)
+    after = stacked((*with_effect.loops, *with_effect.sweep), names)
+    parts = {name: (after[name] - loops[name]).ravel() for name in names}
     parts["wear_depth"] = with_effect.depth - without.depth
     change = np.concatenate(list(parts.values()))
     level = {name: np.hypot(noise.sample[name], noise.offset[name]) for name in names}
