@@ -100,6 +100,18 @@ def test_bad_input_is_one_line_that_names_the_field(changes, field):
     )  # a single mistake counts once, also in a table that holds for both specimens
 
 
+@pytest.mark.parametrize(("changes", "line"), [
+    ({"contact__friction_coefficient": -0.1}, "contact.friction_coefficient: must be greater than 0, got -0.1"),
+    ({"test__cycles": 1.5}, "test.cycles: must be a valid integer, got 1.5"),
+    ({"test__cycles": "many"}, "test.cycles: must be a valid integer, got 'many'"),
+    ({"specimen__face": "bumpy"}, "specimen.face: must be 'flat', 'crowned' or 'cylindrical', got 'bumpy'"),
+    ({"mesh__degree": [1]}, "mesh.degree: must be 1 or 2")])
+def test_what_is_wanted_and_what_was_given_stand_in_the_line(changes, line):
+    with pytest.raises(ConfigError) as caught:
+        validate_case(raw(**changes), source="case.toml")
+    assert str(caught.value) == f"case.toml: {line}"
+
+
 def test_several_mistakes_are_counted():
     with pytest.raises(ConfigError, match=r"rig\.moving_mass: .* \(and 1 more\)$"):
         validate_case(raw(rig__moving_mass="0 kg", contact__friction_coefficient=-1))

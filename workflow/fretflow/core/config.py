@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from fretflow.core.errors import ConfigError
+from fretflow.core.reasons import reason
 from fretflow.core.sections import (
     SIDES,
     BodyShape,
@@ -145,7 +146,7 @@ def _reason(error: ErrorDetails) -> str:
         "model_type": "must be a table of keys; `fretflow init` writes a file that shows them",
         "string_pattern_mismatch": "takes letters, digits, '.', '_', '-' and begins with one of the first two",
     }
-    return clearer.get(error["type"], error["msg"].removeprefix("Value error, "))
+    return reason(error, clearer)
 
 
 def slice_hash(*parts: Any) -> str:

@@ -18,6 +18,7 @@ from pydantic_core import ErrorDetails
 from fretflow.core import units as u
 from fretflow.core.config import Rig, Section, Specimens
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError
+from fretflow.core.reasons import reason
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 
 FORMAT = "fretflow-recording/1"
@@ -276,7 +277,7 @@ def _in_words(error: ErrorDetails) -> str:
     clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
                "model_type": "must be a table of keys"}
     field = ".".join(str(part) for part in error["loc"] if part != "channels")
-    text = clearer.get(error["type"], error["msg"].removeprefix("Value error, "))
+    text = reason(error, clearer)
     # A message about a key of this table begins with the key's name.
     joint = "." if text.partition(":")[0].replace(".", "").replace("_", "").isalnum() and ":" in text else ": "
     return f"{field}{joint}{text}" if field else text
