@@ -38,6 +38,7 @@ def test_the_summary_holds_what_went_in_and_what_must_follow(home):
     summary = json.loads((home / "summary.json").read_text(), parse_constant=pytest.fail)  # NaN is no JSON
     found = {figure["name"]: figure["value"] for figure in summary["figures"]}
     assert found["static load"] == pytest.approx(60.0, rel=1e-10)
+    assert found["mesh quality"] == pytest.approx(1.0, rel=1e-9)  # bricks
     assert 0.0 < found["Craig-Bampton error"] < 1e-3
     assert found["friction coefficient off the loop"] == pytest.approx(0.88, rel=0.01)
     assert 0.0 < found["mean wear depth"] <= found["largest wear depth"]

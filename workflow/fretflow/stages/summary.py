@@ -10,6 +10,7 @@ import numpy as np
 
 from fretflow.contact.interface import Interface
 from fretflow.core.config import Case
+from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
 from fretflow.core.units import format_quantity
 from fretflow.harmonic.periodic import ContactState, PeriodicSolution
@@ -33,13 +34,15 @@ class Figure:
 
 def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Sequence[Trend]]:
     """Return the figures of the stages in `folders`, and the paper's trends once wear is known."""
+    meshes = [_meshes(folders["mesh"])] if "mesh" in folders else []
     if "reduce" not in folders:
-        return [], []
+        return meshes, []
     upper, lower = (
         read_record(folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")
     )
-    figures = [_reduction(upper, lower), *(Figure(f"nonlinear resonance, {name}", frequency, "Hz", text)
-                                           for name, frequency, text in kept_peaks(folders))]
+    peaks = [Figure(f"nonlinear resonance, {name}", frequency, "Hz", text)
+             for name, frequency, text in kept_peaks(folders)]
+    figures = [*meshes, _reduction(upper, lower), *peaks]
     interface = Interface(nodes=upper.contact_nodes[:, :2], areas=upper.contact_areas,
                           gap=upper.profile + lower.profile)
     if "preload" in folders:
@@ -78,6 +81,13 @@ def _reduction(upper: ReducedSpecimen, lower: ReducedSpecimen) -> Figure:
     count = len(upper.full_frequencies)
     return Figure("Craig-Bampton error", error, "1",
                   f"{error:.4%}, the largest of {count} frequencies of each specimen")
+
+
+def _meshes(folder: Path) -> Figure:
+    upper, lower = (read_record(folder / f"{side}.h5", MeshSummary) for side in ("upper", "lower"))
+    worst = min(upper.min_scaled_jacobian, lower.min_scaled_jacobian)
+    return Figure("mesh quality", worst, "1", f"{worst:.3g}, the smallest scaled Jacobian of {upper.cells} upper and "
+                  f"{lower.cells} lower cells; {len(upper.contact_nodes)} contact nodes on each face")
 
 
 def _static_load(folder: Path, interface: Interface) -> Figure:
