@@ -12,7 +12,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings import readings
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.readings import Source, read_recorded_loops
-from fretflow.recordings.repeatability import repeatability
+from fretflow.recordings.repeatability import repeatability, smooth_share
 
 LOAD, NORMAL_90 = 60.0, 1.6449
 TURNS = (np.arange(160) + 0.37) / 160
@@ -199,3 +199,9 @@ def test_repeats_that_differ_smoothly_are_told_from_noise():
     assert repeatability(gains * loops + offsets + noise).smooth_share < 0.1
     wandering = rng.standard_normal((40, 3, 1)) * np.sin(phase)
     assert repeatability(loops + noise + wandering).smooth_share > 0.9
+    square = np.broadcast_to(np.sign(np.sin(phase - 0.7)), (40, 160))  # what a parameter that scatters does
+    scattering = loops + noise + 0.5 * rng.standard_normal((40, 3, 1)) * square[:, None]
+    assert repeatability(scattering).smooth_share > 0.7
+    assert smooth_share(scattering, square) == pytest.approx(10.0 / 160.0, rel=0.2)
+    assert smooth_share(scattering + rng.standard_normal((40, 3, 1)) * np.sin(2.0 * phase), square) > 0.9
+    assert smooth_share(loops[:, :1], square) == 0.0

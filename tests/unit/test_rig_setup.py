@@ -112,7 +112,7 @@ def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
 
 
 @pytest.mark.parametrize(("measured", "start"), [(200, 0.0), (256, 0.0), (101, 0.0), (64, 0.0),
-                                                 (1000, 0.01), (51, 0.1)])
+                                                 (1001, 0.01), (51, 0.1)])
 def test_loops_of_any_number_of_samples_are_seen_in_the_same_harmonics(measured: int, start: float) -> None:
     """What has no more harmonics than are compared is read exactly, wherever the samples lie."""
     rng = np.random.default_rng(measured)
@@ -159,6 +159,33 @@ def test_a_force_beyond_what_a_sensor_s_zero_may_be_off_is_seen(force: float, is
     change = moved.values - plain.values
     assert np.max(np.abs(change)) == pytest.approx(abs(force), rel=1e-6)
     assert (float(np.linalg.norm(moved.covariance().whiten(change))) > 3.0) == is_seen
+
+
+def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> None:
+    """Repeats that differ as loops follow friction are repeats; those that differ in another way are not."""
+    plain = noisy(0.0)
+    assert plain.loops is not None
+    phase, rng = plain.loops.phase, np.random.default_rng(8)
+
+    def scattered(way: Any) -> Any:
+        assert plain.loops is not None
+        off = 1e-6 * rng.standard_normal((len(COUNTS), 3, 1)) * way
+        channels = {**plain.loops.channels, "displacement": plain.loops.channels["displacement"] + off}
+        return observe(replace(plain, loops=replace(plain.loops, channels=channels)), 50)
+
+    follows, beats = np.sign(np.sin(phase - 0.6)), np.sin(2.0 * phase)
+    for way, share in ((follows, 0.2), (beats, 0.85)):  # noise of 50 samples has 0.2 of its power in five harmonics
+        seen = scattered(way)
+        assert seen.smooth_share > 0.7
+        slope = np.zeros(len(seen.values))
+        lines = np.fft.rfft(follows[::8])[:seen.harmonics + 1]
+        for piece in seen.pieces:
+            if piece.channel == "displacement":
+                slope[piece.place] = np.fft.irfft(lines, seen.samples)
+        left = seen.scattering(slope)
+        assert (left.smooth_share > 0.7) == (share > 0.7)
+        assert left.smooth_share == pytest.approx(share, abs=0.15)
+        assert np.array_equal(left.values, seen.values)
 
 
 def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> None:

@@ -19,7 +19,7 @@ from fretflow.core.records import quantity, record
 from fretflow.diagnosis.covariance import Covariance
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import Repeatability, repeatability
+from fretflow.recordings.repeatability import Repeatability, repeatability, smooth_share
 from fretflow.recordings.schema import Condition, Test
 from fretflow.rig.sensors import band_limited
 
@@ -63,6 +63,14 @@ class Piece:
         return slice(self.start, self.stop)
 
 
+@dataclass(frozen=True)
+class Repeats:
+    """The repeats (K, R, N) of a channel's loops, and the rows of the vector that hold each loop's mean."""
+
+    values: Array
+    places: tuple[slice, ...]
+
+
 @record
 class Observation:
     """The measured vector (M,), the sd of repeats, and how its errors are made."""
@@ -79,6 +87,7 @@ class Observation:
     conditions: tuple[Condition, ...]
     points: Array = quantity("m", "(P, 2), of the map")
     smooth_share: float = quantity("1", default=0.0)  # of what repeats differ by, the largest of the loops' channels
+    repeats: tuple[Repeats, ...] = ()  # of the channels that tell this
 
     @property
     def samples(self) -> int:
@@ -101,6 +110,16 @@ class Observation:
         return replace(self, variance=self.variance + variance, noise=self.noise * self.variance / (
             self.variance + variance))
 
+    def scattering(self, slope: Array) -> Observation:
+        """Return the same where a parameter, by which the vector changes with `slope` (M,), differs between repeats.
+
+        What that makes repeats differ by is no sign of a motion that does not repeat itself.
+        """
+        shares = [smooth_share(one.values, np.stack([
+            np.fft.irfft(np.fft.rfft(slope[place]), one.values.shape[2]) for place in one.places]))
+            for one in self.repeats]
+        return replace(self, smooth_share=max(shares, default=0.0))
+
     def rows(self, chosen: Mapping[Piece, bool] | None = None, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
         rows = np.zeros(len(self.values), dtype=bool)
@@ -120,6 +139,7 @@ class _Stack:
     pieces: list[Piece]
     shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
     smooth: list[float]  # share of what repeats differ by, see `Repeatability`
+    repeats: list[Repeats]
 
     @property
     def size(self) -> int:
@@ -148,7 +168,7 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     """
     if recording.loops is None:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
-    stack = _Stack([], [], [], [], [], [], [])
+    stack = _Stack([], [], [], [], [], [], [], [])
     samples = _common_samples(recording, most)
     sizes = _add_loops(stack, recording.loops, samples, None, {})
     if recording.sweep is not None:
@@ -173,7 +193,7 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
         pieces=tuple(stack.pieces), solved=samples, harmonics=samples // PER_HARMONIC,
         aligned_to=recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
-        smooth_share=max(stack.smooth, default=0.0))
+        smooth_share=max(stack.smooth, default=0.0), repeats=tuple(stack.repeats))
 
 
 def _common_samples(recording: Recording, most: int) -> int:
@@ -195,11 +215,15 @@ def _common_samples(recording: Recording, most: int) -> int:
 def resampled(loops: Array, phase: Array, samples: int) -> Array:
     """Return loops (..., N), measured at equidistant `phase`, at `samples` of them from zero, N or fewer.
 
-    Where N is no multiple, the loops' Fourier series is first read at one, about as many.
+    Loops of a multiple are straight between samples; the Fourier series of others is read at a multiple of about N.
     """
     measured = len(phase)
-    if measured % samples == 0 and abs(phase[0]) < 1e-9:
-        return loops[..., ::measured // samples]
+    if measured % samples == 0:
+        if abs(phase[0]) < 1e-9:
+            return loops[..., ::measured // samples]
+        wanted = 2.0 * np.pi * np.arange(samples) / samples
+        rows = [np.interp(wanted, phase, row, period=2.0 * np.pi) for row in loops.reshape(-1, measured)]
+        return np.stack(rows).reshape(*loops.shape[:-1], samples)
     every = round(measured / samples)
     order = np.arange((measured - 1) // 2 + 1)  # the last one of an even number has no phase
     lines = np.fft.rfft(loops)[..., :len(order)] * np.exp(-1j * order * phase[0])
@@ -243,10 +267,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[i
         values = resampled(loops.channels[name], loops.phase, looked)
         spread = _spread(values, looked // PER_HARMONIC)
         samples, size = spread.mean.shape[1], _size(channel, spread.mean)
-        if channel in ("displacement", "friction_force"):
-            stack.smooth.append(spread.smooth_share)
-        least = DIGITIZING * size
-        for k in np.flatnonzero(loops.repeats):
+        least, known, places = DIGITIZING * size, np.flatnonzero(loops.repeats), []
+        for k in known:
             mean, repeats = spread.mean[k], int(loops.repeats[k])
             moving = 0.5 * samples * (np.roll(mean, -1) - np.roll(mean, 1))  # in a period
             variance = (spread.noise_sd**2 + least**2) / repeats
@@ -255,6 +277,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[i
             label = count_label(cycles) if conditions is None else conditions[int(loops.cycles[k])]
             floor = np.sqrt(spread.repeat_sd**2 + least**2)
             place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
+            places.append(place)
             centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
@@ -264,6 +287,9 @@ def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[i
                                  mean if name in GROWING else centred)),
                              (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * found.setdefault(
                                  channel, size)))]
+        if channel in NEEDED:
+            stack.smooth.append(spread.smooth_share)
+            stack.repeats.append(Repeats(values[known], tuple(places)))
     return found
 
 

@@ -23,9 +23,9 @@ SEED = 20241
 HARMONICS = 5
 GAINS = "gain of the effect that promises most"
 REPEATS = "smooth differences between repeats"
-# Share of the differences beyond which they are not noise, and how sure that is: of 39 recordings with nothing hidden
-# 38 have 0.19 to 0.40 and one, whose friction scatters from repeat to repeat, 0.61; a load at half the drive's
-# frequency makes 0.86 and more.
+# Share of the differences, beyond what scattering friction makes, from which they are not noise, and how sure that is:
+# of 20 recordings with nothing hidden 18 have 0.17 to 0.25 and two 0.57 and 0.58; loads at half the drive's frequency
+# make 0.76 and 0.78.
 UNSTEADY, SURE = 0.7, 1e-6
 
 

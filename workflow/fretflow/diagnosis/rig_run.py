@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fretflow.core.config import Case, Reduction
 from fretflow.core.errors import FretflowError
 from fretflow.diagnosis import rig_words as words
@@ -38,12 +40,14 @@ from fretflow.diagnosis.rig_setup import (
 )
 from fretflow.diagnosis.rig_verdict import Found, decide, held_to, predicts, smallest_visible
 from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
+from fretflow.diagnosis.tangent import neighbours
 from fretflow.diagnosis.verdict import Diagnosis, Verdict
 from fretflow.diagnosis.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
 SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
+STEEPER = 1.01  # friction, to see how loops follow it
 FULL_PERIODS = 4  # times the samples, on the mesh that confirms
 
 
@@ -152,7 +156,9 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
     denser = replace(model, samples=2 * model.samples)
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
-    observation = observation.less_sure(depth_error(observation, predicted[0], plainly))
+    slope = neighbours(model, first, [Hypothesis(friction=STEEPER)])[:, 0]
+    observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(
+        np.nan_to_num(slope))
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
     return Fitter(model, observation.covariance(modes), correction), first, (finer, denser)

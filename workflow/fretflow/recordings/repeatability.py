@@ -77,7 +77,7 @@ def repeatability(values: Array) -> Repeatability:
         total += np.sum(away**2, axis=0)
         left = away - fits @ basis
         rest += np.sum(left**2, axis=0)
-        smooth += 2.0 / values.shape[2] * float(np.sum(np.abs(np.fft.rfft(left, axis=1)[:, 1:SMOOTH + 1])**2))
+        smooth += _smooth(left)
         between += np.sum(fits**2, axis=0)
         noise_of_fit += (repeats[k] - 1) / squares
     samples = values.shape[2]
@@ -88,6 +88,29 @@ def repeatability(values: Array) -> Repeatability:
                          offset_sd=float(fitted[1]), repeat_sd=np.sqrt(repeat_variance),
                          cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom,
                          smooth_share=smooth / max(float(rest.sum()), 1e-300))
+
+
+def smooth_share(values: Array, shapes: Array) -> float:
+    """Return `Repeatability.smooth_share` of repeats (K, R, N) where a change of a known shape (K, N) counts as noise.
+
+    That is what a parameter does that scatters from repeat to repeat. Without repeats nothing differs.
+    """
+    smooth = rest = 0.0
+    for every, shape in zip(values, shapes, strict=True):
+        loops = every[np.isfinite(every).all(axis=1)]
+        if len(loops) < 2:
+            continue
+        mean = loops.mean(axis=0)
+        basis, _ = np.linalg.qr(np.stack([mean - mean.mean(), np.ones_like(mean), shape], axis=1))
+        left = loops - mean
+        left = left - left @ basis @ basis.T
+        smooth, rest = smooth + _smooth(left), rest + float(np.sum(left**2))
+    return smooth / max(rest, 1e-300)
+
+
+def _smooth(left: Array) -> float:
+    """Return the squares of differences (R, N) that lie in the first `SMOOTH` harmonics."""
+    return 2.0 / left.shape[1] * float(np.sum(np.abs(np.fft.rfft(left, axis=1)[:, 1:SMOOTH + 1])**2))
 
 
 def _about_neighbours(mean: Array, repeats: NDArray[np.int64], repeat_variance: Array) -> Array | None:

@@ -34,7 +34,7 @@ class Figure:
 
 def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Sequence[Trend]]:
     """Return the figures of the stages in `folders`, and the paper's trends once wear is known."""
-    meshes = [_meshes(folders["mesh"])] if "mesh" in folders else []
+    meshes = [_meshes(folders["mesh"])] if (folders.get("mesh", Path()) / "upper.h5").is_file() else []
     if "reduce" not in folders:
         return meshes, []
     upper, lower = (
