@@ -17,10 +17,10 @@ from dataclasses import replace
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 import numpy as np
-from fretflow.core.config import PeriodicMethod, Solver
+from fretflow.case.config import PeriodicMethod, Solver
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import NonConvergenceError
-from fretflow.harmonic.dlft import DlftSolver
-from fretflow.harmonic.periodic import ContactState
+from fretflow.solvers.dlft.solver import DlftSolver
 from growth_cases import dlft_problem
 from rich.console import Console
 from rich.table import Table

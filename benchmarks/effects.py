@@ -16,12 +16,12 @@ from pathlib import Path
 
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")  # as the command line does; a second one spins
 
-from fretflow.core.config import load_case
+from fretflow.case.config import load_case
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.derivative import effect_direction
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.sensitivity import sensitivities
-from fretflow.stages.problem import make_problem, make_solver
+from fretflow.pipeline.problem import make_problem, make_solver
+from fretflow.solvers.sensitivity import sensitivities
 
 ROOT = Path(__file__).parents[1]
 SETS = (("velocity-dependent-friction", "contact-stiffness", "normal-load-coupling"),

@@ -21,7 +21,7 @@ from pathlib import Path
 
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
-from fretflow.core.config import PeriodicMethod, Solver, load_case
+from fretflow.case.config import PeriodicMethod, Solver, load_case
 from fretflow.core.errors import FretflowError
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
@@ -37,7 +37,7 @@ COLUMNS = ("what", "harmonics", "nodes", "CPU s", "again, s", "MiB", "DOFs or it
 
 def reduction(nodes: int, _harmonics: int, _force: float) -> dict[str, float]:
     """Time the reduction of one specimen: assembly, constraint modes, frequencies."""
-    from fretflow.reduction.reduce import reduce_specimen
+    from fretflow.structure.reduction.reduce import reduce_specimen
     from mpi4py import MPI
 
     case, meshes = load_case(case_file(nodes)), meshed_folder(nodes)
@@ -50,7 +50,7 @@ def reduction(nodes: int, _harmonics: int, _force: float) -> dict[str, float]:
 
 def dlft(nodes: int, harmonics: int, force: float) -> dict[str, float]:
     """Time one DLFT period from nothing."""
-    from fretflow.harmonic.dlft import DlftSolver
+    from fretflow.solvers.dlft.solver import DlftSolver
 
     settings = Solver(method=PeriodicMethod.DLFT, harmonics=harmonics, estimate_error=False)
     return period(DlftSolver(settings), nodes, force, PeriodicMethod.DLFT)
@@ -58,7 +58,7 @@ def dlft(nodes: int, harmonics: int, force: float) -> dict[str, float]:
 
 def quasi_static(nodes: int, _harmonics: int, force: float) -> dict[str, float]:
     """Time one period of the default solver from nothing; its harmonics are the rig's and cost nothing."""
-    from fretflow.harmonic.quasi_static import QuasiStaticSolver
+    from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 
     return period(QuasiStaticSolver(Solver(estimate_error=False)), nodes, force, PeriodicMethod.QUASI_STATIC)
 

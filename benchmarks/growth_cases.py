@@ -7,9 +7,9 @@ import os
 import subprocess
 from pathlib import Path
 
-from fretflow.core.config import PeriodicMethod, load_case
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.stages.problem import make_problem
+from fretflow.case.config import PeriodicMethod, load_case
+from fretflow.pipeline.problem import make_problem
+from fretflow.solvers.periodic import PeriodicProblem
 
 ROOT = Path(__file__).parents[1]
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "fretflow"

@@ -15,10 +15,10 @@ os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 import numpy as np
 from dlft import NEARBY, timed
-from fretflow.core.config import PeriodicMethod, Solver
+from fretflow.case.config import PeriodicMethod, Solver
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import NonConvergenceError
-from fretflow.harmonic.periodic import ContactState
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from growth_cases import problem
 from rich.console import Console
 from rich.table import Table

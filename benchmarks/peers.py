@@ -20,8 +20,8 @@ from pathlib import Path
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false"}
 
 import numpy as np
-from fretflow.harmonic.dlft import Variant, build_equations, solve_equations
-from fretflow.rig.joint import _clamped, _on_rig
+from fretflow.solvers.dlft.solver import Variant, build_equations, solve_equations
+from fretflow.structure.two_mass_rig.joint import _clamped, _on_rig
 from growth_cases import CACHE, dlft_problem
 from rich.console import Console
 from rich.table import Table

@@ -17,10 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from fretflow.core.config import Case, PeriodicMethod, Solver, load_case
-from fretflow.harmonic.dlft import DlftSolver
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.stages.problem import make_problem
+from fretflow.case.config import Case, PeriodicMethod, Solver, load_case
+from fretflow.pipeline.problem import make_problem
+from fretflow.solvers.dlft.solver import DlftSolver
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from rich.console import Console
 from rich.table import Table
 from scipy.linalg import lu_factor

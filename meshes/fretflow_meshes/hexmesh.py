@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from fretflow.core.config import Mesh, Specimen
+from fretflow.case.config import Mesh, Specimen
 from fretflow.core.errors import MeshError
 from fretflow.core.records import quantity, record
 from numpy.typing import NDArray

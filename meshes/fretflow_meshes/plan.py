@@ -7,7 +7,7 @@ so that the ridge along x is a set of its elements.
 from __future__ import annotations
 
 import numpy as np
-from fretflow.core.config import BodyShape, Mesh, Specimen
+from fretflow.case.config import BodyShape, Mesh, Specimen
 from fretflow.core.records import quantity, record
 from numpy.typing import NDArray
 

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from fretflow.core import config
-from fretflow.core.config import FaceShape, Specimen
+from fretflow.case import config
+from fretflow.case.config import FaceShape, Specimen
 from fretflow.core.errors import MeshError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from numpy.typing import NDArray

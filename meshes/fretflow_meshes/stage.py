@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fretflow.core import config
+from fretflow.case import config
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import write_record
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
+from fretflow.contact.law import ContactState
 from fretflow.core.records import quantity, record
-from fretflow.harmonic.periodic import ContactState, PeriodicSolution
+from fretflow.solvers.periodic import PeriodicSolution
 from numpy.typing import NDArray
 
 
@@ -42,7 +43,7 @@ class StateShares:
 def state_shares(period: PeriodicSolution) -> StateShares:
     """Return how the nodes spend `period`."""
     stick, slip, opened = (np.mean(period.state == s, axis=0)
-                           for s in (ContactState.STICK, ContactState.SLIP, ContactState.OPEN))
+                           for s in (ContactState.STICK, ContactState.SLIP, ContactState.SEPARATION))
     regime = np.select(
         [opened == 1.0, opened > 0.0, slip == 1.0, slip > 0.0],
         [Regime.STAYS_OPEN, Regime.LIFTS_OFF, Regime.SLIPS, Regime.STICKS_AND_SLIPS], Regime.STICKS)

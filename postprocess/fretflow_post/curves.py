@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.core.store import write_csv
-from fretflow.harmonic.periodic import PeriodicSolution
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.stages.response import ForcedResponse
+from fretflow.pipeline.response import ForcedResponse
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.history import WearHistory
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis

@@ -8,12 +8,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from fretflow.core.config import Output
+from fretflow.case.config import Output
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import read_record
-from fretflow.harmonic.periodic import PeriodicSolution
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.stages.response import ForcedResponse
+from fretflow.pipeline.response import ForcedResponse
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.archard import split_between_faces
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
@@ -67,7 +67,7 @@ class RunResults:
     @property
     def static_pressure(self) -> NDArray[np.float64]:
         """Return the pressure after the static load in Pa, (nodes,)."""
-        from fretflow.assembly.preload import Preload  # starts PETSc, which nothing else here needs
+        from fretflow.structure.fem.preload import Preload  # starts PETSc, which nothing else here needs
 
         return read_record(self.folders["preload"] / "preload.h5", Preload).pressure
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from fretflow.core.provenance import commit, versions
 from fretflow.core.store import write_whole
-from fretflow.diagnosis.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect
+from fretflow.inference.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from fretflow.core.units import readable_unit
-from fretflow.diagnosis.verdict import Comparison, Diagnosis
+from fretflow.inference.verdict import Comparison, Diagnosis
 from markupsafe import Markup
 from numpy.typing import NDArray
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from fretflow.core.units import readable_unit
-from fretflow.diagnosis.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearMap
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, declared_priors
+from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearMap
 from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree

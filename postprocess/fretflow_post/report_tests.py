@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from fretflow.core.units import readable_unit
-from fretflow.diagnosis.verdict import WearTests
+from fretflow.inference.verdict import WearTests
 from markupsafe import Markup
 from numpy.typing import NDArray
 

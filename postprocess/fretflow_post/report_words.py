@@ -7,8 +7,8 @@ import re
 from dataclasses import dataclass
 
 from fretflow.core.units import readable_unit
-from fretflow.diagnosis.verdict import Candidate, Diagnosis, Estimate, Verdict
 from fretflow.effects.catalogue import catalogue
+from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, Verdict
 from markupsafe import Markup, escape
 
 NOTHING = "–"

@@ -7,8 +7,8 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from fretflow.harmonic.continuation_curve import Direction, Peak, channel_index
-from fretflow.stages.response_curves import RunCurve
+from fretflow.pipeline.response_curves import RunCurve
+from fretflow.solvers.continuation.curve import Direction, Peak, channel_index
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray

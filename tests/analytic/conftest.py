@@ -5,9 +5,9 @@ import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.records import quantity, record
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.cycle import CycleResponse
 
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.contact.interface import Interface
-from fretflow.diagnosis.observation import Observation, Piece
-from fretflow.diagnosis.rig_model import RigModel
-from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.experiments.rig.model import RigModel
+from fretflow.experiments.rig.observation import Observation, Piece
 from fretflow.recordings.schema import Condition, DisplacementOf, Place
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
 from fretflow.core.errors import NonConvergenceError
-from fretflow.harmonic.backbone import Backbone, BackboneSolver
-from fretflow.harmonic.fourier import synthesis_matrix
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.fourier import synthesis_matrix
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.backbone import Backbone, BackboneSolver
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 MU, LOAD = 0.88, 60.0

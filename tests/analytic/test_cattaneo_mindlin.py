@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from fretflow.harmonic.contact_march import ContactMarch
-from fretflow.harmonic.contact_sample import OPEN, STICK, ContactSystem
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.sample import SEPARATION, STICK, ContactSystem
 
 G, MU = 75e9, 0.5
 RADIUS, CONTACT = 10e-3, 0.2e-3
@@ -113,7 +113,7 @@ def pushed(fineness, nu):
 def test_the_preload_is_that_of_hertz():
     for fineness in (5, 7, 10):
         sphere, preload, _ = pushed(fineness, 0.0)
-        assert abs(sphere.radius(preload.state != OPEN) - CONTACT) < 0.5 * sphere.side
+        assert abs(sphere.radius(preload.state != SEPARATION) - CONTACT) < 0.5 * sphere.side
         assert -preload.approach == pytest.approx(CONTACT**2 / RADIUS, rel=0.05 / fineness**2)
         assert preload.force[2 * sphere.size:].max() / sphere.side**2 == pytest.approx(sphere.peak, rel=0.005)
 

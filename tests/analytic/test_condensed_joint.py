@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fretflow.harmonic.fourier import to_complex
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.rig.compliant import with_springs
-from fretflow.rig.condensed import condensed
-from fretflow.rig.joint import Joint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.fourier import to_complex
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.two_mass_rig.compliant import with_springs
+from fretflow.structure.two_mass_rig.condensed import condensed
+from fretflow.structure.two_mass_rig.joint import Joint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 NODES, MODES = 4, 3
 LOADS = (53.0, 60.0)

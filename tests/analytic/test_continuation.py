@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.harmonic import continuation
-from fretflow.harmonic.backbone import Backbone
-from fretflow.harmonic.continuation import Sweep, respond
-from fretflow.harmonic.continuation_curve import (
+from fretflow.solvers.continuation import follow as continuation
+from fretflow.solvers.continuation.curve import (
     CHANNELS,
     Direction,
     ResponseCurve,
@@ -24,13 +22,15 @@ from fretflow.harmonic.continuation_curve import (
     summit,
     turns,
 )
-from fretflow.harmonic.continuation_found import Trail
-from fretflow.harmonic.continuation_model import arm_rates
-from fretflow.harmonic.continuation_system import ArmSystem
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import ArmEquations
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.continuation.follow import Sweep, respond
+from fretflow.solvers.continuation.model import arm_rates
+from fretflow.solvers.continuation.points import Trail
+from fretflow.solvers.continuation.system import ArmSystem
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.backbone import Backbone
+from fretflow.solvers.quasi_static.solver import ArmEquations
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.optimize import brentq
 
 RIG = LumpedRig(moving_mass=10.0, arm_mass=0.5, ground_stiffness=6e5, hinge_stiffness=4e6, ground_damping=120.0,
@@ -200,7 +200,7 @@ def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(mon
     monkeypatch.setattr(continuation.Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
     found = respond(crowned, sweep, lambda direction, frequency: None)
     assert [nodes.tolist() for nodes in rows] == [[True, False, False], [True, True, False]]
-    monkeypatch.setattr(continuation, "within_reach", lambda problem, joint, start: np.ones(3, dtype=bool))
+    monkeypatch.setattr(continuation, "candidate_nodes", lambda problem, joint, start: np.ones(3, dtype=bool))
     whole = respond(crowned, sweep, lambda direction, frequency: None)
     assert len(rows) == 3
     np.testing.assert_allclose(np.interp(46.0, found.frequency, np.abs(found.first_harmonic[:, 2])),

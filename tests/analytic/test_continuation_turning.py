@@ -9,11 +9,11 @@ from functools import cache
 
 import numpy as np
 from fretflow.contact.interface import Interface
-from fretflow.harmonic.continuation import Sweep, respond
-from fretflow.harmonic.continuation_curve import Direction, read_peak
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.continuation.curve import Direction, read_peak
+from fretflow.solvers.continuation.follow import Sweep, respond
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RIG = LumpedRig(moving_mass=10.0, arm_mass=0.5, ground_stiffness=6e5, hinge_stiffness=4e6, ground_damping=90.0,
                 hinge_damping=20.0)

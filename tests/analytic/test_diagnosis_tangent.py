@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.diagnosis import rig_model
-from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.rig_model import Hypothesis
-from fretflow.diagnosis.tangent import neighbours
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
+from fretflow.experiments.rig import model as rig_model
+from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.tangent import neighbours
 from fretflow.recordings.schema import Condition
 
 CHANNELS = ("displacement", "friction_force", "normal_force", "approach")

@@ -14,11 +14,11 @@ from fretflow.effects.contact_stiffness import ContactStiffness
 from fretflow.effects.load_dependent_friction import LoadDependentFriction
 from fretflow.effects.model import EffectModel
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
-from fretflow.harmonic.dlft import Variant, build_equations, solve_equations
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.compliant import CompliantJoint
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.dlft.solver import Variant, build_equations, solve_equations
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.compliant import CompliantJoint
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))

@@ -7,12 +7,12 @@ Den Hartog, Trans. ASME 53 (1931), APM-53-9: ``x0 = F/k sqrt(V^2 - (F_f / F)^2 U
 
 import numpy as np
 import pytest
+from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import PeriodicMethod, Solver
-from fretflow.harmonic.dlft import DlftSolver
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.dlft.solver import DlftSolver
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 MASS, NATURAL, FREQUENCY, MU, LOAD = 10.5, 40.0, 100.0, 0.88, 60.0
 

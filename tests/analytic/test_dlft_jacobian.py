@@ -7,9 +7,9 @@ is asserted before the Jacobian is compared, so that no branch of the return map
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import CoulombLaw
-from fretflow.harmonic.dlft_equations import DlftEquations
-from fretflow.harmonic.dlft_stiffness import DenseStiffness
-from fretflow.harmonic.fourier import to_complex, to_real
+from fretflow.solvers.dlft.equations import DlftEquations
+from fretflow.solvers.dlft.stiffness import DenseStiffness
+from fretflow.solvers.fourier import to_complex, to_real
 
 HARMONICS, SAMPLES, PENALTY = 2, 64, 3.0
 ZERO = [0.0, 0.0, 0.0, 0.0, 0.0]
@@ -129,5 +129,5 @@ def test_derivatives_of_many_nodes_are_those_of_each(monkeypatch):
     equations, u = equations_and_point(list(STATES.values()), seed=2)
     at = equations.evaluate(u)
     whole = equations.force_derivative(at)
-    monkeypatch.setattr("fretflow.harmonic.dlft_march.NODES_AT_ONCE", 2)
+    monkeypatch.setattr("fretflow.solvers.dlft.march.NODES_AT_ONCE", 2)
     assert equations.force_derivative(at) == pytest.approx(whole, rel=1e-13, abs=1e-15)

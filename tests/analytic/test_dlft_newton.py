@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import PeriodicMethod, Solver
 from fretflow.core.errors import AuditError, InputError, NonConvergenceError
-from fretflow.harmonic import dlft
-from fretflow.harmonic.dlft_equations import DlftEquations
-from fretflow.harmonic.newton import _line_search, gmres, solve_newton
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.dlft import solver as dlft
+from fretflow.solvers.dlft.equations import DlftEquations
+from fretflow.solvers.newton import _line_search, gmres, solve_newton
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 NODES = 5
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import CoulombLaw, audit_contact, return_mapping
 from fretflow.core.errors import AuditError, InputError
-from fretflow.harmonic.dlft_march import friction_derivative, periodic_friction
-from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix
+from fretflow.solvers.dlft.march import friction_derivative, periodic_friction
+from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
 
 PEERS = Path(__file__).parents[1] / "data" / "peers"
 

@@ -6,8 +6,8 @@ single precision; one node by itself too, in whatever state.
 
 import numpy as np
 import pytest
-from fretflow.harmonic.dlft_preconditioner import NodePreconditioner
-from fretflow.harmonic.newton import gmres
+from fretflow.solvers.dlft.preconditioner import NodePreconditioner
+from fretflow.solvers.newton import gmres
 
 NODES, HARMONICS, PENALTY = 6, 2, 2.0
 Q = 2 * HARMONICS + 1

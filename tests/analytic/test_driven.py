@@ -15,14 +15,14 @@ from fretflow.effects.coulomb_friction import CoulombFriction
 from fretflow.effects.directional_friction import DirectionalFriction
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.driven import DrivenJoint, LumpedBaseline, SliderBaseline
-from fretflow.effects.driven_fit import RIG, Scale, first_baselines, first_joints, fit, prepared, scaled_priors
 from fretflow.effects.effect import DRIVEN, Kind
 from fretflow.effects.force_offset import ForceOffset
 from fretflow.effects.parallel_stiffness import ParallelStiffness
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
 from fretflow.effects.viscous import Viscous
-from fretflow.rig.driven import Sliders, clipped_march
-from fretflow.rig.motion import Motion
+from fretflow.experiments.driven.fit import RIG, Scale, first_baselines, first_joints, fit, prepared, scaled_priors
+from fretflow.structure.driven import Sliders, clipped_march
+from fretflow.structure.motion import Motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -7,9 +7,9 @@ damage's own.
 import numpy as np
 import pytest
 from fretflow.core.errors import RecordingError
-from fretflow.diagnosis import driven_data as driven
-from fretflow.diagnosis.driven_run import diagnose_driven
-from fretflow.diagnosis.verdict import Verdict
+from fretflow.experiments.driven import data as driven
+from fretflow.experiments.driven.run import diagnose_driven
+from fretflow.inference.verdict import Verdict
 from fretflow.recordings.recording import read_recording
 
 PERIOD = 200  # rows

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.core.errors import RecordingError, UnreliableRecordingError
-from fretflow.diagnosis.driven_data import driven_data
-from fretflow.diagnosis.driven_estimates import estimates
-from fretflow.diagnosis.driven_noise import correlation_length, effective
-from fretflow.diagnosis.driven_run import diagnose_driven
-from fretflow.diagnosis.driven_search import baseline_fit
-from fretflow.diagnosis.rig_run import RigTools
-from fretflow.diagnosis.run import diagnose
-from fretflow.diagnosis.verdict import Verdict
+from fretflow.experiments.diagnose import diagnose
+from fretflow.experiments.driven.data import driven_data
+from fretflow.experiments.driven.estimates import estimates
+from fretflow.experiments.driven.noise import correlation_length, effective
+from fretflow.experiments.driven.run import diagnose_driven
+from fretflow.experiments.driven.search import baseline_fit
+from fretflow.experiments.rig.run import RigTools
+from fretflow.inference.verdict import Verdict
 from fretflow.recordings.loopset import LoopSet, Series
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import Test, TestKind, Wear

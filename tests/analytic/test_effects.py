@@ -11,20 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
 from fretflow.core.errors import ConfigError
 from fretflow.effects.catalogue import catalogue, parse_effects, tables
 from fretflow.effects.cycle import respond
 from fretflow.effects.derivative import effect_direction
 from fretflow.effects.effect import Effect, Kind
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.harmonic.sensitivity import sensitivities
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
-from fretflow.rig.sensors import Signals
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.solvers.sensitivity import sensitivities
+from fretflow.structure.sensors import Signals
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 FEW = np.flatnonzero((np.arange(49) // 7 % 3 == 0) & (np.arange(49) % 7 % 3 == 0))  # 3 x 3

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
 from fretflow.effects.backlash import Backlash
 from fretflow.effects.contact_stiffness import Asperities, ContactStiffness
 from fretflow.effects.directional_friction import DirectionalFriction
@@ -25,12 +25,12 @@ from fretflow.effects.parallel_stiffness import ParallelStiffness
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
 from fretflow.effects.viscous import Viscous
-from fretflow.harmonic.fourier import time_derivative
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver, press
-from fretflow.harmonic.time_integration import settle
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, press
+from fretflow.solvers.time_integration import settle
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 900.0, 0.02)  # a hinge within the harmonics that are kept
 SAMPLES, STEPS, PERIODS = 512, 6, 2

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
-from fretflow.assembly.elasticity import assemble, sorted_by_position
-from fretflow.assembly.mesh_file import TaggedMesh
-from fretflow.core.config import Specimen
+from fretflow.case.config import Specimen
+from fretflow.structure.fem.elasticity import assemble, sorted_by_position
+from fretflow.structure.fem.mesh_file import TaggedMesh
 from mpi4py import MPI
 
 pytestmark = pytest.mark.fem

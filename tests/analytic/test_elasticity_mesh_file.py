@@ -5,8 +5,8 @@ What carries the weight: each gives one line that names the file and the way out
 
 import gmsh
 import pytest
-from fretflow.assembly.mesh_file import read_mesh
 from fretflow.core.errors import MeshError
+from fretflow.structure.fem.mesh_file import read_mesh
 from mpi4py import MPI
 
 pytestmark = pytest.mark.fem

@@ -11,9 +11,9 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
-from fretflow.assembly.elasticity import assemble
-from fretflow.assembly.mesh_file import TaggedMesh
-from fretflow.core.config import Specimen
+from fretflow.case.config import Specimen
+from fretflow.structure.fem.elasticity import assemble
+from fretflow.structure.fem.mesh_file import TaggedMesh
 from mpi4py import MPI
 
 pytestmark = pytest.mark.fem

@@ -6,16 +6,16 @@ found from nothing where the play is crossed at a stiffness a hundred times that
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
 from fretflow.effects.backlash import Backlash
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.force_laws import ROUND, ArmSupport, BlockPull, HingePlay
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.force_laws import ROUND, ArmSupport, BlockPull, HingePlay
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 

@@ -7,12 +7,12 @@ refinement. The block is 4 mm wide and deep under a contact of 0.35 mm radius, s
 import dolfinx
 import numpy as np
 import pytest
-from fretflow.assembly.elasticity import assemble
-from fretflow.assembly.mesh_file import TaggedMesh
-from fretflow.assembly.preload import frictionless_preload
-from fretflow.core.config import Specimen
-from fretflow.reduction.modes import component_modes
-from fretflow.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS
+from fretflow.case.config import Specimen
+from fretflow.structure.fem.elasticity import assemble
+from fretflow.structure.fem.mesh_file import TaggedMesh
+from fretflow.structure.fem.preload import frictionless_preload
+from fretflow.structure.reduction.modes import component_modes
+from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS
 from mpi4py import MPI
 
 pytestmark = pytest.mark.fem

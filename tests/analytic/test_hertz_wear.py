@@ -17,17 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver, WearScheme
 from fretflow.contact.coulomb import CoulombLaw
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver, WearScheme
 from fretflow.core.records import quantity, record
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.harmonic.contact_march import frictionless_preload
-from fretflow.harmonic.contact_sample import ContactSystem
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.march import frictionless_preload
+from fretflow.solvers.quasi_static.sample import ContactSystem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.asymptotic import find_asymptotic_shape
 from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.history import WearHistory, WearSettings

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.core.errors import InputError
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.rig.joint import Joint, QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.two_mass_rig.joint import Joint, QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.linalg import eigh
 
 CONTACT, FACE, INNER = 4, 3, 5

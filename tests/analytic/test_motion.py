@@ -6,7 +6,7 @@ What carries the weight: the bias is measured on sinusoids, the noise on white n
 import numpy as np
 import pytest
 from fretflow.core.errors import InputError
-from fretflow.rig.motion import Motion, best_width, measure, noise_floor
+from fretflow.structure.motion import Motion, best_width, measure, noise_floor
 
 STEP = 1e-3
 TIME = STEP * np.arange(6001)

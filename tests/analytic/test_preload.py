@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
-from fretflow.assembly.preload import frictionless_preload
 from fretflow.core.errors import InputError
+from fretflow.structure.fem.preload import frictionless_preload
 
 pytestmark = pytest.mark.fem
 

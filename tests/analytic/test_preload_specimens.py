@@ -6,9 +6,9 @@ flat ridges press hardest at their edges, as a flat punch does.
 
 import numpy as np
 import pytest
-from fretflow.assembly.preload import frictionless_preload
-from fretflow.core import config
-from fretflow.reduction.reduce import reduce_specimen
+from fretflow.case import config
+from fretflow.structure.fem.preload import frictionless_preload
+from fretflow.structure.reduction.reduce import reduce_specimen
 from fretflow_meshes.specimen import Side, build_specimen
 from mpi4py import MPI
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.covariance import Covariance
-from fretflow.diagnosis.fit import Fitter
-from fretflow.diagnosis.rig_held_out import held_out
-from fretflow.diagnosis.rig_model import Hypothesis
-from fretflow.diagnosis.rig_search import RigSearch
+from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.held_out import held_out
+from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.search import RigSearch
+from fretflow.inference.covariance import Covariance
 from fretflow.recordings.schema import Condition
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}

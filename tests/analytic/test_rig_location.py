@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.covariance import Covariance
-from fretflow.diagnosis.fit import Fitter
-from fretflow.diagnosis.rig_blocks import cuts
-from fretflow.diagnosis.rig_location import locate
-from fretflow.diagnosis.rig_model import Hypothesis
-from fretflow.diagnosis.rig_phases import PHASES, Strokes
 from fretflow.effects.catalogue import catalogue
+from fretflow.experiments.rig.blocks import cuts
+from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.location import locate
+from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.phases import PHASES, Strokes
+from fretflow.inference.covariance import Covariance
 from fretflow.recordings.schema import Condition
 
 HERE = Path(__file__).parent

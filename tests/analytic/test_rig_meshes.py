@@ -5,9 +5,9 @@ The trial's specimens come from a code of their own: third order, nodes of Gauss
 
 import numpy as np
 import pytest
-from fretflow.cli_diagnose import _reduced
-from fretflow.core.config import Reduction, validate_case
-from fretflow.diagnosis.rig_setup import DEGREE, GROWTH, MESHES_FAST
+from fretflow.case.config import Reduction, validate_case
+from fretflow.cli.diagnose import _reduced
+from fretflow.experiments.rig.setup import DEGREE, GROWTH, MESHES_FAST
 from fretflow_trial.joint import specimens
 
 pytestmark = pytest.mark.fem
@@ -40,5 +40,5 @@ def test_reduced_specimens_are_kept(tmp_path, monkeypatch):
     first = compliance(tmp_path, {"contact_elements": 2})
     kept = list(tmp_path.iterdir())
     assert len(kept) == 1
-    monkeypatch.setattr("fretflow.stages.runner.Runner.run", lambda *asked: pytest.fail("made again"))
+    monkeypatch.setattr("fretflow.pipeline.runner.Runner.run", lambda *asked: pytest.fail("made again"))
     assert np.array_equal(compliance(tmp_path, {"contact_elements": 2}), first)

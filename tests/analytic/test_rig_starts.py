@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
-from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.covariance import Covariance
-from fretflow.diagnosis.fit import Fitter
-from fretflow.diagnosis.rig_detection import REPEATS, detect
-from fretflow.diagnosis.rig_model import Hypothesis, RigModel
-from fretflow.diagnosis.rig_search import SLACK, RigSearch
-from fretflow.diagnosis.rig_setup import RICHARDSON, first_simulation
-from fretflow.diagnosis.screening import changes, in_sensors_alone, seen_through, signatures, starts_beside
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
+from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.detection import REPEATS, detect
+from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.screening import changes, in_sensors_alone, seen_through, signatures, starts_beside
+from fretflow.experiments.rig.search import SLACK, RigSearch
+from fretflow.experiments.rig.setup import RICHARDSON, first_simulation
+from fretflow.inference.covariance import Covariance
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fretflow.core.config import Solver
+from fretflow.case.config import Solver
 from fretflow.effects.cycle import PeriodicCycle, respond, true_signals
 from fretflow.effects.scar_edge import HALF_STROKE, EdgeForce, ScarEdge
-from fretflow.harmonic.fourier import time_derivative
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
+from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint

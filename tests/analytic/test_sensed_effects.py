@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.contact.loops import HysteresisLoop, read_loop
-from fretflow.core.config import Solver
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.directional_friction import DirectionalFriction
@@ -24,11 +23,12 @@ from fretflow.effects.sensor_drift import SensorDrift
 from fretflow.effects.sensor_inertia import SensorInertia
 from fretflow.effects.sensor_path_compliance import SensorPathCompliance
 from fretflow.effects.viscous import Viscous
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
-from fretflow.rig.sensors import Signals
+from fretflow.recordings.hysteresis import HysteresisLoop, read_loop
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.sensors import Signals
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.integrate import solve_ivp
 
 N, T = 512, 0.01

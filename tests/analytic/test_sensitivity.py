@@ -11,19 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.effects.cycle import respond
-from fretflow.harmonic import direction as along
-from fretflow.harmonic.contact_march import ContactMarch, Trajectory
-from fretflow.harmonic.contact_sample import ContactSystem
-from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex
-from fretflow.harmonic.periodic import ContactState, PeriodicProblem
-from fretflow.harmonic.quasi_static import ArmEquations, QuasiStaticSolver
-from fretflow.harmonic.sensitivity import sensitivities
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers import direction as along
+from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.march import ContactMarch, PeriodHistory
+from fretflow.solvers.quasi_static.sample import ContactSystem
+from fretflow.solvers.quasi_static.solver import ArmEquations, QuasiStaticSolver
+from fretflow.solvers.sensitivity import sensitivities
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 EVERY_OTHER = np.flatnonzero(np.isin(np.arange(49) // 7 % 2 + np.arange(49) % 7 % 2, 0))
@@ -76,7 +77,7 @@ def solve_again(given, start):
                                              given.normal_load), model.flexibility)
     approach = start.displacement[:, 0, 2] - start.force.reshape(SAMPLES, -1) @ model.flexibility[2]
     u, f = (a.transpose(0, 2, 1).reshape(SAMPLES, -1) for a in (start.displacement, start.force))
-    near = Trajectory(start.rig_displacement[:, 1], u, f, approach, start.state)
+    near = PeriodHistory(start.rig_displacement[:, 1], u, f, approach, start.state)
     arm = equations.analysis @ near.arm
     for turn in range(10):
         period = march.period(synthesis @ arm, synthesis, near.sample(-1), near, 1e-14)
@@ -134,8 +135,8 @@ def test_the_cases_are_what_they_are_called():
     assert np.all(state[GROSS] != ContactState.STICK, axis=1).any()
     assert 0 < np.all(state[PARTIAL] == ContactState.STICK, axis=0).sum() < NODES
     assert np.any(state[PARTIAL] == ContactState.SLIP)
-    opens = np.any(state[OPENING] == ContactState.OPEN, axis=0)
-    assert np.any(opens & np.any(state[OPENING] != ContactState.OPEN, axis=0))
+    opens = np.any(state[OPENING] == ContactState.SEPARATION, axis=0)
+    assert np.any(opens & np.any(state[OPENING] != ContactState.SEPARATION, axis=0))
 
 
 @pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])

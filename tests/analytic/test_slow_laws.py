@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fretflow.core.config import WearScheme
+from fretflow.case.config import WearScheme
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Kind
 from fretflow.effects.model import EffectModel

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import FactorAndSlopes
-from fretflow.harmonic.contact_march import ContactMarch, Trajectory
-from fretflow.harmonic.contact_sample import STICK, Instant, SampleSolver, SampleState
-from fretflow.harmonic.continuation_system import ArmSystem
-from fretflow.harmonic.fourier import time_derivative
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.stability import RIG_STATES, Around, floquet_multipliers, is_stable, monodromy_matrix
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.continuation.system import ArmSystem
+from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.march import ContactMarch, PeriodHistory
+from fretflow.solvers.quasi_static.sample import STICK, Instant, SampleSolver, SampleState
+from fretflow.solvers.stability import RIG_STATES, Around, floquet_multipliers, is_stable, monodromy_matrix
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STIFFNESS = 2e6  # N/m
 
@@ -71,7 +71,7 @@ def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
     stuck = np.all(period.state == STICK, axis=1) & np.all(np.roll(period.state, 1, axis=0) == STICK, axis=1)
     assert 0 < np.sum(stuck) < samples
     first = int(np.argmax(stuck))
-    period = Trajectory(*(np.roll(values, -first, axis=0) for values in vars(period).values()))
+    period = PeriodHistory(*(np.roll(values, -first, axis=0) for values in vars(period).values()))
     n, h = contact.size, 1.0 / (frequency * samples)
     moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
     memory = np.concatenate([moving, n + moving])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.core.config import WearScheme
+from fretflow.case.config import WearScheme
 from fretflow.core.errors import AuditError
 from fretflow.effects.third_body import Balance, ThirdBody, edge_position
 from fretflow.wear.cycle import CycleResponse

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
 from fretflow.core.errors import InputError
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver, sliding_distance
-from fretflow.harmonic.time_integration import integrate, settle
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
+from fretflow.solvers.time_integration import integrate, settle
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.linalg import expm
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.verdict import EXPLAINED_GATE, Verdict
-from fretflow.diagnosis.wear_data import tests_of_detection as detection_of
-from fretflow.diagnosis.wear_data import wear_data
-from fretflow.diagnosis.wear_search import estimates, search
-from fretflow.diagnosis.wear_series import diagnose_wear_series
+from fretflow.experiments.wear_series.data import tests_of_detection as detection_of
+from fretflow.experiments.wear_series.data import wear_data
+from fretflow.experiments.wear_series.run import diagnose_wear_series
+from fretflow.experiments.wear_series.search import estimates, search
+from fretflow.inference.verdict import EXPLAINED_GATE, Verdict
 from fretflow.recordings.wear_series import WearSeries
 from scipy.integrate import solve_ivp
 

@@ -8,7 +8,7 @@ closed form puts it, and on wear and energy sharing one quadrature.
 
 import numpy as np
 import pytest
-from fretflow.core.config import WearScheme
+from fretflow.case.config import WearScheme
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.wear.archard import split_between_faces, wear_rate

@@ -9,16 +9,16 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
-from fretflow.assembly.elasticity import assemble
-from fretflow.assembly.mesh_file import read_mesh
-from fretflow.core import config
+from fretflow.case import config
 from fretflow.core.errors import AuditError, InputError, MeshError
 from fretflow.core.records import record
-from fretflow.reduction import craig_bampton
-from fretflow.reduction.modes import component_modes, full_frequencies
-from fretflow.reduction.reduce import reduce_specimen
-from fretflow.rig.joint import Joint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.structure.fem.elasticity import assemble
+from fretflow.structure.fem.mesh_file import read_mesh
+from fretflow.structure.reduction import craig_bampton
+from fretflow.structure.reduction.modes import component_modes, full_frequencies
+from fretflow.structure.reduction.reduce import reduce_specimen
+from fretflow.structure.two_mass_rig.joint import Joint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow_meshes.specimen import Side, build_specimen
 from mpi4py import MPI
 
@@ -90,7 +90,7 @@ def test_constraint_modes_in_blocks_are_those_at_once(full, monkeypatch):
     """In blocks the modes are not kept, and their inertia comes from a second solution."""
     whole = component_modes(full.body, full.observation, 5)
     columns = len(whole.constraint_stiffness)
-    monkeypatch.setattr("fretflow.reduction.modes._DENSE_BYTES", 8 * len(full.body.points) * 3 * columns // 4)
+    monkeypatch.setattr("fretflow.structure.reduction.modes._DENSE_BYTES", 8 * len(full.body.points) * 3 * columns // 4)
     parts = component_modes(full.body, full.observation, 5)
     for name in ("constraint_stiffness", "constraint_mass", "coupling"):
         one, other = getattr(whole, name), getattr(parts, name)

@@ -7,7 +7,7 @@ chosen so that each mesh refines the one before.
 import gmsh
 import numpy as np
 import pytest
-from fretflow.core import config
+from fretflow.case import config
 from fretflow_meshes.gmsh_files import gmsh_session
 from fretflow_meshes.specimen import Side, build_specimen
 

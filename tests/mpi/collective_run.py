@@ -5,9 +5,11 @@
 
 import sys
 
-from fretflow import cli, cli_pipeline, cli_run
+from fretflow import cli
+from fretflow.cli import pipeline as cli_pipeline
+from fretflow.cli import run as cli_run
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.stages.stage import Stage
+from fretflow.pipeline.stage import Stage
 
 KIND = sys.argv[1]
 

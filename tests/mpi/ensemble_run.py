@@ -5,10 +5,11 @@
 
 import sys
 
-from fretflow import cli, cli_pipeline
+from fretflow import cli
+from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import NonConvergenceError
-from fretflow.stages.ranks import started_rank
-from fretflow.stages.stage import Stage
+from fretflow.pipeline.ranks import started_rank
+from fretflow.pipeline.stage import Stage
 
 
 def work(context):

@@ -3,11 +3,11 @@
 import sys
 from pathlib import Path
 
-from fretflow.core.config import Reduction, Specimen
+from fretflow.case.config import Reduction, Specimen
 from fretflow.core.errors import MeshError
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record, write_record
-from fretflow.reduction.reduce import reduce_specimen
+from fretflow.structure.reduction.reduce import reduce_specimen
 from mpi4py import MPI
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.core import config
+from fretflow.case import config
 from fretflow.core.store import read_record, write_record
-from fretflow.reduction.reduce import reduce_specimen
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.reduce import reduce_specimen
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow_meshes.specimen import Side, build_specimen
 from mpi4py import MPI
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from fretflow.stages.stage import Manifest
+from fretflow.pipeline.stage import Manifest
 
 pytestmark = pytest.mark.mpi
 

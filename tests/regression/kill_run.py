@@ -3,17 +3,17 @@
 from pathlib import Path
 
 import numpy as np
+from fretflow.case.config import Solver, validate_case
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver, validate_case
 from fretflow.core.store import write_record
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
-from fretflow.stages.ranks import Ranks
-from fretflow.stages.runner import Runner
-from fretflow.stages.stage import Stage
+from fretflow.pipeline.ranks import Ranks
+from fretflow.pipeline.runner import Runner
+from fretflow.pipeline.stage import Stage
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearSettings
 from fretflow.wear.march import run_history
 

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
-from fretflow.harmonic import reach
-from fretflow.harmonic.periodic import ContactState, PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.contact.law import ContactState
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static import candidate_nodes as reach
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
@@ -41,9 +42,9 @@ def solve(monkeypatch, margin, first=None):
 
     restrict = reach.restrict
     monkeypatch.setattr(reach, "MARGIN", margin)
-    monkeypatch.setattr("fretflow.harmonic.quasi_static.restrict", count)
+    monkeypatch.setattr("fretflow.solvers.quasi_static.solver.restrict", count)
     if first is not None:
-        monkeypatch.setattr("fretflow.harmonic.quasi_static.within_reach", lambda *_: first)
+        monkeypatch.setattr("fretflow.solvers.quasi_static.solver.candidate_nodes", lambda *_: first)
     found = QuasiStaticSolver(SETTINGS).solve(problem())
     monkeypatch.undo()
     return found, sizes
@@ -67,7 +68,7 @@ def whole():
 
 def test_nodes_out_of_reach_change_nothing(whole, monkeypatch):
     found, sizes = solve(monkeypatch, reach.MARGIN)
-    touched = int(np.any(whole.state != ContactState.OPEN, axis=0).sum())
+    touched = int(np.any(whole.state != ContactState.SEPARATION, axis=0).sum())
     assert touched <= sizes[0] < 25
     same(found, whole)
 
@@ -75,5 +76,5 @@ def test_nodes_out_of_reach_change_nothing(whole, monkeypatch):
 def test_nodes_that_touch_unforeseen_are_taken_in(whole, monkeypatch):
     middle = np.max(np.abs(PLACE), axis=1) < 2e-4
     found, sizes = solve(monkeypatch, reach.MARGIN, middle)
-    assert sizes[0] == 9 < np.any(whole.state != ContactState.OPEN, axis=0).sum()
+    assert sizes[0] == 9 < np.any(whole.state != ContactState.SEPARATION, axis=0).sum()
     same(found, whole)

@@ -10,11 +10,11 @@ import json
 import numpy as np
 import pytest
 from fretflow import cli
-from fretflow.assembly.preload import Preload
-from fretflow.cli_pipeline import complete_stages
+from fretflow.cli.pipeline import complete_stages
 from fretflow.core.store import read_record
-from fretflow.harmonic.periodic import PeriodicSolution
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.fem.preload import Preload
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.history import WearHistory
 
 pytestmark = [pytest.mark.fem, pytest.mark.render]

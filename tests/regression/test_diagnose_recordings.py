@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from fretflow.cli import app
 from fretflow.core.errors import InputError
-from fretflow.diagnosis.rig_run import RigTools
-from fretflow.diagnosis.run import diagnose
-from fretflow.diagnosis.verdict import Verdict, write_json
+from fretflow.experiments.diagnose import diagnose
+from fretflow.experiments.rig.run import RigTools
+from fretflow.inference.verdict import Verdict, write_json
 
 pytestmark = pytest.mark.real_data
 PUBLISHED = {"baseline.mass": 95.11, "baseline.damping": 203.5, "coulomb-friction.friction_limit": 20.39,

@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from fretflow.diagnosis.verdict import Diagnosis, Verdict
-from fretflow.diagnosis.wear_series import diagnose_wear_series
+from fretflow.experiments.wear_series.run import diagnose_wear_series
+from fretflow.inference.verdict import Diagnosis, Verdict
 from fretflow.recordings.wear_series import read_wear_series
 
 pytestmark = pytest.mark.real_data

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.driven_fit import first_joints, fit, prepared
 from fretflow.effects.effect import Kind
+from fretflow.experiments.driven.fit import first_joints, fit, prepared
 from fretflow.recordings.recording import read_recording
-from fretflow.rig.motion import Motion, measure
+from fretflow.structure.motion import Motion, measure
 
 pytestmark = pytest.mark.real_data
 PUBLISHED = {"baseline.mass": 95.11, "baseline.damping": 203.5, "coulomb-friction.friction_limit": 20.39,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.core.store import read_record
-from fretflow.harmonic.periodic import PeriodicSolution
+from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
 
 KILLS = 10

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver, sliding_distance
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 PERIODIC = Path(__file__).parents[1] / "data" / "periodic"
 ASPERITY = 2e6 * 1e9  # N/m per m^2

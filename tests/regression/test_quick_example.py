@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow import cli
-from fretflow.assembly.preload import Preload
-from fretflow.cli_pipeline import complete_stages
-from fretflow.core.config import load_case
+from fretflow.case.config import load_case
+from fretflow.cli.pipeline import complete_stages
 from fretflow.core.store import read_record
-from fretflow.harmonic.periodic import PeriodicSolution
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.stages.response import ForcedResponse, LoopSeries
+from fretflow.pipeline.response import ForcedResponse, LoopSeries
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.fem.preload import Preload
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.recordings import readings
-from fretflow.recordings.bare import Wanted, read_bare
+from fretflow.recordings.readers.bare import Wanted, read_bare
 from fretflow.recordings.readings import read_recorded_loops
 from fretflow.recordings.recording import read_recording
 from fretflow.recordings.repeatability import repeatability

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.core.store import read_record
-from fretflow.stages.stage import Manifest
+from fretflow.pipeline.stage import Manifest
 from fretflow.wear.history import WearHistory
 
 SCRIPT = Path(__file__).with_name("wear_run.py")

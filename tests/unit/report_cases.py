@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from fretflow.diagnosis.verdict import (
+from fretflow.inference.verdict import (
     Candidate,
     Comparison,
     Detection,

@@ -12,15 +12,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fretflow import cli
-from fretflow.core.casefile import dump_case
-from fretflow.core.config import load_case, validate_case
+from fretflow.case.casefile import dump_case
+from fretflow.case.config import load_case, validate_case
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.harmonic.quasi_static import QuasiStaticSolver, sliding_distance
-from fretflow.rig.identification import Data, Prior, identify, identify_mapped
-from fretflow.rig.lumped import LumpedRig
-from fretflow.stages import calibrate
-from fretflow.stages.calibrate import PRIOR_FACTORS, Condition, RigModel, calibrate_wear, calibrated_case, rig_modes
+from fretflow.pipeline import calibrate
+from fretflow.pipeline.calibrate import PRIOR_FACTORS, Condition, RigModel, calibrate_wear, calibrated_case, rig_modes
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
+from fretflow.structure.two_mass_rig.identification import Data, Prior, identify, identify_mapped
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.identification import identify_wear_coefficient, settled_face
 from fretflow.wear.march import run_history

@@ -11,10 +11,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from fretflow import __version__, cli, cli_diagnose, cli_pipeline
-from fretflow.core.config import load_case
+from fretflow import __version__, cli
+from fretflow.case.config import load_case
+from fretflow.cli import diagnose as cli_diagnose
+from fretflow.cli import pipeline as cli_pipeline
+from fretflow.cli.app import _limit_threads
 from fretflow.core.errors import AuditError, MeshError, NonConvergenceError
-from fretflow.stages.stage import Stage
+from fretflow.pipeline.stage import Stage
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "test1.toml")
 CASE = """format = "fretflow-case/1"
@@ -183,5 +186,5 @@ def test_one_blas_thread_unless_the_user_has_chosen(monkeypatch, given, expected
         monkeypatch.delenv(variable, raising=False)
     for variable, value in given.items():
         monkeypatch.setenv(variable, value)
-    cli._limit_threads()
+    _limit_threads()
     assert os.environ["OMP_NUM_THREADS"] == expected

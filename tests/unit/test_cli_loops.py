@@ -10,7 +10,7 @@ import json
 import numpy as np
 import pytest
 from fretflow import cli
-from fretflow.cli_loops import with_error
+from fretflow.cli.loops import with_error
 from matplotlib.image import imread
 
 NAMES = ("friction_coefficient", "tangential_stiffness", "sliding_distance", "dissipated_energy", "peak_to_peak")

@@ -9,12 +9,12 @@ import os
 from pathlib import Path
 
 import pytest
-from fretflow import cli_pipeline
-from fretflow.core.config import load_case
+from fretflow.case.config import load_case
+from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import MeshError, StoreError
-from fretflow.stages.ranks import Ranks
-from fretflow.stages.runner import Runner
-from fretflow.stages.stage import StageContext
+from fretflow.pipeline.ranks import Ranks
+from fretflow.pipeline.runner import Runner
+from fretflow.pipeline.stage import StageContext
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUICK = EXAMPLES / "quick.toml"

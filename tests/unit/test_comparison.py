@@ -9,22 +9,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fretflow import cli, cli_pipeline
-from fretflow.core.config import SlidingRegime
+from fretflow import cli
+from fretflow.case.config import SlidingRegime
+from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.stages.comparison import Comparison, sliding_regime
-from fretflow.stages.stage import Stage
+from fretflow.pipeline.comparison import Comparison, sliding_regime
+from fretflow.pipeline.stage import Stage
 
-STICK, SLIP, OPEN = 0, 1, 2
+STICK, SLIP, SEPARATION = 0, 1, 2
 CASE = 'format = "fretflow-case/1"\nname = "{0}"\ntitle = "{0}"\n[test]\nexcitation_amplitude = "1 N"\ncycles = 1\n'
 
 
 @pytest.mark.parametrize(("state", "regime"), [
-    ([[STICK, STICK], [STICK, OPEN]], SlidingRegime.STICK),
+    ([[STICK, STICK], [STICK, SEPARATION]], SlidingRegime.STICK),
     ([[SLIP, STICK], [STICK, SLIP]], SlidingRegime.PARTIAL_SLIP),
     ([[SLIP, STICK], [SLIP, SLIP]], SlidingRegime.GROSS_SLIP),
-    ([[SLIP, OPEN], [STICK, STICK]], SlidingRegime.GROSS_SLIP),
-    ([[OPEN, OPEN], [STICK, STICK]], SlidingRegime.STICK)])
+    ([[SLIP, SEPARATION], [STICK, STICK]], SlidingRegime.GROSS_SLIP),
+    ([[SEPARATION, SEPARATION], [STICK, STICK]], SlidingRegime.STICK)])
 def test_gross_slip_is_an_instant_at_which_nothing_sticks(state, regime):
     assert sliding_regime(SimpleNamespace(state=np.array(state)), np.ones(2)) is regime
 

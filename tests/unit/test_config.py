@@ -7,8 +7,8 @@ written and read again without losing a bit.
 import tomllib
 
 import pytest
-from fretflow.core.casefile import dump_case, entries, starting_case
-from fretflow.core.config import Case, PeriodicMethod, Solver, load_case, slice_hash, validate_case
+from fretflow.case.casefile import dump_case, entries, starting_case
+from fretflow.case.config import Case, PeriodicMethod, Solver, load_case, slice_hash, validate_case
 from fretflow.core.errors import ConfigError
 from hypothesis import given
 from hypothesis import strategies as st

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.covariance import Covariance
+from fretflow.inference.covariance import Covariance
 
 
 def test_shared_errors_are_the_conditional_mean():

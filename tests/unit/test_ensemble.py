@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from fretflow import cli
 from fretflow.core.errors import InputError, NonConvergenceError, PlatformError
-from fretflow.stages.ensemble import THREAD_VARIABLES, LocalPool, Place, Workers, run_ensemble, threads_each
+from fretflow.pipeline.ensemble import THREAD_VARIABLES, LocalPool, Place, Workers, run_ensemble, threads_each
 
 HERE = Path(__file__).parent
 QUICK = HERE.parents[1] / "examples" / "quick.toml"
@@ -152,7 +152,7 @@ def test_ranks_of_mpirun_are_not_mixed_with_other_workers(monkeypatch):
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("fretflow.stages.ensemble.DASK_TIMEOUT", 0.5)
+    monkeypatch.setattr("fretflow.pipeline.ensemble.DASK_TIMEOUT", 0.5)
     with pytest.raises(InputError, match=r"dask=tcp://127\.0\.0\.1:9: no scheduler answers"):
         outcomes(math.sqrt, [4.0], Workers(Place.DASK, address="tcp://127.0.0.1:9"))
 

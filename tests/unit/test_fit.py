@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.diagnosis import fit as fitting
-from fretflow.diagnosis.fit import Fitter
-from fretflow.diagnosis.rig_model import WEAR_TOLERANCE
+from fretflow.experiments.rig import fit as fitting
+from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.model import WEAR_TOLERANCE
 
 TRUE = np.array([1.0, 1.0])
 SD = 0.05

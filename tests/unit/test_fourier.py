@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.harmonic.fourier import analysis_matrix, synthesis_matrix, to_complex, to_real
+from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex, to_real
 
 
 @pytest.mark.parametrize(("harmonics", "samples"), [(1, 3), (3, 7), (3, 128), (25, 256)])

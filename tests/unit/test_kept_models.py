@@ -4,10 +4,10 @@ import os
 from pathlib import Path
 
 import pytest
-from fretflow.cli_diagnose import MODELS, _kept_models, _reduced
-from fretflow.core.config import validate_case
+from fretflow.case.config import validate_case
+from fretflow.cli.diagnose import MODELS, _kept_models, _reduced
 from fretflow.core.errors import StoreError
-from fretflow.stages.runner import Runner
+from fretflow.pipeline.runner import Runner
 
 CASE = {"format": "fretflow-case/1", "name": "short", "test": {
     "excitation_amplitude": "60 N", "cycles": 1000, "excitation_frequency": "100 Hz", "normal_load": "60 N"}}

@@ -9,7 +9,7 @@ from dataclasses import replace
 import gmsh
 import numpy as np
 import pytest
-from fretflow.core import config
+from fretflow.case import config
 from fretflow.core.errors import MeshError
 from fretflow_meshes import run_mesh
 from fretflow_meshes.gmsh_files import gmsh_session, read_mesh, write_mesh

@@ -8,7 +8,7 @@ from dataclasses import replace
 import gmsh
 import numpy as np
 import pytest
-from fretflow.core import config
+from fretflow.case import config
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import read_record
 from fretflow_meshes import run_mesh

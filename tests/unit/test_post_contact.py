@@ -5,12 +5,13 @@ The patches of a grid must have the trapezoid rule's areas, found here from the 
 
 import numpy as np
 import pytest
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import MeshError
-from fretflow.harmonic.periodic import ContactState, PeriodicSolution
+from fretflow.solvers.periodic import PeriodicSolution
 from fretflow_post.contact_grid import contact_cells, node_patches
 from fretflow_post.contact_state import Regime, state_shares
 
-STICK, SLIP, OPEN = ContactState
+STICK, SLIP, SEPARATION = ContactState
 
 
 def grid(x, y):
@@ -63,10 +64,10 @@ def test_nodes_on_a_line_are_refused():
 
 def test_state_shares_and_regimes_of_hand_made_nodes():
     state = np.array([
-        [STICK, SLIP, SLIP, OPEN, OPEN],
-        [STICK, STICK, SLIP, SLIP, OPEN],
-        [STICK, SLIP, SLIP, OPEN, OPEN],
-        [STICK, STICK, SLIP, STICK, OPEN]], dtype=np.int8)
+        [STICK, SLIP, SLIP, SEPARATION, SEPARATION],
+        [STICK, STICK, SLIP, SLIP, SEPARATION],
+        [STICK, SLIP, SLIP, SEPARATION, SEPARATION],
+        [STICK, STICK, SLIP, STICK, SEPARATION]], dtype=np.int8)
     shares = state_shares(period_with(state))
     assert shares.stick == pytest.approx([1.0, 0.5, 0.0, 0.25, 0.0])
     assert shares.slip == pytest.approx([0.0, 0.5, 1.0, 0.25, 0.0])

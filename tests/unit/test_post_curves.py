@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fretflow.core.errors import StoreError
 from fretflow.core.store import write_csv
-from fretflow.harmonic.periodic import PeriodicSolution
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.stages.response import ForcedResponse
+from fretflow.pipeline.response import ForcedResponse
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.history import WearHistory
 from fretflow_post import curves
 from matplotlib.image import imread

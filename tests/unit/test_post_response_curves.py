@@ -1,8 +1,8 @@
 """Pictures of frequency responses: what is unstable is dashed, and each sign stands where it belongs."""
 
 import numpy as np
-from fretflow.harmonic.continuation_curve import ResponseCurve
-from fretflow.stages.response_curves import RunCurve
+from fretflow.pipeline.response_curves import RunCurve
+from fretflow.solvers.continuation.curve import ResponseCurve
 from fretflow_post import response_curves
 from matplotlib.figure import Figure
 from matplotlib.image import imread

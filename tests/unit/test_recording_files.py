@@ -15,12 +15,12 @@ from fretflow.core.errors import (
     UnsupportedRecordingError,
 )
 from fretflow.core.units import registry
-from fretflow.recordings.bare import Wanted, read_bare
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_in_heading, unit_size
+from fretflow.recordings.readers.bare import Wanted, read_bare
+from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.recording import read_recording
 from fretflow.recordings.schema import DisplacementOf, Place
 from fretflow.recordings.series import loops_of_series
-from fretflow.recordings.tables import read_table
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat

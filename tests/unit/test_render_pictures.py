@@ -11,13 +11,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from fretflow.core.config import Output
+from fretflow.case.config import Output
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import StoreError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
-from fretflow.harmonic.periodic import ContactState, PeriodicSolution
-from fretflow.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.stages.response import ForcedResponse
+from fretflow.pipeline.response import ForcedResponse
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.history import WearHistory, WearStep
 from fretflow_post import faces, style
@@ -78,7 +79,7 @@ def steady_period(nodes, areas, swing=6e-6):
     motion = np.zeros_like(force)
     motion[:, :, 0] = swing * np.sin(tau - 0.4)[:, None]
     state = np.where(np.abs(np.sin(tau))[:, None] > 1.1 - radius, ContactState.SLIP, ContactState.STICK)
-    state[:6, radius > 0.95] = ContactState.OPEN
+    state[:6, radius > 0.95] = ContactState.SEPARATION
     seen = np.column_stack([1.3 * swing * np.sin(tau - 0.4), np.zeros((64, 2))])
     return PeriodicSolution(
         method="test", frequency=100.0, displacement=motion, force=force, state=state.astype(np.int8),
@@ -290,7 +291,7 @@ def test_an_unfinished_run_gives_what_it_has(folders, tmp_path):
 
 @pytest.mark.fem  # the record lives beside PETSc
 def test_the_static_pressure_is_shown_first_on_the_common_scale(folders, tmp_path, figures):
-    from fretflow.assembly.preload import Preload
+    from fretflow.structure.fem.preload import Preload
 
     _, areas = contact()
     pressure = np.linspace(10e6, 390e6, 121)

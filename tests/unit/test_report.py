@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.verdict import EXPLAINED_GATE, Place, Verdict
+from fretflow.inference.verdict import EXPLAINED_GATE, Place, Verdict
 from fretflow_post import style
 from fretflow_post.report import render_report, write_report
 from matplotlib.image import imread

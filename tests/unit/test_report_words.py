@@ -8,7 +8,7 @@ import math
 import re
 
 import pytest
-from fretflow.diagnosis.verdict import Estimate
+from fretflow.inference.verdict import Estimate
 from fretflow_post import report_words as words
 from hypothesis import given
 from hypothesis import strategies as st

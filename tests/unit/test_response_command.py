@@ -10,20 +10,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fretflow import cli, cli_response
+from fretflow import cli
+from fretflow.case.casefile import dump_case
+from fretflow.case.config import Solver, validate_case
+from fretflow.cli import response as cli_response
 from fretflow.contact.interface import Interface
-from fretflow.core.casefile import dump_case
-from fretflow.core.config import Solver, validate_case
 from fretflow.core.errors import InputError
 from fretflow.core.store import read_record, write_record
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.continuation_curve import Direction, ResponseCurve, read_peak
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
-from fretflow.stages import response_curves as stage
-from fretflow.stages.stage import CASE_FILE, RUN_FILE, Manifest, write_json
+from fretflow.pipeline import response_curves as stage
+from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
+from fretflow.solvers.continuation.curve import Direction, ResponseCurve, read_peak
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearHistory
 from matplotlib.image import imread
 

@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver, validate_case
 from fretflow.contact.interface import Interface
-from fretflow.core.config import Solver, validate_case
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.harmonic.backbone import BackboneSolver
-from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.harmonic.quasi_static import QuasiStaticSolver
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
-from fretflow.stages import response, response_curves
-from fretflow.stages.response import first_harmonic, forced_response, read_loops
+from fretflow.pipeline import response, response_curves
+from fretflow.pipeline.response import first_harmonic, forced_response, read_loops
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.backbone import BackboneSolver
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RESONANCE, DAMPING, STATIC = 137.0, 0.02, 1e-6
 TAU = 2.0 * np.pi * np.arange(64) / 64

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.rig.lumped import LumpedRig
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.linalg import eigh
 
 

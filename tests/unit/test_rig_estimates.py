@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.rig_estimates import _estimate
+from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.estimates import _estimate
 
 NOTHING: Any = SimpleNamespace()
 

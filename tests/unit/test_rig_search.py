@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.diagnosis import rig_run
-from fretflow.diagnosis.coordinates import Space
-from fretflow.diagnosis.rig_course import FAST, FULL, Effort, begun, chosen_set, contenders, polished
-from fretflow.diagnosis.rig_detection import GAINS
-from fretflow.diagnosis.rig_search import LEAST_GAIN, SLACK, RigSearch
-from fretflow.diagnosis.rig_verdict import UNLISTED, decide, held_to
-from fretflow.diagnosis.screening import Signatures, Start, swapped
-from fretflow.diagnosis.verdict import Detection, HeldOut, Verdict
+from fretflow.experiments.rig import run as rig_run
+from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.course import FAST, FULL, Effort, chosen_set, contenders, refine, start_search
+from fretflow.experiments.rig.detection import GAINS
+from fretflow.experiments.rig.screening import Signatures, Start, swapped
+from fretflow.experiments.rig.search import LEAST_GAIN, SLACK, RigSearch
+from fretflow.experiments.rig.verdict import UNLISTED, decide, held_to
+from fretflow.inference.verdict import Detection, HeldOut, Verdict
 
 EXPECTED = 1000.0
 
@@ -226,7 +226,7 @@ def test_a_baseline_goes_on_to_rest_unless_it_is_astray(start: float, effort: Ef
                                                         ) -> None:
     """A screening fits four steps, and four more where the baseline may be all there is and has not come to rest."""
     fitter: Any = FakeFitter(start * EXPECTED)
-    found = begun(fitter, None, effort, lambda function, arguments: [function(one) for one in arguments])
+    found = start_search(fitter, None, effort, lambda function, arguments: [function(one) for one in arguments])
     assert fitter.steps == steps
     assert found.baseline.converged is rest
 
@@ -237,7 +237,7 @@ def test_a_fit_that_is_carried_on_and_stays_has_come_to_rest() -> None:
     one = frozenset({"viscous"})
     kept: Any = replace(found.fits[one], converged=False)
     found.fits[one], found.fitter = kept, SimpleNamespace(fit=lambda *asked: FakeFit(1010.0))
-    polished(found, one)
+    refine(found, one)
     assert found.fits[one].converged
     assert found.fits[one].z is kept.z
 
@@ -247,7 +247,7 @@ def test_polishing_nothing_leaves_the_baseline_alone() -> None:
     found = searched(none=9000.0)
     before: Any = replace(found.baseline, converged=False)
     found.fits[frozenset()] = before
-    polished(found, frozenset())
+    refine(found, frozenset())
     assert found.baseline is before
 
 

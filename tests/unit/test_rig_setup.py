@@ -10,8 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.diagnosis.observation import observe, resampled
-from fretflow.diagnosis.rig_setup import case_of, depth_error, errors_of, first_friction, first_wear, rubbed_friction
+from fretflow.experiments.rig.observation import observe, resampled
+from fretflow.experiments.rig.setup import (
+    case_of,
+    depth_error,
+    errors_of,
+    first_friction,
+    first_wear,
+    friction_from_energy,
+)
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import Condition, DisplacementOf, Place, Test, TestKind, Wear
@@ -45,11 +52,11 @@ def test_ringing_of_the_force_leaves_the_rubbed_friction_alone() -> None:
     """A harmonic that the displacement does not have does no work: the energy stays 2 mu N stroke a cycle."""
     plain = recorded()
     assert plain.loops is not None
-    assert rubbed_friction(plain) == pytest.approx(FRICTION, rel=2e-3)
+    assert friction_from_energy(plain) == pytest.approx(FRICTION, rel=2e-3)
     rung = {**plain.loops.channels, "friction_force": plain.loops.channels["friction_force"]
             + 0.4 * FRICTION * LOAD * np.sin(7.0 * plain.loops.phase)}
     ringing = replace(plain, loops=replace(plain.loops, channels=rung))
-    assert rubbed_friction(ringing) == pytest.approx(FRICTION, rel=2e-3)
+    assert friction_from_energy(ringing) == pytest.approx(FRICTION, rel=2e-3)
     assert first_friction(ringing) > 1.2 * FRICTION
 
 

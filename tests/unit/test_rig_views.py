@@ -6,11 +6,11 @@ another zero of a loop is not worse, and a known error shows with its size and a
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.covariance import Covariance
-from fretflow.diagnosis.observation import Observation, Piece, condition_labels, count_label
-from fretflow.diagnosis.rig_law import residual_law
-from fretflow.diagnosis.rig_phases import PHASES, Strokes
-from fretflow.diagnosis.rig_views import comparisons, held_out_error, residual_maps, wear_map
+from fretflow.experiments.rig.law import residual_law
+from fretflow.experiments.rig.observation import Observation, Piece, condition_labels, count_label
+from fretflow.experiments.rig.phases import PHASES, Strokes
+from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
+from fretflow.inference.covariance import Covariance
 from fretflow.recordings.schema import Condition, Test
 
 SAMPLES, REPEATS, FLOOR = 101, 4, 0.1

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from fretflow.diagnosis.rig_words import next_measurement, sentence, separating, unfinished
-from fretflow.diagnosis.verdict import Location, ResidualLaw, Verdict
-from fretflow.diagnosis.words import after_model
+from fretflow.experiments.rig.words import next_measurement, sentence, separating, unfinished
+from fretflow.inference.verdict import Location, ResidualLaw, Verdict
+from fretflow.inference.words import after_model
 
 PLACE = Location(block="contact law", channel="friction force", phase="knee", cycles=(0, 1000), zone="")
 LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),

@@ -9,11 +9,11 @@ import os
 import shutil
 
 import pytest
-from fretflow.core.config import validate_case
+from fretflow.case.config import validate_case
 from fretflow.core.errors import InputError, NonConvergenceError, StoreError
-from fretflow.stages.ranks import Ranks
-from fretflow.stages.runner import Runner
-from fretflow.stages.stage import Manifest, Stage
+from fretflow.pipeline.ranks import Ranks
+from fretflow.pipeline.runner import Runner
+from fretflow.pipeline.stage import Manifest, Stage
 
 
 class Silent:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.rig.sensors import Signals, band_limited
+from fretflow.structure.sensors import Signals, band_limited
 
 
 def test_what_lies_above_the_harmonics_is_left_out():

@@ -7,8 +7,8 @@ figures are those put in.
 import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
-from fretflow.harmonic.periodic import ContactState, PeriodicSolution
-from fretflow.stages.trends import (
+from fretflow.contact.law import ContactState
+from fretflow.pipeline.trends import (
     judge_resonance,
     judge_settling,
     judge_sliding,
@@ -17,6 +17,7 @@ from fretflow.stages.trends import (
     mean_sliding,
     settling_cycles,
 )
+from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
 
 SIDE = np.linspace(-0.5e-3, 0.5e-3, 5)
@@ -83,7 +84,7 @@ def test_slip_in_the_middle_is_not_met_and_gross_slip_alone_cannot_tell():
 
 def test_open_nodes_count_neither_as_stick_nor_as_slip():
     state = zones(EDGE > 0.6)
-    state[EDGE > 0.9] = ContactState.OPEN
+    state[EDGE > 0.9] = ContactState.SEPARATION
     assert judge_slip_zones(INTERFACE, period([state])).met is None
 
 

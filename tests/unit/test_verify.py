@@ -10,20 +10,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow import cli
+from fretflow.case.casefile import dump_case
+from fretflow.case.config import PeriodicMethod, Solver, validate_case
 from fretflow.contact.interface import Interface
-from fretflow.core.casefile import dump_case
-from fretflow.core.config import PeriodicMethod, Solver, validate_case
 from fretflow.core.store import read_record, write_record
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.dlft import DlftSolver
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.harmonic.quasi_static import QuasiStaticSolver, sliding_distance
-from fretflow.harmonic.time_integration import integrate
-from fretflow.rig.joint import QuasiStaticJoint
-from fretflow.rig.lumped import LumpedRig
-from fretflow.stages import verify
-from fretflow.stages.stage import CASE_FILE, RUN_FILE, Manifest, write_json
+from fretflow.pipeline import verify
+from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
+from fretflow.solvers.dlft.solver import DlftSolver
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
+from fretflow.solvers.time_integration import integrate
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
 

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from fretflow.core.config import WearScheme
+from fretflow.case.config import WearScheme
 from fretflow.core.errors import InputError, NonConvergenceError, StoreError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_record

@@ -6,10 +6,19 @@ radius of the disc that the tangential force cannot leave, as a function of the 
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+class ContactState(IntEnum):
+    """State of a node at a time sample."""
+
+    STICK = 0
+    SLIP = 1
+    SEPARATION = 2
 
 
 class ContactLaw(Protocol):

@@ -19,8 +19,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fretflow.core.casefile import entries
-from fretflow.core.config import explain
+from fretflow.case.casefile import entries
+from fretflow.case.config import explain
 from fretflow.core.errors import ConfigError, InputError
 from fretflow.effects.effect import Effect
 

@@ -8,15 +8,15 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.harmonic.contact_march import frictionless_preload
-from fretflow.harmonic.contact_sample import ContactSystem
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.compliant import with_springs
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.march import frictionless_preload
+from fretflow.solvers.quasi_static.sample import ContactSystem
+from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.wear.slow import SlowState
 
 SMALLEST_PRESSURE = 0.01  # of the reference; below it asperities are linear

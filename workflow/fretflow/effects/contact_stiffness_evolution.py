@@ -11,7 +11,7 @@ import numpy as np
 from fretflow.core import units as u
 from fretflow.effects.contact_stiffness import ContactStiffness, with_asperities
 from fretflow.effects.effect import Array, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
 

@@ -8,10 +8,10 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
-from fretflow.rig.driven import Sliders
+from fretflow.structure.driven import Sliders
 
 
 class CoulombFriction(Effect):

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
+from fretflow.contact.law import ContactState
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.fourier import time_derivative
-from fretflow.harmonic.periodic import ContactState, PeriodicProblem, PeriodicSolution, PeriodicSolver
-from fretflow.rig.forces import force_beside_friction
-from fretflow.rig.joint import JointModel
-from fretflow.rig.sensors import Signals
+from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
+from fretflow.structure.sensors import Signals
+from fretflow.structure.two_mass_rig.forces import force_beside_friction
+from fretflow.structure.two_mass_rig.joint import JointModel
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
 from fretflow.wear.slow import SlowState
 
@@ -82,7 +83,7 @@ def _normal_flexibility(joint: JointModel) -> NDArray[np.float64]:
 def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
     """Return what `solution` does to the contact `interface`, whose gap includes the wear."""
     response = summarise_cycle(solution.displacement, solution.force, solution.slip_increments,
-                               solution.state != ContactState.OPEN, interface.gap, interface.areas)
+                               solution.state != ContactState.SEPARATION, interface.gap, interface.areas)
     apart = solution.upper_observation[:, 2] - solution.lower_observation[:, 2]
     return replace(response, arm_range=float(np.ptp(solution.rig_displacement[:, 1])), approach=-float(apart.mean()))
 

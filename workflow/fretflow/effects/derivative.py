@@ -14,11 +14,11 @@ import numpy as np
 
 from fretflow.effects.effect import Array
 from fretflow.effects.model import EffectModel
-from fretflow.harmonic.contact_march import Surroundings
-from fretflow.harmonic.direction import Direction
-from fretflow.harmonic.fourier import time_derivative
-from fretflow.harmonic.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.rig.lumped import LumpedRig
+from fretflow.solvers.direction import Direction
+from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.march import Surroundings
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.slow import SlowState
 
 STEP = 1e-4  # of a parameter's range

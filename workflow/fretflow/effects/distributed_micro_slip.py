@@ -7,11 +7,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.core.config import Case
+from fretflow.case.config import Case
 from fretflow.effects.effect import Array, Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.driven import Sliders
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.driven import Sliders
 from fretflow.wear.slow import SlowState
 
 ELEMENTS = 16

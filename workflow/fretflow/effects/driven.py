@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from fretflow.case.config import Section
 from fretflow.core import units as u
-from fretflow.core.config import Section
 from fretflow.core.errors import ConfigError
 from fretflow.core.records import quantity, record
 from fretflow.effects.catalogue import check_together
@@ -31,9 +31,9 @@ from fretflow.effects.effect import (
     parameter,
     parameter_limits,
 )
-from fretflow.rig.driven import Sliders
-from fretflow.rig.motion import Motion
-from fretflow.rig.sensors import Signals
+from fretflow.structure.driven import Sliders
+from fretflow.structure.motion import Motion
+from fretflow.structure.sensors import Signals
 
 BASELINE = "baseline"
 DIFFERENCE = 1e-5  # of a parameter's size, for derivatives

@@ -24,15 +24,15 @@ from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fretflow.case.config import Case, Section
 from fretflow.core import units as u
-from fretflow.core.config import Case, Section
-from fretflow.rig.motion import Motion as Motion  # what effects need is in this file
+from fretflow.structure.motion import Motion as Motion  # what effects need is in this file
 
 if TYPE_CHECKING:
     from fretflow.contact.interface import Interface
-    from fretflow.harmonic.periodic import PeriodicProblem
-    from fretflow.rig.driven import Sliders
-    from fretflow.rig.sensors import Signals
+    from fretflow.solvers.periodic import PeriodicProblem
+    from fretflow.structure.driven import Sliders
+    from fretflow.structure.sensors import Signals
     from fretflow.wear.cycle import CycleResponse
     from fretflow.wear.slow import SlowState
 

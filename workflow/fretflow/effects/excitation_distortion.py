@@ -9,9 +9,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.core.config import Case
+from fretflow.case.config import Case
 from fretflow.effects.effect import Block, Effect, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
 

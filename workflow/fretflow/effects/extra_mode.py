@@ -8,11 +8,11 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
-from fretflow.rig.sensors import Signals
+from fretflow.structure.sensors import Signals
 
 
 class ExtraMode(Effect):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.force_laws import BlockPull
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.force_laws import BlockPull
 from fretflow.wear.slow import SlowState
 
 

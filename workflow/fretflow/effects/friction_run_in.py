@@ -7,10 +7,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from fretflow.case.config import Case, Contact
 from fretflow.core import units as u
-from fretflow.core.config import Case, Contact
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
 TYPICAL = float(Contact().friction_coefficient)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fretflow.core.records import record
 from fretflow.effects.catalogue import check_together
 from fretflow.effects.effect import Array, Effect, in_sensing_order
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.sensors import Signals
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.sensors import Signals
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 

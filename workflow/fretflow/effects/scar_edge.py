@@ -7,12 +7,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from fretflow.case.config import Case
 from fretflow.contact.interface import Interface
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.forces import ForceAndSlopes
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.forces import ForceAndSlopes
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 

@@ -7,10 +7,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import ALL_KINDS, Block, Effect, Kind, Sketch, parameter
-from fretflow.rig.sensors import Signals
+from fretflow.structure.sensors import Signals
 
 
 class SensorDrift(Effect):

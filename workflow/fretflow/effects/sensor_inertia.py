@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
-from fretflow.rig.sensors import Signals
+from fretflow.structure.sensors import Signals
 
 
 class SensorInertia(Effect):

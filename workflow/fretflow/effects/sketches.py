@@ -6,7 +6,7 @@ import numpy as np
 
 from fretflow.effects.driven import DrivenJoint, SliderBaseline
 from fretflow.effects.effect import Array, Effect, Sketch
-from fretflow.rig.motion import Motion
+from fretflow.structure.motion import Motion
 
 AMPLITUDE, FREQUENCY, SAMPLES, PERIODS = 7e-6, 100.0, 400, 4
 TYPICAL = SliderBaseline()

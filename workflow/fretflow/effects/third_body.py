@@ -29,13 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fretflow.case.config import Case
 from fretflow.contact.interface import Interface
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.core.errors import AuditError
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.compliant import with_springs
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 

@@ -7,11 +7,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from fretflow.case.config import Case
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
 

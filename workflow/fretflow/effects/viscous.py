@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
+from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.core.config import Case
 from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
-from fretflow.harmonic.periodic import PeriodicProblem
-from fretflow.rig.force_laws import ArmSupport
-from fretflow.rig.sensors import Signals
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.sensors import Signals
+from fretflow.structure.two_mass_rig.force_laws import ArmSupport
 from fretflow.wear.slow import SlowState
 
 

@@ -6,9 +6,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.core.config import Case
+from fretflow.case.config import Case
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.harmonic.periodic import PeriodicProblem
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
 from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.readers.tables import Array, Table, read_table
 from fretflow.recordings.schema import Block, DisplacementOf, LoopsBlock
-from fretflow.recordings.tables import Array, Table, read_table
 
 LARGEST = 1e15  # in any unit; what is beyond was never measured
 MOST_LOST = 0.2  # of the rows, whose index may be missing

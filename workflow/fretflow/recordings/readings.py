@@ -16,9 +16,9 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.loops import HysteresisLoop, LoopReadings, read_loop
 from fretflow.core.errors import InputError, UnreliableRecordingError
 from fretflow.core.records import quantity, record
+from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_loop
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd, smoothed
 

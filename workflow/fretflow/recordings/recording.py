@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.config import Rig, Specimens
+from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import record
 from fretflow.recordings.blocks import Columns, read_columns

@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
+from fretflow.case.config import Rig, Section, Specimens
 from fretflow.core import units as u
-from fretflow.core.config import Rig, Section, Specimens
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError
 from fretflow.core.reasons import reason
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size

@@ -24,8 +24,8 @@ from fretflow.core.errors import ConfigError, UnreliableRecordingError, Unsuppor
 from fretflow.core.records import quantity, record
 from fretflow.core.units import format_quantity, parse_quantity
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.readers.tables import HDF5, MATLAB, TEXT, Table, read_table
 from fretflow.recordings.schema import FILE, FORMAT
-from fretflow.recordings.tables import HDF5, MATLAB, TEXT, Table, read_table
 from fretflow.recordings.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.config import WearScheme
+from fretflow.case.config import WearScheme
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.wear.cycle import CycleResponse

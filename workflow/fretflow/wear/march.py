@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from fretflow.core.config import WearScheme
+from fretflow.case.config import WearScheme
 from fretflow.core.errors import NonConvergenceError
 from fretflow.wear.checkpoint import Checkpoints
 from fretflow.wear.cycle import CycleModel

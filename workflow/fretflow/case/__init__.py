@@ -1,0 +1,1 @@
+"""Case files: their sections, values with units, and the parsed configuration."""

@@ -1,0 +1,83 @@
+"""The effects command: the table of all effects, or one of them with its picture."""
+
+from __future__ import annotations
+
+from inspect import cleandoc
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from fretflow.case.casefile import entries
+from fretflow.cli.report import new_table, show_files
+from fretflow.core.errors import InputError
+from fretflow.core.units import format_quantity
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import ALL_KINDS, Effect
+
+
+def list_effects() -> None:
+    """Print all effects: id, block, equation, where they show."""
+    view = new_table("effects: physics beyond the baseline; `fretflow effects ID` shows one", "id", "block", "equation",
+                     "shows in")
+    view.columns[0].no_wrap = True
+    for name, kind in catalogue().items():
+        view.add_row(name, kind.block, escape(kind.equation), escape("; ".join(kind.observables)))
+    Console().print(view)
+
+
+def show_effect(name: str, out: Path) -> Path:
+    """Print the sheet of effect `name`, draw its picture and return that file.
+
+    Raises
+    ------
+    InputError
+        If there is no such effect.
+    """
+    from fretflow_post.effect_sheet import plot_effect
+
+    known = catalogue()
+    if name not in known:
+        raise InputError(f"{name}: there is no such effect; `fretflow effects` lists them")
+    kind = known[name]
+    console = Console(highlight=False)
+    console.print(f"[bold]{name}[/bold]: {escape(kind.title)}")
+    for paragraph in cleandoc(kind.__doc__ or "").split("\n\n"):
+        console.print(escape(" ".join(paragraph.split())))
+    for heading, text in (("changes", kind.block), ("equation", kind.equation), ("source", kind.source),
+                          ("shows in", "; ".join(kind.observables)), ("recordings", _kinds(kind)),
+                          ("acts", _acts(kind)), ("not with", _excluded(kind))):
+        if text:
+            console.print(f"{heading + ':':<12}{escape(text)}")
+    console.print(_parameters(kind))
+    picture = plot_effect(out / f"{name}.png", name, kind())
+    show_files([picture], "picture")
+    return picture
+
+
+def _kinds(kind: type[Effect]) -> str:
+    return "all kinds" if kind.kinds == ALL_KINDS else ", ".join(sorted(kind.kinds))
+
+
+def _acts(kind: type[Effect]) -> str:
+    where = {"period": "within the period (residual, Jacobian and derivatives)",
+             "evolve": "over cycles (memory)", "wear_factor": "over cycles (wear rate)",
+             "sense": "in the sensors", "limit": "on driven joints (friction limit)",
+             "force": "on driven joints (force)", "moved": "on driven joints (motion)"}
+    acts = [text for method, text in where.items() if getattr(kind, method) is not getattr(Effect, method)]
+    return "; ".join([*acts, *(["over cycles (what acts within the period)"] if kind.over_cycles else [])])
+
+
+def _excluded(kind: type[Effect]) -> str:
+    return "; ".join(f"{other} ({why})" for other, why in kind.excludes.items())
+
+
+def _parameters(kind: type[Effect]) -> object:
+    view = new_table(f"[effects.{kind.id}]", "parameter", "default", "plausible range", "meaning", "range from")
+    priors = kind.priors()
+    for entry in entries(kind()):
+        prior = priors.get(entry.key)
+        ends = () if prior is None else (prior.low, prior.high)
+        span = " to ".join(format_quantity(end, entry.unit, 3) if entry.unit else f"{end:g}" for end in ends)
+        view.add_row(entry.key, escape(entry.readable), span, entry.meaning, "" if prior is None else prior.source)
+    return view

@@ -1,0 +1,94 @@
+"""The pipeline: the stages of this package with the meshes before and the pictures after them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+from fretflow.case.config import Case, load_case
+from fretflow.core.errors import MeshError, StoreError
+from fretflow.pipeline import preload, reduce, response, solve, wear
+from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Figures, Manifest, Stage, StageContext
+
+PICTURES = "pictures"
+FULL = 2**16  # bytes free, or fewer
+
+
+def pipeline() -> tuple[Stage, ...]:
+    """Return all stages in their order."""
+    return (MESH, reduce.STAGE, preload.STAGE, solve.STAGE, wear.STAGE, response.STAGE, RENDER)
+
+
+def _mesh_slice(case: Case) -> list[object]:
+    """Return the geometry, and for the user's own meshes their content."""
+    sides = (case.specimen.upper, case.specimen.lower)
+    geometry = [side.model_dump(mode="json", exclude=reduce.MATERIAL) for side in sides]
+    own = [
+        hashlib.sha256(path.read_bytes()).hexdigest() for path in (case.mesh.upper, case.mesh.lower) if path
+    ]
+    return [geometry, case.mesh.model_dump(mode="json", exclude={"upper", "lower"}), own]
+
+
+def _mesh(context: StageContext) -> Figures:
+    from fretflow_meshes import run_mesh
+
+    context.progress(0.0, "meshing the specimens")
+    try:
+        upper, lower = run_mesh(context.case, context.folder)
+    except MeshError as error:
+        if shutil.disk_usage(context.folder).free > FULL:  # gmsh does not notice a full disk: it cannot read back
+            raise
+        raise StoreError(f"{context.folder}: the disk is full; free some space or choose another --out") from error
+    return {
+        "upper_cells": upper.cells, "lower_cells": lower.cells, "contact_nodes": len(upper.contact_nodes),
+        "upper_min_scaled_jacobian": upper.min_scaled_jacobian,
+        "lower_min_scaled_jacobian": lower.min_scaled_jacobian}
+
+
+def _render(context: StageContext) -> Figures:
+    from fretflow_post.render import render_run as draw
+
+    context.progress(0.0, "drawing")
+    return {"files": len(draw(context.inputs, context.folder, context.case.output))}
+
+
+MESH = Stage("mesh", 1, _mesh_slice, (), _mesh)
+RENDER = Stage(
+    "render", 1, lambda case: case.output, ("mesh", "reduce", "preload", "solve", "wear", "response"), _render
+)
+
+
+def render_run(home: Path) -> list[Path]:
+    """Draw the run in `home` again, into ``home/pictures``, as far as its stages are complete.
+
+    Raises
+    ------
+    StoreError
+        If there is no run, or a result file is missing or damaged.
+    """
+    from fretflow_post.render import render_run as draw
+
+    return draw(complete_stages(home), home / PICTURES, load_case(home / CASE_FILE).output)
+
+
+def complete_stages(home: Path) -> dict[str, Path]:
+    """Return the folder of each complete stage of the run in `home`, its files checked.
+
+    Raises
+    ------
+    StoreError
+        If there is no run, or a result file is missing or damaged.
+    """
+    try:
+        names = json.loads((home / RUN_FILE).read_text(encoding="utf-8"))["stages"]
+        folders = {stage: home / folder for stage, folder in names.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise StoreError(
+            f"{home}: holds no run ({RUN_FILE} is missing or damaged); give a folder such as runs/test1, "
+            "made by `fretflow run`"
+        ) from error
+    for folder in folders.values():
+        Manifest.read(folder)
+    return folders

@@ -1,0 +1,116 @@
+"""Cases as the commands run them: read, led by one rank, in turn or at once, and what was found in the end."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fretflow.cli.errors import describe, say
+from fretflow.core.errors import InputError
+
+if TYPE_CHECKING:
+    from fretflow.case.config import Case
+    from fretflow.pipeline.ensemble import Workers
+    from fretflow.pipeline.runner import Runner, Watcher
+    from fretflow.pipeline.stage import StageResult
+
+
+def load(path: Path) -> Case:
+    """Read a case file, its effects included, before anything is computed."""
+    from fretflow.case.config import load_case
+
+    case = load_case(path)
+    if case.effects:
+        from fretflow.effects.catalogue import parse_effects
+
+        parse_effects(case.effects, str(path))
+    return case
+
+
+def check_names(cases: Sequence[Case]) -> None:
+    """Check that every case has a name of its own.
+
+    Raises
+    ------
+    InputError
+        Naming the one that several have.
+    """
+    names = [case.name for case in cases]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"name: {name!r} is the name of several cases; give each its own")
+
+
+@contextmanager
+def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
+    """Give rank 0 the runner; every other rank serves it here until the run is over, and exits."""
+    from fretflow.cli.pipeline import pipeline
+    from fretflow.pipeline.ranks import Ranks
+    from fretflow.pipeline.runner import Runner
+
+    ranks = Ranks()
+    runner = Runner(pipeline(), out, ranks, watcher)
+    if ranks.rank > 0:
+        runner.serve()
+        sys.exit(0)
+    try:
+        yield runner
+    finally:
+        ranks.dismiss()
+
+
+def in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -> None:
+    """Run cases one after the other in this process; one that fails does not stop the others."""
+    from fretflow.cli.ensemble import Ended, report
+    from fretflow.cli.report import Progress
+
+    progress, ends = Progress(), []
+    with leading(out, progress) as runner:
+        for case in cases:
+            try:
+                with progress:
+                    results = runner.run(case, until, force)
+                _summarise(case, results, out / case.name)
+            except Exception as error:
+                if len(cases) == 1:
+                    raise
+                message, code = describe(error)
+                say(f"{case.name}: {message}", code)
+                ends.append(Ended(code, message))
+            else:
+                ends.append(Ended())
+    if len(cases) > 1:
+        report(cases, out, ends)
+
+
+def at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
+    """Run cases by several workers; one that fails does not stop the others."""
+    from fretflow.cli.ensemble import Ended, Task, report, run_at_once
+    from fretflow.cli.report import show_ended
+
+    ends = [Ended()] * len(cases)
+    tasks = [Task(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
+    for done, outcome in run_at_once(tasks, workers):
+        if outcome.error is not None:
+            message, code = describe(outcome.error)
+            ends[outcome.index] = Ended(code, message)
+        show_ended(done, len(cases), cases[outcome.index].name, ends[outcome.index].message)
+    if workers.leads:
+        report(cases, out, ends)
+
+
+def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
+    from fretflow.cli.report import show_files, show_summary
+    from fretflow.pipeline.summary import summarise, write_summary
+
+    figures, trends = summarise(case, {name: result.folder for name, result in results.items()})
+    show_summary(case, figures, trends, results)
+    files = [write_summary(home / "summary.json", figures, trends)]
+    for result in results.values():
+        files += [
+            result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))
+        ]
+    show_files(files, "pictures and curves")

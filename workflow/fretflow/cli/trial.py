@@ -1,0 +1,63 @@
+"""The trial command: what is asked for, the lines of its progress, and how its errors reach the user.
+
+The trial's package shares nothing with the rest and diagnoses through the command line alone; it is imported here and
+nowhere else.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from fretflow.cli.report import new_table, show_files
+from fretflow.core.errors import FretflowError, InputError
+from fretflow.core.provenance import commit, versions
+
+
+def show_trial(cases: int, seed: int, fast: bool, jobs: int, out: Path) -> list[Path]:
+    """Carry out a trial, or what is left of it, print its targets and return the files that were written.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range or the folder holds another trial.
+    FretflowError
+        If an answer is not the one that was sealed.
+    """
+    from fretflow_trial.protocol import Settings, Trial, TrialError
+    from fretflow_trial.sealing import BrokenSealError
+
+    for name, value in (("cases", cases), ("jobs", jobs)):
+        if value < 1:
+            raise InputError(f"--{name}: must be at least 1, got {value}")
+    facts = {"fretflow": versions().get("fretflow", ""), "commit": commit() or "not known",
+             "begun": time.strftime("%Y-%m-%d %H:%M")}
+    try:
+        scores = Trial(Settings(cases, seed, fast), out.absolute(), jobs, say=_say, facts=facts).run()
+    except TrialError as error:
+        raise InputError(str(error)) from error
+    except BrokenSealError as error:
+        raise FretflowError(str(error)) from error
+    _show_targets(scores)
+    files = [out / "trial.html", out / "trial.json"]
+    show_files(files, "scoreboard")
+    return files
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def _show_targets(scores: Mapping[str, Any]) -> None:
+    table = new_table("targets, effects at signal-to-noise 10 or more", "score", "reached", "of", "target", "met")
+    for one in scores["targets"]:
+        reached = "-" if one["value"] is None else f"{one['value']:.3g}"
+        met = {None: "no case", True: "yes", False: "no"}[one["met"]]
+        table.add_row(one["name"], reached, str(one["cases"]), one["target"], met)
+    Console(highlight=False).print(table)

@@ -1,0 +1,1 @@
+"""Compiled loops of the contact: sample, march, slope and sensitivity."""

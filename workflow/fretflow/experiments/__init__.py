@@ -1,0 +1,1 @@
+"""What was measured and how the model predicts it, one folder a kind."""

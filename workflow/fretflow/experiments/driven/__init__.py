@@ -1,0 +1,1 @@
+"""Joints that a measured motion drives."""

@@ -1,0 +1,104 @@
+"""What each block of the rig's model could change in a recording, whatever the law: the model cut at measured signals.
+
+Each block has a space of changes that leaves the equations of all other blocks as they are. With the rig seen from the
+arm, ``Z_a x_a = g + Phi``, and the faces behind the specimens' compliance c, ``x = x_a + c Phi``:
+
+- contact law: any friction force dF in a loop; the arm follows the rig, ``dx_a = -dF / Z_a``, so that the measured
+  motion and force still satisfy the rig's equation;
+- rig: any force on the arm; the contact answers with its own law. A force that runs beside the contact shows in the
+  measured force too and is a function of the motion that all loops share;
+- excitation: overtones of the drive, which scale with its amplitude;
+- geometry, wear law: any field of gap or depth over the contact, with the map and the volume that it leaves;
+- sensor: a channel alone, everything else as it was.
+
+The block is the one whose space has the largest evidence for what is left (see `Space`), so that a larger space
+has to earn its size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from fretflow.core.records import quantity, record
+from fretflow.experiments.rig.changes import MAKERS, Loop
+from fretflow.experiments.rig.fit import Fit, Fitter
+from fretflow.experiments.rig.observation import Array
+from fretflow.inference.covariance import SYSTEMATIC
+
+AMPLITUDES = np.geomspace(1e-4, 10.0, 21)  # of a space's changes, over the size of what they change
+COMMON_SHARES = (0.0, 0.1, 1.0)  # of the amplitude: what a loop has by itself beside what all have in common
+
+
+@record
+class Space:
+    """Whitened changes (M, k) of a block: those that all loops share, and those of one loop each."""
+
+    block: str
+    shared: Array = quantity("1", "(M, k)")
+    single: Array = quantity("1", "(M, l)")
+
+    def evidence(self, residual: Array) -> tuple[float, Array]:
+        """Return the largest gain in log evidence over nothing, and the changes (M,) that it takes for it.
+
+        The weights of the columns are normal beforehand with one standard deviation a, a share of it for those of one
+        loop; with the singular values s and vectors U of the columns::
+
+            log Z = sum_i [a^2 s_i^2 / (1 + a^2 s_i^2) (U_i^T r)^2 - log(1 + a^2 s_i^2)] / 2
+        """
+        best, taken = -np.inf, np.zeros_like(residual)
+        for share in COMMON_SHARES if self.shared.size and self.single.size else (1.0,):
+            left, size, _ = np.linalg.svd(np.hstack([self.shared, share * self.single] if share else [self.shared]),
+                                          full_matrices=False)
+            pulled = left.T @ residual
+            signal = (AMPLITUDES[:, None] * size)**2
+            kept = signal / (1.0 + signal)
+            gains = 0.5 * np.sum(kept * pulled**2 - np.log1p(signal), axis=1)
+            if gains.max() > best:
+                best = float(gains.max())
+                taken = left @ (kept[int(gains.argmax())] * pulled)
+        return best, taken
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A block against what the fitted baseline leaves."""
+
+    block: str
+    gain: float  # in log evidence over the baseline alone
+    share: float  # of the excess that it takes up
+    p_value: float  # that noise alone gains as much
+
+
+def cuts(fitter: Fitter, base: Fit) -> tuple[Cut, ...]:
+    """Return the blocks, the most probable first; to first order about the fitted baseline."""
+    residual = projected(base, base.residual)
+    excess = max(float(residual @ residual) - float(fitter.rig.observation.noise.sum()), 1.0)
+    best: dict[str, Cut] = {}
+    for space in spaces(fitter, base):
+        gain, taken = space.evidence(residual)
+        rest = residual - taken
+        share = float(np.clip((residual @ residual - rest @ rest) / excess, 0.0, 1.0))
+        if space.block not in best or gain > best[space.block].gain:
+            # twice the log ratio of likelihoods with one parameter, the amplitude; the gain is what Occam leaves of it
+            chance = float(stats.chi2.sf(2.0 * max(gain, 0.0) / SYSTEMATIC, 1))
+            best[space.block] = Cut(space.block, gain, share, chance)
+    return tuple(sorted(best.values(), key=lambda cut: -cut.gain))
+
+
+def projected(base: Fit, columns: Array) -> Array:
+    """Return whitened `columns` (M, ...) without what the baseline's own parameters can do."""
+    basis, _ = np.linalg.qr(base.whitened_jacobian)
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def spaces(fitter: Fitter, base: Fit) -> list[Space]:
+    """Return the spaces of all blocks at a fitted baseline."""
+    loops = [Loop.of(fitter.rig, base, period) for period in (*base.simulation.loops, *base.simulation.sweep)]
+    found = []
+    for block, make in MAKERS:
+        shared, single = (projected(base, fitter.covariance.whiten(part)) for part in make(fitter.rig, base, loops))
+        found.append(Space(block=block, shared=shared, single=single))
+    return found

@@ -1,0 +1,76 @@
+"""Loops of the rig that are held out: what refits without them predict there, and how far these are off.
+
+What the other loops say about errors that all loops share (gains of the sensors, their synchronisation) belongs to the
+prediction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fretflow.experiments.rig.fit import Fit, Fitter
+from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.experiments.rig.search import Names, RigSearch
+from fretflow.experiments.rig.views import held_out_error
+from fretflow.inference.covariance import Covariance
+from fretflow.inference.verdict import HeldOut
+
+MOST_KEPT = 4  # loops that are all fitted
+STEPS = 2  # of a refit, from where all loops were fitted
+HIDDEN = 1e12  # factor on the variance of what is held out
+
+
+@dataclass(frozen=True)
+class HeldOutPrediction:
+    """The loops that are held out, and predictions (M,) that are of refits without them there.
+
+    Everywhere else they are of the fits to all loops.
+    """
+
+    labels: frozenset[str]
+    error: HeldOut | None  # None where there are too few loops to hold any out
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class _Refit:
+    fitter: Fitter
+    fit: Fit
+
+
+def refit_task(asked: _Refit) -> Fit:
+    """Return a fit carried on under another covariance."""
+    return asked.fitter.fit(asked.fit.space, asked.fit.z, asked.fit.simulation, STEPS)
+
+
+def held_out_labels(observation: Observation) -> frozenset[str]:
+    """Return the labels of the loops that are held out: every third cycle count, and every second condition."""
+    loops = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "loops"))
+    sweep = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "sweep"))
+    kept = loops[1:-1:3] if len(loops) > MOST_KEPT else []
+    return frozenset([*kept, *sweep[1::2]])
+
+
+def held_out(looked: RigSearch, names: Names) -> HeldOutPrediction:
+    """Return what the fits of the baseline and of a set predict, made again without some of the loops."""
+    observation, (before, after) = looked.fitter.rig.observation, (looked.baseline, looked.fits[names])
+    labels = held_out_labels(observation)
+    if not labels:
+        return HeldOutPrediction(labels, None, before.predicted, after.predicted)
+    out = np.zeros(len(observation.values), dtype=bool)
+    for piece in observation.pieces:
+        out[piece.place] = piece.label in labels
+    known = looked.fitter.covariance
+    hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance, np.where(out[:, None], 0.0, known.modes))
+    refits = looked.pool(refit_task, [_Refit(replace(looked.fitter_of(one), covariance=hidden), looked.fits[one])
+                                      for one in dict.fromkeys((frozenset(), names))])
+    sensed = [one.predicted + known.modes @ hidden.shared(observation.values - one.predicted)
+              for one in (refits[0], refits[-1])]
+    sizes = [held_out_error(observation, one, out) for one in sensed]
+    order = [label for label in dict.fromkeys(piece.label for piece in observation.pieces) if label in labels]
+    shown = [np.where(out, own, fit.predicted) for own, fit in zip(sensed, (before, after), strict=True)]
+    return HeldOutPrediction(labels, HeldOut(what=f"{len(labels)} of the loops: {'; '.join(order)}", before=sizes[0],
+                                  after=sizes[1], floor=1.0), shown[0], shown[1])

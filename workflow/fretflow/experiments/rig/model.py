@@ -1,0 +1,270 @@
+"""The rig as a recording sees it: its loops, its sweep and its wear for any values of the parameters.
+
+A hypothesis is the baseline's own parameters (friction, wear coefficient, moving mass) and a set of effects. It is
+simulated on a coarse contact mesh; what that mesh and the thinned samples leave out is added as the difference to a
+finer model at the baseline, and enters the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+
+from fretflow.case.config import Solver, WearScheme
+from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.cycle import PeriodicCycle, true_signals
+from fretflow.effects.effect import Effect
+from fretflow.effects.model import EffectModel
+from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
+from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.sensors import Signals
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+from fretflow.wear.history import WearSettings, WearStep
+from fretflow.wear.implicit import Implicit
+from fretflow.wear.scheme import WearingJoint
+
+TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
+HARMONICS = 20
+MOST_ITERATIONS = 15
+# of a simulation's wear, and where it is fine: less plausible laws over cycles may need thousands
+MOST_PERIODS, MOST_FINE = 50, 150
+# Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
+# tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
+# stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with less.
+WEAR_TOLERANCE, FINE = 0.1, 0.01
+# sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
+SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Factors on friction, wear coefficient, moving mass and the specimens' compliance; effects sorted by id."""
+
+    effects: tuple[Effect, ...] = ()
+    friction: float = 1.0
+    wear: float = 1.0
+    mass: float = 1.0
+    compliance: float = 1.0
+
+
+@dataclass(frozen=True)
+class Period:
+    """One solved period of a simulation, and the joint it is of."""
+
+    problem: PeriodicProblem
+    solution: PeriodicSolution
+    step: WearStep
+    elapsed: float
+    condition: PeriodicProblem  # the baseline's, at the period's drive, load and frequency
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """All that a recording shows of a hypothesis."""
+
+    hypothesis: Hypothesis
+    model: EffectModel
+    coefficient: float
+    loops: tuple[Period, ...]
+    sweep: tuple[Period, ...]
+    steps: tuple[WearStep, ...]
+
+    @property
+    def depth(self) -> Array:
+        """Return the depth (nodes,) at the end, m."""
+        return self.steps[-1].depth
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """The baseline's problem on some mesh, and how the recording looks at it."""
+
+    problem: PeriodicProblem
+    wear_coefficient: float
+    observation: Observation
+    displacement_of: DisplacementOf
+    samples: int
+    total_cycles: int
+    wear_tolerance: float = WEAR_TOLERANCE
+
+    def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
+        """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
+        joint = self.problem.joint.quasi_static()
+        rig = heavier(joint.rig, hypothesis.mass)
+        soft = hypothesis.compliance
+        scaled = replace(joint, rig=rig, stiffness=joint.stiffness / soft, flexibility=joint.flexibility * soft,
+                         upper_compliance=joint.upper_compliance * soft, lower_compliance=joint.lower_compliance * soft)
+        return replace(self.problem, joint=scaled,
+                       friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
+
+    def solver(self) -> QuasiStaticSolver:
+        """Return the periodic solver."""
+        return QuasiStaticSolver(Solver(samples=self.samples, harmonics=min(HARMONICS, self.samples // 4),
+                                        tolerance=TOLERANCE, max_iterations=MOST_ITERATIONS, estimate_error=False))
+
+    def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
+        """March the wear through the recorded cycle counts and solve the other conditions at the end.
+
+        Raises
+        ------
+        NonConvergenceError
+            If a period is not found.
+        """
+        cycle = PeriodicCycle(self.solver(), self.case_problem(hypothesis), hypothesis.effects)
+        coefficient = hypothesis.wear * self.wear_coefficient
+        counts, last = self.observation.counts, max(self.observation.counts)
+        settings = WearSettings(coefficient=coefficient, cycles=max(last, 1), scheme=WearScheme.IMPLICIT,
+                                stops=tuple(sorted({count for count in counts if 0 < count < last})),
+                                tolerance=self.wear_tolerance)
+        joint = WearingJoint(cycle, settings)
+        scheme: Implicit[PeriodicSolution] = Implicit(joint)
+        known = {} if near is None or not _alike(near, hypothesis) else {
+            one.step.cycles: one.solution for one in near.loops}
+        step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
+        steps, kept = [step], {}
+        most = MOST_FINE if self.wear_tolerance <= FINE else MOST_PERIODS
+        while True:
+            if step.cycles in counts:
+                kept[step.cycles] = Period(cycle.model.problem(step.slow), state, step,
+                                           step.cycles / max(self.total_cycles, 1), cycle.model.baseline)
+            if step.cycles >= last:
+                break
+            step, state = scheme.advance(step, known.get(settings.next_stop(step.cycles), state))
+            steps.append(step)
+            if step.solves > most:
+                raise NonConvergenceError(f"the wear needs more than {most} periods for {last} cycles")
+        end = kept[last]
+        others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)
+        sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
+                      zip(self.observation.conditions, others, strict=True))
+        return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
+                          tuple(steps))
+
+    def _at(self, cycle: PeriodicCycle, end: Period, condition: Condition, start: Period) -> Period:
+        """Return the period at another condition, at the end of the test."""
+        model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
+        problem = model.problem(end.step.slow)
+        try:
+            found = cycle.solver.solve(problem, start.solution)
+        except NonConvergenceError:
+            found = cycle.solver.solve(problem)
+        return Period(problem, found, end.step, end.elapsed, model.baseline)
+
+    def predict(self, simulation: Simulation) -> Array:
+        """Return the vector (M,) that the recording would be."""
+        found = np.empty(len(self.observation.values))
+        seen: dict[tuple[str, int], Signals] = {}
+        for piece, period in self.pieces(simulation):
+            if period is None:
+                continue
+            key = (piece.block, piece.cycles if piece.condition is None else piece.condition)
+            if key not in seen:
+                seen[key] = self.sensed(simulation.model, self.signals(period))
+            found[piece.place] = channel(seen[key], piece)
+        self.put_wear(found, simulation.depth)
+        return found
+
+    def pieces(self, simulation: Simulation) -> list[tuple[Piece, Period | None]]:
+        """Return the pieces of the vector, each with its period; None for volume and map."""
+        by_count = dict(zip(self.observation.counts, simulation.loops, strict=True))
+        by_condition = dict(zip((c.id for c in self.observation.conditions), simulation.sweep, strict=True))
+        return [(piece, by_count[piece.cycles] if piece.block == "loops"
+                 else by_condition[piece.condition] if piece.block == "sweep" and piece.condition is not None else None)
+                for piece in self.observation.pieces]
+
+    def put_wear(self, vector: Array, depth: Array) -> None:
+        """Write worn volume and map of `depth` (nodes,), m, into a vector (M,)."""
+        face = self.problem.interface
+        for piece in self.observation.pieces:
+            if piece.block == "volume":
+                vector[piece.place] = face.areas @ depth
+            elif piece.block == "map":
+                vector[piece.place] = on_points(face.nodes, depth, self.observation.points)
+
+    def signals(self, period: Period) -> Signals:
+        """Return the true channels of a period, in the harmonics that are compared."""
+        found = period.solution
+        load = period.problem.normal_load + period.problem.load_slope * found.rig_displacement[:, 1]
+        true = true_signals(period.problem, found, self.displacement(period), period.elapsed)
+        return replace(true, approach=arm_approach(period), normal_force=load).band_limited(self.observation.harmonics)
+
+    def sensed(self, model: EffectModel, signals: Signals) -> Signals:
+        """Return what the sensors show, its phase counted as the recording's is."""
+        found = model.sense(signals)
+        lead = getattr(found, self.observation.aligned_to, None)
+        if lead is None or self.observation.aligned_to == "excitation":
+            return found
+        late = -float(np.angle(np.fft.rfft(lead)[1])) / found.angular_frequencies[1]  # its maximum, after zero
+        shifted: dict[str, Any] = {name: found.delayed(values, -late) for name in CHANNELS
+                                   if (values := getattr(found, name)) is not None}
+        return replace(found, **shifted)
+
+    def displacement(self, period: Period) -> Array:
+        """Return the displacement (N,) where the recording measured it, m."""
+        found = period.solution
+        if self.displacement_of.place is Place.CONTACT_FACES:
+            areas = self.problem.interface.areas
+            slid = found.displacement[:, :, 0] @ areas / areas.sum()
+            return np.asarray(slid - asperity_motion(period, period.problem))
+        if self.displacement_of.place is Place.BACK_FACES:
+            return found.rig_displacement[:, 1]
+        return (found.upper_observation - found.lower_observation)[:, 0]
+
+
+def asperity_motion(period: Period, problem: PeriodicProblem) -> Array:
+    """Return by how much springs between the faces that `problem` has make these slide more than they move, (N,) m.
+
+    A sensor sees the faces of the bodies, on either side of asperities and debris.
+    """
+    bare, sprung = period.condition.joint.quasi_static(), problem.joint.quasi_static()
+    soft = np.diag(sprung.flexibility)[::3] - np.diag(bare.flexibility)[::3]
+    areas = problem.interface.areas
+    return np.asarray(period.solution.force[:, :, 0] @ (soft * areas / areas.sum()))
+
+
+def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
+    """Return the rig with another moving mass and the same in-phase mode, which is measured apart from it."""
+    total = (rig.moving_mass * factor + rig.arm_mass) / (rig.moving_mass + rig.arm_mass)
+    return replace(rig, moving_mass=rig.moving_mass * factor, ground_stiffness=rig.ground_stiffness * total,
+                   ground_damping=rig.ground_damping * total)
+
+
+def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
+    """Return whether the periods of `near` are good guesses at all times: those of the same effects."""
+    return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
+
+
+def arm_approach(period: Period) -> Array:
+    """Return how far the specimens' backs have come toward each other, (N,) m, from where they would just touch."""
+    found, joint = period.solution, period.problem.joint.quasi_static()
+    bulk = found.force.reshape(len(found.state), -1) @ joint.upper_compliance[2]
+    return np.asarray(bulk - found.upper_observation[:, 2])
+
+
+def channel(signals: Signals, piece: Piece) -> Array:
+    """Return the channel of `signals` that a piece of the vector holds."""
+    values: Array = getattr(signals, piece.channel)
+    return values
+
+
+def at_condition(problem: PeriodicProblem, condition: Condition) -> PeriodicProblem:
+    """Return `problem` under another drive, load or frequency, as far as `condition` says."""
+    drive, load, frequency = condition.excitation_amplitude, condition.normal_load, condition.excitation_frequency
+    return replace(problem, excitation=problem.excitation if drive is None else drive,
+                   normal_load=problem.normal_load if load is None else load,
+                   frequency=problem.frequency if frequency is None else frequency)
+
+
+def on_points(nodes: Array, values: Array, points: Array) -> Array:
+    """Return nodal `values` (nodes, ...) at `points` (P, 2), linearly; the nearest node's outside."""
+    if not len(points):
+        return np.zeros((0, *values.shape[1:]))
+    inside = LinearNDInterpolator(nodes, values)(points)
+    outside = NearestNDInterpolator(nodes, values)(points)
+    return np.asarray(np.where(np.isnan(inside), outside, inside))
+

@@ -1,0 +1,335 @@
+"""What a recording of the rig holds, as one vector with its covariance.
+
+Loops are the means over the repeats at every cycle count and condition, thinned to the instants that the model solves
+and freed of what lies above its harmonics (arms and sensors ring there); then the worn volume and the map of depth.
+Sigma is made of sensor noise and the scatter between repeats (estimated from the repeats alone), calibration gains, and
+offsets that no sensor is free of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import quantity, record
+from fretflow.inference.covariance import Covariance
+from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.recording import Recording
+from fretflow.recordings.repeatability import Repeatability, repeatability, smooth_share
+from fretflow.recordings.schema import Condition, Test
+from fretflow.structure.sensors import band_limited
+
+Array = NDArray[np.float64]
+# that the model predicts, as far as they were measured
+CHANNELS = ("displacement", "friction_force", "excitation", "normal_force", "approach")
+NEEDED = ("displacement", "friction_force")
+ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
+GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
+LARGEST_SAMPLES = 100  # of a loop
+LEAST_SAMPLES = 48
+PER_HARMONIC = 4  # samples of a loop for each harmonic that is compared
+# A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
+# size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
+LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002, "normal_force": 0.003,
+               "approach": 0.005}
+FREE_OFFSET = {"displacement": 0.03, "friction_force": 0.01, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
+WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
+DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
+DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
+TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends
+SYNCHRONISED = 1.5e-3  # of a period, to which a channel is in step with the drive, in all loops alike
+CORRELATED = 3.0  # samples over which noise of measured loops is taken to be one where nothing tells
+
+
+@record
+class Piece:
+    """One loop's channel, the volume or the map: where it stands in the vector, and what it is of."""
+
+    block: str  # "loops", "sweep", "volume", "map"
+    channel: str
+    cycles: int
+    condition: int | None
+    start: int
+    stop: int
+    label: str
+
+    @property
+    def place(self) -> slice:
+        """Return the rows of the vector."""
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """The repeats (K, R, N) of a channel's loops, and the rows of the vector that hold each loop's mean."""
+
+    values: Array
+    places: tuple[slice, ...]
+
+
+@record
+class Observation:
+    """The measured vector (M,), the sd of repeats, and how its errors are made."""
+
+    values: Array = quantity("SI", "(M,)")
+    variance: Array = quantity("SI^2", "(M,), of independent errors")
+    noise: Array = quantity("1", "(M,), share of the variance that repeats show")
+    modes: Array = quantity("SI", "(M, B), of errors that samples share")
+    floor: Array = quantity("SI", "(M,), sd of a single repeat")
+    pieces: tuple[Piece, ...]
+    solved: int  # samples of a period that the model is solved with
+    harmonics: int  # of a loop
+    aligned_to: str  # channel whose fundamental's maximum is phase zero
+    conditions: tuple[Condition, ...]
+    points: Array = quantity("m", "(P, 2), of the map")
+    smooth_share: float = quantity("1", default=0.0)  # of what repeats differ by, the largest of the loops' channels
+    repeats: tuple[Repeats, ...] = ()  # of the channels that tell this
+
+    @property
+    def samples(self) -> int:
+        """Return the samples of a loop: those that its harmonics need."""
+        return 2 * self.harmonics + 1
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Return the cycle counts of the loops."""
+        return tuple(dict.fromkeys(piece.cycles for piece in self.pieces if piece.block == "loops"))
+
+    def covariance(self, *errors: Array, rows: NDArray[np.bool_] | None = None) -> Covariance:
+        """Return the covariance with further `errors` (M, any), of the `rows` asked for."""
+        modes = np.hstack([self.modes, *(error.reshape(len(self.values), -1) for error in errors)])
+        kept = np.ones(len(self.values), dtype=bool) if rows is None else rows
+        return Covariance(self.variance[kept], modes[kept])
+
+    def less_sure(self, variance: Array) -> Observation:
+        """Return the same values with further independent errors of a `variance` (M,) that repeats do not show."""
+        return replace(self, variance=self.variance + variance, noise=self.noise * self.variance / (
+            self.variance + variance))
+
+    def scattering(self, slope: Array) -> Observation:
+        """Return the same where a parameter, by which the vector changes with `slope` (M,), differs between repeats.
+
+        What that makes repeats differ by is no sign of a motion that does not repeat itself.
+        """
+        shares = [smooth_share(one.values, np.stack([
+            np.fft.irfft(np.fft.rfft(slope[place]), one.values.shape[2]) for place in one.places]))
+            for one in self.repeats]
+        return replace(self, smooth_share=max(shares, default=0.0))
+
+    def rows(self, chosen: Mapping[Piece, bool] | None = None, **wanted: object) -> NDArray[np.bool_]:
+        """Return the rows (M,) of the pieces whose fields are as `wanted`."""
+        rows = np.zeros(len(self.values), dtype=bool)
+        for piece in self.pieces:
+            rows[piece.place] = all(getattr(piece, name) == value for name, value in wanted.items())
+        return rows
+
+
+@dataclass
+class _Stack:
+    """The vector while it is put together."""
+
+    values: list[Array]
+    variance: list[Array]
+    noise: list[Array]
+    floor: list[Array]
+    pieces: list[Piece]
+    shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
+    smooth: list[float]  # share of what repeats differ by, see `Repeatability`
+    repeats: list[Repeats]
+
+    @property
+    def size(self) -> int:
+        return sum(map(len, self.values))
+
+    def add(self, values: Array, variance: Array, floor: Array, block: str, channel: str, cycles: int,
+            condition: int | None, label: str, more: Array | float = 0.0) -> slice:
+        """Add a piece; `more` is the variance of errors that repeats share and so do not show."""
+        start = self.size
+        self.values.append(values)
+        self.variance.append(variance + more)
+        self.noise.append(variance / (variance + more))
+        self.floor.append(floor)
+        self.pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=start,
+                                 stop=start + len(values), label=label))
+        return slice(start, start + len(values))
+
+
+def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
+    """Return the vector of a recording of the rig, its loops looked at with at most so many samples.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it holds no loops with displacement and friction force, or too few samples of them.
+    """
+    if recording.loops is None:
+        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
+    stack = _Stack([], [], [], [], [], [], [], [])
+    samples = _common_samples(recording, most)
+    sizes = _add_loops(stack, recording.loops, samples, None, {})
+    if recording.sweep is not None:
+        _add_loops(stack, recording.sweep.loops, samples,
+                   condition_labels(recording.sweep.conditions, recording.test), sizes)
+    last = int(recording.loops.cycles[-1])
+    if recording.wear.worn_volume is not None:
+        volume = recording.wear.worn_volume
+        sd = recording.wear.worn_volume_sd or 0.02 * volume
+        stack.add(np.array([volume]), np.array([sd**2]), np.array([sd]), "volume", "worn_volume", last, None,
+                  "worn volume")
+    points = _add_map(stack, recording, last)
+    size, names = stack.size, dict.fromkeys(name for name, _, _ in stack.shared)
+    modes = np.zeros((size, len(names)))
+    for column, name in enumerate(names):
+        for own, place, shape in stack.shared:
+            if own == name:
+                modes[place, column] = shape
+    return Observation(
+        values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
+        noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
+        pieces=tuple(stack.pieces), solved=samples, harmonics=samples // PER_HARMONIC,
+        aligned_to=recording.loops.aligned_to,
+        conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
+        smooth_share=max(stack.smooth, default=0.0), repeats=tuple(stack.repeats))
+
+
+def _common_samples(recording: Recording, most: int) -> int:
+    """Return the samples of a period that all loops are looked at with, at most so many.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If there are too few: what lies above half of their frequency folds into the harmonics that are compared.
+    """
+    sweep = None if recording.sweep is None else recording.sweep.loops
+    measured = min(len(loops.phase) for loops in (recording.loops, sweep) if loops is not None)
+    if measured < LEAST_SAMPLES:
+        raise UnreliableRecordingError(f"{recording.path}: {measured} samples a period are too few to tell the physics "
+                                       f"of a rig by; record {LEAST_SAMPLES} or more")
+    return min(measured, most)
+
+
+def resampled(loops: Array, phase: Array, samples: int) -> Array:
+    """Return loops (..., N), measured at equidistant `phase`, at `samples` of them from zero, N or fewer.
+
+    Loops of a multiple are straight between samples; the Fourier series of others is read at a multiple of about N.
+    """
+    measured = len(phase)
+    if measured % samples == 0:
+        if abs(phase[0]) < 1e-9:
+            return loops[..., ::measured // samples]
+        wanted = 2.0 * np.pi * np.arange(samples) / samples
+        rows = [np.interp(wanted, phase, row, period=2.0 * np.pi) for row in loops.reshape(-1, measured)]
+        return np.stack(rows).reshape(*loops.shape[:-1], samples)
+    every = round(measured / samples)
+    order = np.arange((measured - 1) // 2 + 1)  # the last one of an even number has no phase
+    lines = np.fft.rfft(loops)[..., :len(order)] * np.exp(-1j * order * phase[0])
+    kept = lines[..., :(every * samples - 1) // 2 + 1]
+    return np.asarray(np.fft.irfft(kept, every * samples) * (every * samples / measured))[..., ::every]
+
+
+def count_label(cycles: int) -> str:
+    """Return what the loop at a cycle count is called."""
+    return f"{cycles:,} cycles"
+
+
+def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, str]:
+    """Return what the loop at each condition, by its number, is called: what is not as in the test."""
+    found: dict[int, str] = {}
+    for one in conditions:
+        other = [f"{word}{value:g} {unit}" for word, value, usual, unit in (
+            ("excitation ", one.excitation_amplitude, test.excitation_amplitude, "N"),
+            ("load ", one.normal_load, test.normal_load, "N"),
+            ("", one.excitation_frequency, test.excitation_frequency, "Hz")) if value not in (None, usual)]
+        label = ", ".join(other) or "as in the test"
+        found[one.id] = f"{label} (condition {one.id})" if label in found.values() else label
+    return found
+
+
+def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[int, str] | None,
+               sizes: Mapping[str, float]) -> dict[str, float]:
+    """Add loops to the vector; return the sizes of all channels so far, `sizes` those of loops before.
+
+    A sensor's zero is one for all loops, those of the test and those at other conditions after it.
+    """
+    found = dict(sizes)
+    block = "loops" if conditions is None else "sweep"
+    names = [name for name in CHANNELS if name in loops.channels]
+    if "friction_force" not in names and "force" in loops.channels:
+        names.insert(1, "force")
+    if "displacement" not in names or len(names) < 2:
+        raise UnreliableRecordingError(f"{block}: displacement and friction_force are needed; name their columns")
+    for name in names:
+        channel = "friction_force" if name == "force" else name
+        values = resampled(loops.channels[name], loops.phase, looked)
+        spread = _spread(values, looked // PER_HARMONIC)
+        samples, size = spread.mean.shape[1], _size(channel, spread.mean)
+        least, known, places = DIGITIZING * size, np.flatnonzero(loops.repeats), []
+        for k in known:
+            mean, repeats = spread.mean[k], int(loops.repeats[k])
+            moving = 0.5 * samples * (np.roll(mean, -1) - np.roll(mean, 1))  # in a period
+            variance = (spread.noise_sd**2 + least**2) / repeats
+            condition = None if conditions is None else int(loops.cycles[k])
+            cycles = int(loops.cycles[k]) if conditions is None else -1
+            label = count_label(cycles) if conditions is None else conditions[int(loops.cycles[k])]
+            floor = np.sqrt(spread.repeat_sd**2 + least**2)
+            place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
+            places.append(place)
+            centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"
+            stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
+                             (f"{own} offset", place, np.full(samples, np.hypot(
+                                 spread.offset_sd / np.sqrt(repeats), _loop_offset(channel, size)))),
+                             (f"{channel} synchronisation", place, SYNCHRONISED * moving),
+                             (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * (
+                                 mean if name in GROWING else centred)),
+                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * found.setdefault(
+                                 channel, size)))]
+        if channel in NEEDED:
+            stack.smooth.append(spread.smooth_share)
+            stack.repeats.append(Repeats(values[known], tuple(places)))
+    return found
+
+
+def _loop_offset(channel: str, size: float) -> float:
+    """Return the sd of what a loop's zero loses against those of other loops."""
+    lost = LOOP_OFFSET[channel] * size
+    return float(np.hypot(lost, WARMTH)) if channel in ("displacement", "approach") else lost
+
+
+def _size(channel: str, means: Array) -> float:
+    """Return what a channel's zero is compared with: half its largest loop, or what it comes to over the test."""
+    if channel in ABSOLUTE:
+        return float(np.nanmax(np.abs(means)))
+    if channel == "approach":
+        return 0.5 * float(np.nanmax(means) - np.nanmin(means))
+    return 0.5 * float(np.nanmax(np.ptp(means, axis=-1)))
+
+
+def _spread(values: Array, harmonics: int) -> Repeatability:
+    """Return what repeats say; without repeats, the noise is taken from what the samples do from one to the next."""
+    there, limited = np.isfinite(values).all(axis=2), band_limited(values, harmonics)
+    if np.any(there.sum(axis=1) > 1):  # the floor, and how smooth differences are, go by all that a sample holds
+        whole = repeatability(values)
+        floor = np.full(limited.shape[2], np.sqrt(np.mean(whole.repeat_sd**2)))
+        return replace(repeatability(limited), smooth_share=whole.smooth_share, repeat_sd=floor)
+    mean = np.where(there[:, 0, None], limited[:, 0], np.nan)
+    rough = np.diff(values[:, 0], n=3, axis=1)
+    noise = float(np.nanmedian(np.abs(rough))) / 0.6745 / np.sqrt(20.0) * CORRELATED
+    flat, within = np.full(limited.shape[2], noise), np.sqrt(limited.shape[2] / values.shape[2])
+    return Repeatability(mean=mean, repeats=there.sum(axis=1), noise_sd=within * flat, gain_sd=0.005,
+                         offset_sd=noise, repeat_sd=flat, cycle_sd=None, degrees_of_freedom=0)
+
+
+def _add_map(stack: _Stack, recording: Recording, cycles: int) -> Array:
+    if recording.wear_depth is None or "depth" not in recording.wear_depth.channels:
+        return np.zeros((0, 2))
+    points = recording.wear_depth
+    depth = points.channels["depth"]
+    sd = points.sd.get("depth", DEFAULT_DEPTH_SD * float(np.abs(depth).max()))
+    place = stack.add(depth, np.full(len(depth), sd**2), np.full(len(depth), sd), "map", "wear_depth", cycles, None,
+                      "wear map")
+    stack.shared.append(("depth calibration", place, points.calibration_sd.get("depth", 0.0) * depth))
+    return np.column_stack([points.channels["x"], points.channels["y"]])

@@ -1,0 +1,56 @@
+"""The phases of a measured loop: where it turns, sticks, begins to slide and slides."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.records import quantity, record
+from fretflow.experiments.rig.observation import Array
+
+PHASES = ("reversal", "stick slope", "knee", "plateau", "plateau end")
+SMOOTH = 11  # harmonics: above, a measured loop is mostly noise
+TURNED, STUCK, SLIDING = 0.1, 0.7, 0.95  # of the force's way from the reversal to the plateau
+END = 0.9  # of a stroke's travel: the plateau's end from there
+PLATEAU_FROM = 0.5  # of a stroke's travel: the median force from there is the plateau's
+
+
+@record
+class Strokes:
+    """Both strokes of a loop of N samples, a stroke from one extreme of the displacement to the other."""
+
+    way: Array = quantity("1", "(N,), 1 where the displacement rises, -1 where it falls")
+    since: Array = quantity("m", "(N,), travel since the reversal")
+    share: Array = quantity("1", "(N,), of the stroke's travel")
+    phase: NDArray[np.int64] = quantity("1", "(N,), index into PHASES")
+
+    @classmethod
+    def of(cls, displacement: Array, force: Array) -> Strokes:
+        """Return the strokes of a loop (N,); the phases go by how far the force is from reversal to plateau."""
+        x, f = smoothed(displacement), smoothed(force)
+        n, top, bottom = len(x), int(np.argmax(x)), int(np.argmin(x))
+        way, since, share = np.ones(n), np.zeros(n), np.zeros(n)
+        phase = np.zeros(n, dtype=np.int64)
+        for begin, end, sign in ((bottom, top, 1.0), (top, bottom, -1.0)):
+            own = (begin + np.arange((end - begin) % n or n)) % n
+            travel = np.maximum.accumulate(sign * (x[own] - x[begin]))
+            gone = travel / max(abs(x[end] - x[begin]), 1e-300)
+            way[own], since[own], share[own] = sign, travel, gone
+            phase[own] = _phases(sign * f[own], gone)
+        return cls(way=way, since=since, share=share, phase=phase)
+
+
+def _phases(force: Array, gone: Array) -> NDArray[np.int64]:
+    """Return the phases along one stroke from its force, positive against the motion, and share of the travel."""
+    plateau = float(np.median(force[gone >= PLATEAU_FROM])) if np.any(gone >= PLATEAU_FROM) else float(force.max())
+    built = np.maximum.accumulate((force - force[0]) / max(plateau - force[0], 1e-300))
+    found = np.digitize(built, (TURNED, STUCK, SLIDING))
+    found[(found == PHASES.index("plateau")) & (gone > END)] = PHASES.index("plateau end")
+    return found
+
+
+def smoothed(loop: Array) -> Array:
+    """Return a loop (N,) of the harmonics that count."""
+    spectrum = np.fft.rfft(loop)
+    spectrum[SMOOTH + 1:] = 0.0
+    return np.fft.irfft(spectrum, len(loop))

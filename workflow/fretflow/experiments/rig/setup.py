@@ -1,0 +1,188 @@
+"""The rig of a recording before anything is fitted: its case, where the fit begins, and what its meshes leave out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fretflow.case.config import Case, Rig, Specimens, Wear, validate_case
+from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
+from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.recordings.loopset import LoopSet, plateau
+from fretflow.recordings.recording import Recording
+from fretflow.solvers.periodic import PeriodicProblem
+
+Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
+
+# Elements per side of the contact square: of the mesh that is fitted with, of the one that tells what it leaves out, of
+# the one that confirms. They are of second degree: with the same 25 nodes as 4 by 4 linear elements the specimens'
+# compliance is 2.9 % too small instead of 9.7 %.
+MESHES, MESHES_FAST, CONFIRMING = (3, 4), (2, 3), 5
+DEGREE, GROWTH = 2, 2.0
+# The corners of ridge and body let the compliance converge by about h^1.1 only (M. L. Williams, J. Appl. Mech. 19
+# (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
+# the coarse mesh misses 2.4 to 3.2 of the difference between the two; more than one difference stays as an error.
+EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
+# Depths are another matter: most of their difference lies where the edge of the scar falls between coarse nodes, and is
+# gone with the next mesh. Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square
+# left elsewhere, most of it at the edges. That share of it stays as an error of each point.
+DEPTH_EXTRAPOLATED, DEPTH_ERROR = 1.0, 1.1
+# The march is of first order in the samples: twice as many halve the error.
+RICHARDSON, SAMPLING_ERROR = 2.0, 0.7
+SMALLEST_FRICTION, LARGEST_FRICTION = 0.05, 2.0
+EASED, MOST_EASED = 0.85, 4  # factor on a coefficient at which the joint sticks, and how often it is taken
+
+
+def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recorded") -> Case:
+    """Return the case of a recording of the rig; what it does not say is as the defaults have it.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it lacks what no default can replace.
+    """
+    test = recording.test
+    for field in ("excitation_amplitude", "normal_load", "excitation_frequency"):
+        if getattr(test, field) is None:
+            raise UnreliableRecordingError(f"{recording.path}: test.{field} is not given; a recording of the rig is "
+                                           "predicted from it")
+    cycles = test.cycles or int(_loops(recording).cycles[-1])
+    case = validate_case({
+        "format": "fretflow-case/1", "name": name,
+        "mesh": {"contact_elements": elements, "degree": DEGREE, "growth": GROWTH},
+        "test": {"excitation_amplitude": f"{test.excitation_amplitude!r} N", "cycles": cycles,
+                 "excitation_frequency": f"{test.excitation_frequency!r} Hz",
+                 "normal_load": f"{test.normal_load!r} N"}})
+    specimen = recording.specimen or Specimens()
+    distance = _loops(recording).displacement_of
+    if distance is not None and distance.distance > 0.0:
+        sides = {side: getattr(specimen, side).model_copy(update={"observation_distance": distance.distance})
+                 for side in ("upper", "lower")}
+        specimen = specimen.model_copy(update=sides)
+    return case.model_copy(update={"title": recording.title, "rig": recording.rig or Rig(), "specimen": specimen})
+
+
+def _loops(recording: Recording) -> LoopSet:
+    if recording.loops is None:
+        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
+    return recording.loops
+
+
+def first_friction(recording: Recording) -> float:
+    """Return the friction coefficient that the loops' plateaus show, of all loops together."""
+    loops = _loops(recording)
+    limit = plateau(loops.mean(loops.force_name))
+    load = float(recording.test.normal_load or np.nan)
+    return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
+
+
+def friction_from_energy(recording: Recording) -> float:
+    """Return the friction coefficient by energy over sliding distance, which ringing of the force leaves alone.
+
+    Where a contact hardly slides it is far below the plateaus' coefficient.
+    """
+    loops = _loops(recording)
+    x, force = loops.mean("displacement"), loops.mean(loops.force_name)
+    limit = _energy(x, force) / (2.0 * np.maximum(np.ptp(x, axis=1), np.finfo(float).tiny))
+    load = float(recording.test.normal_load or np.nan)
+    return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
+
+
+def _energy(x: Array, force: Array) -> Array:
+    """Return the dissipated energy (loops,) of displacements and forces (loops, N), J."""
+    return np.asarray(np.abs(np.sum(force * 0.5 * (np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)), axis=1)))
+
+
+def first_wear(recording: Recording, friction: float) -> float:
+    """Return the wear coefficient (m^2/N) that volume and dissipated energy show; the default without a volume."""
+    loops, volume = _loops(recording), recording.wear.worn_volume
+    if volume is None and recording.wear_depth is not None and recording.specimen is not None:
+        depth = recording.wear_depth.channels.get("depth", np.zeros(1))
+        volume = float(np.mean(depth)) * recording.specimen.upper.contact_width**2
+    x, force = loops.mean("displacement"), loops.mean(loops.force_name)
+    energy = _energy(x, force)
+    total = float(np.sum(0.5 * (energy[1:] + energy[:-1]) * np.diff(loops.cycles)))
+    if not volume or not total > 0.0:
+        return Wear().coefficient
+    return volume * friction / total
+
+
+def model_of(recording: Recording, observation: Observation, problem: PeriodicProblem, wear: float) -> RigModel:
+    """Return the model of a recording on the mesh of `problem`."""
+    loops = _loops(recording)
+    if loops.displacement_of is None:
+        raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of is not given")
+    return RigModel(problem=problem, wear_coefficient=wear, observation=observation,
+                    displacement_of=loops.displacement_of, samples=observation.solved,
+                    total_cycles=recording.test.cycles or int(loops.cycles[-1]))
+
+
+def first_simulation(models: Sequence[RigModel]) -> tuple[RigModel, Simulation]:
+    """Return the model whose displacement is the nearest to the recording's, each loop's zero free, and its simulation.
+
+    A model that has no simulation gets less friction until it has; one that never has is left out. The force decides
+    nothing: its sensor may lie.
+
+    Raises
+    ------
+    NonConvergenceError
+        If there is none.
+    """
+    found: list[tuple[RigModel, Simulation]] = []
+    for model in models:
+        try:
+            found.append(_eased(model))
+        except NonConvergenceError:
+            if not found and model is models[-1]:
+                raise
+    return min(found, key=lambda one: _displacement_error(*one))
+
+
+def _eased(model: RigModel) -> tuple[RigModel, Simulation]:
+    for _ in range(MOST_EASED):
+        try:
+            return model, model.simulate(Hypothesis())
+        except NonConvergenceError:
+            model = replace(model, problem=replace(
+                model.problem, friction_coefficient=EASED * model.problem.friction_coefficient))
+    return model, model.simulate(Hypothesis())
+
+
+def _displacement_error(model: RigModel, simulation: Simulation) -> float:
+    left = model.observation.values - model.predict(simulation)
+    return float(sum(np.sum((left[piece.place] - left[piece.place].mean())**2)
+                     for piece in model.observation.pieces if piece.channel == "displacement"))
+
+
+def errors_of(observation: Observation, finer: Array, denser: Array, plain: Array) -> tuple[Array, Array]:
+    """Return what the coarse model leaves out (M,), and the modes (M, any) of what is not known of that.
+
+    Each loop's channel has an error of its own, as far as the differences between the meshes (samples) go; for what is
+    not known of single depths see `depth_error`.
+
+    Parameters
+    ----------
+    observation
+        What the predictions are of.
+    finer, denser, plain
+        Predictions (M,) on the finer mesh, with twice the samples, and of the coarse model.
+    """
+    mesh, sampled = finer - plain, denser - plain
+    modes = np.zeros((len(plain), 2 * len(observation.pieces)))
+    for column, piece in enumerate(observation.pieces):
+        modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
+        modes[piece.place, 2 * column + 1] = SAMPLING_ERROR * sampled[piece.place]
+    known = np.where(observation.rows(block="map"), DEPTH_EXTRAPOLATED, EXTRAPOLATED)
+    return known * mesh + RICHARDSON * sampled, modes
+
+
+def depth_error(observation: Observation, finer: Array, plain: Array) -> Array:
+    """Return the variance (M,) of the depths that no mesh resolves, m^2, zero for all that is no depth."""
+    rows = observation.rows(block="map")
+    mesh = (finer - plain)[rows]
+    found = np.zeros(len(plain))
+    found[rows] = DEPTH_ERROR * np.mean(mesh**2) if len(mesh) else 0.0
+    return found

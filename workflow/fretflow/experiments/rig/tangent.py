@@ -1,0 +1,220 @@
+"""What hypotheses near a simulated one would show, without simulating them.
+
+The data of each period's problem are differenced between the simulated hypothesis and its neighbour (see
+`effects.derivative`), and carried to the channels by the exact sensitivities of the period. Over cycles, the change of
+the wear rate is integrated with the feedback of depth on pressure, ``dw' = J dw + dr``, and opens the gap. All
+neighbours share one march of each period, so that a hundred of them cost little more than one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+
+from fretflow.core.errors import FretflowError
+from fretflow.effects.derivative import directions_to
+from fretflow.effects.model import EffectModel
+from fretflow.experiments.rig.model import (
+    HARMONICS,
+    Hypothesis,
+    Period,
+    RigModel,
+    Simulation,
+    asperity_motion,
+    channel,
+)
+from fretflow.experiments.rig.observation import Array
+from fretflow.recordings.schema import Place
+from fretflow.solvers.direction import Direction, gap
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
+from fretflow.structure.sensors import Signals, band_limited
+from fretflow.wear.archard import wear_rate
+from fretflow.wear.feedback import Feedback
+from fretflow.wear.slow import SlowState
+
+
+@dataclass(frozen=True)
+class _Neighbour:
+    """A hypothesis beside the simulated one: its model, and its slow states at the simulated steps."""
+
+    model: EffectModel
+    coefficient: float
+    slow: dict[int, SlowState]
+
+
+def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothesis]) -> Array:
+    """Return the first-order changes (M, V) of the vector from `simulation` to each of `hypotheses`.
+
+    A hypothesis whose data cannot be made at the simulated motion has a column of nan.
+    """
+    try:
+        return _changes(rig, simulation, hypotheses)
+    except FretflowError:  # of one of them, in one of the periods
+        if len(hypotheses) == 1:
+            return np.full((len(rig.observation.values), 1), np.nan)
+        half = len(hypotheses) // 2
+        return np.hstack([neighbours(rig, simulation, part) for part in (hypotheses[:half], hypotheses[half:])])
+
+
+def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothesis]) -> Array:
+    """Return what `neighbours` does, of hypotheses whose data can be made in all periods."""
+    beside = [_beside(rig, simulation, one) for one in hypotheses]
+    columns = np.full((len(rig.observation.values), len(beside)), np.nan)
+    usable = [v for v, one in enumerate(beside) if one is not None]
+    chosen = [one for one in beside if one is not None]
+    if not chosen:
+        return columns
+    found = np.zeros((len(columns), len(chosen)))
+    periods = {id(period): period for period in (*simulation.loops, *simulation.sweep)}
+    problems = {key: [_problem_of(one, simulation, period) for one in chosen] for key, period in periods.items()}
+    changes = {key: _carried(period, directions_to(problems[key], period.problem, period.solution))
+               for key, period in periods.items()}
+    worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
+    for key, period in periods.items():
+        opened = worn[period.step.cycles]
+        if np.any(opened):
+            changes[key] = _with_gap(period, changes[key], opened)
+    for key, period in periods.items():
+        pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
+        before = rig.signals(period)
+        shown = rig.sensed(simulation.model, before)
+        for v, one in enumerate(chosen):
+            after = _sensed(rig, one, period, problems[key][v], changes[key], v, before)
+            for piece in pieces:
+                found[piece.place, v] = channel(after, piece) - channel(shown, piece)
+    for v in range(len(chosen)):
+        rig.put_wear(found[:, v], worn[simulation.loops[-1].step.cycles][:, v])
+    columns[:, usable] = found
+    return columns
+
+
+def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis) -> _Neighbour | None:
+    try:
+        model = EffectModel.build(rig.case_problem(hypothesis), hypothesis.effects)
+        slow, states = model.initial(), dict[int, SlowState]()
+        states[0] = slow
+        for before, after in zip(simulation.steps, simulation.steps[1:], strict=False):
+            moved = model.evolve(slow, after.cycles - before.cycles, after.depth - before.depth,
+                                 after.slow.energy - before.slow.energy, after.response)
+            slow = replace(moved, depth=after.depth, energy=after.slow.energy)
+            states[after.cycles] = slow
+    except FretflowError:
+        return None
+    return _Neighbour(model, hypothesis.wear * rig.wear_coefficient, states)
+
+
+def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> PeriodicProblem:
+    """Return the neighbour's problem at the period's condition and wear."""
+    base, other = one.model.baseline, simulation.model.baseline
+    load = base.normal_load * period.condition.normal_load / other.normal_load
+    own = replace(base, excitation=period.condition.excitation, normal_load=load,
+                  frequency=period.condition.frequency)
+    return replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
+
+
+def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
+    harmonics = min(HARMONICS, len(period.solution.state) // 4)
+    return sensitivities(period.problem, period.solution, directions, harmonics)
+
+
+def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]
+          ) -> dict[int, Array]:
+    """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts."""
+    depth = np.zeros((len(simulation.depth), len(beside)))
+    found, before = {0: depth}, simulation.loops[0]
+    rate = _rate_change(simulation, before, beside, changes[before.step.cycles])
+    for period in simulation.loops:
+        cycles = period.step.cycles - (before.step.cycles if period is not before else 0)
+        last, rate = rate, _rate_change(simulation, period, beside, changes[period.step.cycles])
+        if cycles > 0:
+            jacobian = 0.5 * (_feedback(simulation, before, cycles) + _feedback(simulation, period, cycles))
+            depth = _linear(cycles * jacobian, depth, cycles * last, cycles * rate)
+        found[period.step.cycles], before = depth, period
+    return found
+
+
+def _feedback(simulation: Simulation, period: Period, cycles: int) -> Array:
+    """Return the change (nodes, nodes) of the wear rate by the depth, of which a share opens the gap in some cycles."""
+    step = period.step
+    coefficient = np.divide(step.rate, step.response.pressure_sliding, out=np.zeros(len(step.rate)),
+                            where=step.response.pressure_sliding > 0.0)
+    flexibility = period.problem.joint.quasi_static().flexibility[2::3, 2::3]
+    found = Feedback(flexibility, period.problem.interface.areas).rate_jacobian(coefficient, step.response)
+    return np.asarray(found * simulation.model.opening_share(step.slow, cycles))
+
+
+def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
+    """Return w(1) (n, V) of ``w' = J w + first + t (last - first)``, ``w(0) = start``, for J (n, n) of any size."""
+    n = len(jacobian)
+    blocks = np.zeros((3 * n, 3 * n))
+    blocks[:n, :n] = jacobian
+    blocks[:2 * n, n:] += np.eye(2 * n)
+    exponential, constant, ramp = np.hsplit(expm(blocks)[:n], 3)
+    return np.asarray(exponential @ start + constant @ first + ramp @ (last - first))
+
+
+def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity
+                 ) -> Array:
+    """Return the change (nodes, V) of the wear rate at the simulated wear."""
+    response, rates = period.step.response, []
+    for v, one in enumerate(beside):
+        moved = replace(response, pressure_sliding=response.pressure_sliding + change.pressure_sliding[v],
+                        slip_path=response.slip_path + change.slip_path[v],
+                        mean_pressure=response.mean_pressure + change.mean_pressure[v],
+                        dissipated_energy=response.dissipated_energy + float(change.dissipated_energy[v]),
+                        sliding_distance=response.sliding_distance + float(change.sliding_distance[v]))
+        factor = one.model.wear_factor(moved, one.slow[period.step.cycles])
+        rates.append(wear_rate(one.coefficient, moved) * factor - period.step.rate)
+    return np.stack(rates, axis=1)
+
+
+def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
+    """Return `change` with that of the gap `opened` (nodes, V) added."""
+    level = opened.min(axis=0)  # only lowers the arm
+    more = _carried(period, [gap(column) for column in (opened - level).T])
+    added = {name: getattr(change, name) + getattr(more, name)
+             for name in ("rig_displacement", "relative_displacement", "friction_force", "upper_observation",
+                          "lower_observation", "approach")}
+    added["approach"] = added["approach"] - level[:, None]
+    return replace(change, **added)
+
+
+def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicProblem, change: PeriodSensitivity, v: int,
+            before: Signals) -> Signals:
+    """Return what the sensors of a neighbour, of `problem`, show of a period whose true channels were `before`."""
+    after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
+        period.solution,
+        rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
+        friction_force=period.solution.friction_force + change.friction_force[v],
+        upper_observation=period.solution.upper_observation + change.upper_observation[v],
+        lower_observation=period.solution.lower_observation + change.lower_observation[v])))
+    moved = change.relative_displacement[v] - _more_asperity_motion(period, problem, change.friction_force[v])
+    after = _faced(rig, after, before, band_limited(moved, rig.observation.harmonics))
+    if before.approach is not None:
+        after = replace(after, approach=before.approach - band_limited(change.approach[v], rig.observation.harmonics))
+    return rig.sensed(one.model, after)
+
+
+def _driven(period: Period, other: PeriodicProblem) -> PeriodicProblem:
+    """Return the period's problem with what `other` shows in the channels themselves."""
+    return replace(period.problem, overtones=other.overtones, rig_forces=other.rig_forces,
+                   normal_load=other.normal_load, load_slope=other.load_slope)
+
+
+def _more_asperity_motion(period: Period, other: PeriodicProblem, force: Array) -> Array:
+    """Return the change (N,) of `asperity_motion` to `other`, as the friction force changes by `force` (N,) in all."""
+    now, then = (asperity_motion(period, problem) for problem in (period.problem, other))
+    if not np.any(then):
+        return -now
+    friction = period.solution.friction_force
+    return np.asarray(then - now + float(then @ friction) / float(friction @ friction) * force)
+
+
+def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:
+    if rig.displacement_of.place is not Place.CONTACT_FACES:
+        return after
+    return replace(after, displacement=before.displacement + moved)

@@ -1,0 +1,1 @@
+"""Worn volumes of many tests."""

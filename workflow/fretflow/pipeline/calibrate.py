@@ -1,0 +1,210 @@
+"""Masses, springs and damping of the rig from measured modes and sliding distances, K_w from a worn volume."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from fretflow.case.config import Case, Rig
+from fretflow.core.errors import InputError
+from fretflow.core.store import read_record
+from fretflow.pipeline.problem import make_problem
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.two_mass_rig.identification import Data, Identification, Prior, identify_mapped
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+from fretflow.wear.history import WearHistory
+from fretflow.wear.identification import WearCoefficient, identify_wear_coefficient, settled_face
+
+Array = NDArray[np.float64]
+# How far a case's rig may be off before anything is measured: a factor for one standard deviation up or down.
+PRIOR_FACTORS = {"moving_mass": 3.0, "arm_mass": 3.0, "in_phase_frequency": 1.2,
+                 "out_of_phase_frequency": 1.2, "damping_ratio": 10.0}
+MODES = ("in_phase_frequency", "out_of_phase_frequency")
+# Relative standard deviations of measured values that state none.
+SLIDING_SD, MODE_SD, VOLUME_SD = 0.05, 0.01, 0.05
+# Where to start: moving mass and damping over their priors, in standard deviations.
+START_MASSES, START_DAMPINGS = np.linspace(-1.5, 1.5, 13), np.linspace(-1.0, 1.5, 9)
+ELEMENT_SAMPLES = 128
+BEYOND = 1.2  # times the cycles that a proportional volume would take
+MAX_EXTENSIONS = 8
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A load at which the sliding distance was measured."""
+
+    name: str
+    problem: PeriodicProblem  # on the settled face, where the test spends most of its time
+    distance: float  # m
+    relative_sd: float
+
+
+@dataclass
+class RigModel:
+    """Measured values as functions of the rig; each period starts from the last one at its load."""
+
+    conditions: Sequence[Condition]
+    modes: tuple[str, ...]
+    solver: QuasiStaticSolver
+    added_mass: float  # kg, of the upper specimen, which moves with the arm
+    progress: Callable[[str], None]
+    _last: dict[str, PeriodicSolution] = field(default_factory=dict)
+
+    def predict(self, parameters: Array) -> Array:
+        """Return the modes (Hz) and sliding distances (m) by true periods."""
+        return self._values(parameters, self._period)
+
+    def estimate(self, parameters: Array) -> Array:
+        """Return them with the contact as one friction element, which takes milliseconds."""
+        return self._values(parameters, _element)
+
+    def _values(self, parameters: Array, sliding: Callable[[Condition, LumpedRig], float]) -> Array:
+        rig = LumpedRig.from_modes(*map(float, parameters))
+        found = dict(zip(MODES, rig_modes(rig), strict=True))
+        heavier = replace(rig, arm_mass=rig.arm_mass + self.added_mass)
+        return np.array([*(found[mode] for mode in self.modes), *(sliding(c, heavier) for c in self.conditions)])
+
+    def _period(self, condition: Condition, rig: LumpedRig) -> float:
+        problem = replace(condition.problem, joint=replace(condition.problem.joint.quasi_static(), rig=rig))
+        self._last[condition.name] = found = self.solver.solve(problem, self._last.get(condition.name))
+        self.progress(f"{condition.name}: block of {rig.moving_mass:.4g} kg")
+        return sliding_distance(found, problem.interface)
+
+
+def rig_modes(rig: LumpedRig) -> Array:
+    """Return the two sliding modes of the bare rig, Hz, ascending."""
+    return np.asarray(np.sqrt(eigh(rig.stiffness, rig.mass, eigvals_only=True)) / (2.0 * np.pi))
+
+
+def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path],
+                  progress: Callable[[str], None] = lambda text: None) -> Identification:
+    """Identify masses, modes (hence springs) and damping of the rig that all `cases` share.
+
+    A measured sliding distance, the mean of a test, is met by the model on the settled face, where the wear of a test
+    in gross slip spends most of its time.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        With ``measured``; equal but for the test, the wear and what was measured.
+    reduced : mapping of str to Path
+        Folder of the reduced specimens by the case's name.
+    progress : callable
+        Told what is going on.
+
+    Raises
+    ------
+    InputError
+        If the cases differ, or no sliding distance was measured.
+    NonConvergenceError
+        If a period is not found.
+    """
+    _check_alike(cases)
+    first = cases[0]
+    conditions = [_condition(case, reduced[case.name]) for case in cases if case.measured.sliding_distance]
+    if not conditions:
+        raise InputError("measured.sliding_distance: no case has it, so that nothing tells the rig's masses")
+    modes = {mode: value for mode in MODES if (value := getattr(first.measured, mode)) is not None}
+    added = conditions[0].problem.joint.quasi_static().rig.arm_mass - first.rig.arm_mass
+    solver = QuasiStaticSolver(first.solver.model_copy(update={"estimate_error": False}))
+    model = RigModel(conditions, tuple(modes), solver, added, progress)
+    data = Data(
+        names=(*modes, *(condition.name for condition in conditions)),
+        value=np.array([*modes.values(), *(condition.distance for condition in conditions)]),
+        relative_sd=np.array([*(MODE_SD for _ in modes), *(condition.relative_sd for condition in conditions)]))
+    prior = Prior(names=tuple(PRIOR_FACTORS), factor=np.array(list(PRIOR_FACTORS.values())),
+                  value=np.array([getattr(first.rig, name) for name in PRIOR_FACTORS]))
+    return identify_mapped(model.predict, model.estimate, prior, data, _starts(prior))
+
+
+def calibrated_case(case: Case, rig: Identification | None, coefficient: float | None) -> Case:
+    """Return `case`, renamed, with the identified rig and wear coefficient where there are any."""
+    updates: dict[str, object] = {"name": f"{case.name}-calibrated"}
+    if rig is not None:
+        values: dict[str, Any] = dict(zip(rig.prior.names, map(float, rig.value), strict=True))
+        updates["rig"] = Rig.model_construct(**values)
+    if coefficient is not None:
+        updates["wear"] = case.wear.model_copy(update={"coefficient": coefficient})
+    return case.model_copy(update=updates)
+
+
+def calibrate_wear(case: Case, run: Callable[[Case], Mapping[str, Path]]) -> WearCoefficient:
+    """Identify the coefficient with which `case` wears its measured volume by the end of the test.
+
+    Parameters
+    ----------
+    case : Case
+        With ``measured.worn_volume``.
+    run : callable
+        Runs a case up to the wear stage and returns the folders of its stages.
+
+    Raises
+    ------
+    InputError
+        If the model cannot wear that much.
+    """
+    volume, cycles = case.measured.worn_volume, case.test.total_cycles
+    if volume is None or cycles == 0:
+        raise InputError(f"{case.name}: needs measured.worn_volume and a test with cycles")
+    sd = case.measured.worn_volume_sd or VOLUME_SD * volume
+    marched = case
+    for _ in range(MAX_EXTENSIONS):
+        folders = run(marched)
+        history = read_record(folders["wear"] / "history.h5", WearHistory)
+        areas = read_record(folders["reduce"] / "upper.h5", ReducedSpecimen).contact_areas
+        found = identify_wear_coefficient(history, areas, case.wear.coefficient, cycles, volume, sd)
+        if found is not None:
+            return found
+        longer = math.ceil(BEYOND * marched.test.total_cycles * volume / float(history.volume[-1]))
+        marched = case.model_copy(
+            update={"test": case.test.model_copy(update={"cycles": longer, "duration": None})})
+    raise InputError(f"{case.name}: measured.worn_volume = {volume * 1e9:.4g} mm^3 is not reached in "
+                     f"{marched.test.total_cycles:_} cycles; raise wear.coefficient")
+
+
+def _condition(case: Case, reduced: Path) -> Condition:
+    if case.effects:
+        raise InputError(f"{case.name}: calibrate identifies the baseline only, whose wear goes with coefficient times "
+                         f"cycles; leave out [effects.{min(case.effects)}]")
+    problem, distance = make_problem(case, reduced), case.measured.sliding_distance or math.nan
+    interface, flexibility = problem.interface, problem.joint.quasi_static().flexibility[2::3, 2::3]
+    worn = settled_face(flexibility, interface.areas, interface.gap, problem.normal_load)
+    sd = case.measured.sliding_distance_sd
+    return Condition(
+        name=f"sliding distance of {case.name}", distance=distance,
+        problem=replace(problem, interface=replace(interface, gap=interface.gap + worn)),
+        relative_sd=SLIDING_SD if sd is None else sd / distance)
+
+
+def _element(condition: Condition, rig: LumpedRig) -> float:
+    """Return the sliding distance, m, with the contact as one element as stiff as the stuck joint."""
+    problem, joint = condition.problem, condition.problem.joint.quasi_static()
+    sliding = joint.motion[:, 0]
+    stiffness = float(sliding @ joint.stiffness @ sliding)
+    limit = float(np.mean(problem.friction_coefficient)) * problem.normal_load
+    arm = jenkins_arm_motion(rig, stiffness, limit, problem.excitation, problem.frequency, ELEMENT_SAMPLES)
+    return max(float(np.ptp(arm)) - 2.0 * limit / stiffness, 0.0)
+
+
+def _starts(prior: Prior) -> list[Array]:
+    mass, damping = (prior.names.index(name) for name in ("moving_mass", "damping_ratio"))
+    unit = np.eye(len(prior.names))
+    return [prior.parameters(a * unit[mass] + b * unit[damping]) for a in START_MASSES for b in START_DAMPINGS]
+
+
+def _check_alike(cases: Sequence[Case]) -> None:
+    for case in cases[1:]:
+        for part in ("rig", "specimen", "mesh", "reduction", "contact", "solver"):
+            if getattr(case, part) != getattr(cases[0], part):
+                raise InputError(f"{case.name}: [{part}] differs from that of {cases[0].name}; cases that are "
+                                 "calibrated together are of one joint")

@@ -1,0 +1,268 @@
+"""Many independent calls at once: parameter studies, several tests, fits, through one `concurrent.futures` executor.
+
+Three executors do the same: processes on this machine, the ranks that mpirun started (mpi4py.futures), or the
+workers of a dask cluster. An error of one call leaves the others alone. No worker's BLAS takes more than its share
+of the cores.
+"""
+
+from __future__ import annotations
+
+import functools
+import multiprocessing
+import os
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Generic, TypeVar, cast
+
+from fretflow.core.errors import InputError, PlatformError
+from fretflow.pipeline.isolated import call_isolated
+from fretflow.pipeline.ranks import started_rank, started_size
+
+T = TypeVar("T")
+R = TypeVar("R")
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+DASK_TIMEOUT = 15  # s to reach the scheduler
+
+
+class Place(StrEnum):
+    """Where the calls run."""
+
+    LOCAL = "local"
+    MPI = "mpi"
+    DASK = "dask"
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where the calls run, and on how many processes of this machine."""
+
+    place: Place = Place.LOCAL
+    jobs: int = 1
+    address: str = ""
+
+    @classmethod
+    def parse(cls, executor: str, jobs: int) -> Workers:
+        """Read the command line's ``local``, ``mpi`` or ``dask=ADDRESS``.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or does not fit the way in which this process was started.
+        """
+        name, has_address, address = executor.partition("=")
+        if name not in list(Place) or (name == Place.DASK) != bool(address) or (has_address and not address):
+            raise InputError(f"--executor {executor}: choose local, mpi or dask=ADDRESS "
+                             "(for example dask=tcp://127.0.0.1:8786)")
+        if jobs < 1:
+            raise InputError(f"--jobs {jobs}: must be at least 1")
+        place = Place(name)
+        if place is not Place.LOCAL and jobs != 1:
+            raise InputError(f"--jobs {jobs}: counts processes of this machine; with --executor {name} "
+                             "as many run as were started, so leave it out")
+        if place is Place.MPI and started_size() < 2:
+            raise InputError("--executor mpi: needs one rank that leads and at least one that works; "
+                             "start it with mpirun -n 3 fretflow run ... (two cases at a time)")
+        if place is not Place.MPI and started_size() > 1 and (jobs > 1 or place is Place.DASK):
+            raise InputError(f"mpirun has started {started_size()} ranks already: use --executor mpi, "
+                             "or start without mpirun")
+        return cls(place, jobs, address)
+
+    @property
+    def in_turn(self) -> bool:
+        """Return whether there is nothing to be gained over calling one after the other in this process."""
+        return self.place is Place.LOCAL and self.jobs == 1
+
+    @property
+    def leads(self) -> bool:
+        """Return whether this process gets the outcomes, or is a rank that has worked for the one which does."""
+        return self.place is not Place.MPI or started_rank() == 0
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[R]):
+    """How one call ended: its place among the arguments, and its value or its error."""
+
+    index: int
+    value: R | None = None
+    error: Exception | None = None
+
+
+def run_ensemble(function: Callable[[T], R], arguments: Sequence[T], workers: Workers) -> Iterator[Outcome[R]]:
+    """Call `function` on each of `arguments` and yield the outcomes as they come.
+
+    `function` is defined at the top of a module and, like its argument and value, can be pickled. Under mpirun with
+    ``Place.MPI`` every rank calls this; all but rank 0 work until all is done and get no outcomes.
+
+    Raises
+    ------
+    InputError
+        If the dask cluster cannot be reached.
+    PlatformError
+        If dask is not installed.
+    """
+    alone: list[int] = []
+    with _executor(workers, len(arguments)) as executor:
+        if executor is None:
+            return
+        for outcome in _gather(executor, function, dict(enumerate(arguments))):
+            if workers.place is Place.LOCAL and isinstance(outcome.error, BrokenExecutor):
+                alone.append(outcome.index)
+            else:
+                yield outcome
+    # A process that dies takes its pool along, and nothing tells which call it was: each gets a pool of its own.
+    for index in sorted(alone):
+        with _executor(Workers(), 1) as executor:
+            for outcome in _gather(cast(Executor, executor), function, {index: arguments[index]}):
+                yield _died(index) if isinstance(outcome.error, BrokenExecutor) else outcome
+
+
+class LocalPool:
+    """Calls functions on many arguments at once, in processes that start with the first call and stay."""
+
+    def __init__(self, processes: int) -> None:
+        self.processes = processes
+        self._stack = ExitStack()
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> LocalPool:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    def __call__(self, function: Callable[[T], R], arguments: Sequence[T], /) -> list[R]:
+        """Return the values of all calls, in the order of the arguments.
+
+        Raises
+        ------
+        PlatformError
+            If a process died.
+        """
+        if self.processes < 2 or len(arguments) < 2:
+            return [function(argument) for argument in arguments]
+        if self._executor is None:
+            self._executor = self._stack.enter_context(_executor(Workers(jobs=self.processes), self.processes))
+        try:
+            return list(cast(Executor, self._executor).map(functools.partial(guarded, function), arguments))
+        except BrokenExecutor as error:
+            raise PlatformError("a process died (killed, or out of memory); try again with fewer at a time") from error
+
+
+def threads_each(processes: int) -> int:
+    """Return the BLAS threads of each of `processes`: its share of the cores, or fewer where the user said so."""
+    share = max(1, len(os.sched_getaffinity(0)) // processes)
+    asked = [int(value) for name in THREAD_VARIABLES if (value := os.environ.get(name, "")).isdigit()]
+    return max(1, min([share, *asked]))
+
+
+def guarded(function: Callable[[T], R], argument: T) -> R:
+    """Return ``function(argument)``; an error that could not travel back from a worker becomes one that can."""
+    try:
+        return function(argument)
+    except Exception as error:
+        if _travels(error):
+            raise
+        raise RuntimeError(f"{type(error).__name__}: {error}") from error
+
+
+def _travels(error: Exception) -> bool:
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # noqa: BLE001 - classes may fail here in any way
+        return False
+    return True
+
+
+def _gather(executor: Executor, function: Callable[[T], R], arguments: dict[int, T]) -> Iterator[Outcome[R]]:
+    futures: dict[Future[R], int] = {}
+    for index, argument in arguments.items():
+        try:
+            futures[executor.submit(guarded, function, argument)] = index
+        except BrokenExecutor as error:
+            yield Outcome(index, error=error)
+    try:
+        for future in as_completed(futures):
+            failure = future.exception()
+            if failure is None:
+                yield Outcome(futures[future], future.result())
+            elif isinstance(failure, Exception):
+                yield Outcome(futures[future], error=failure)
+            else:
+                raise failure
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _died(index: int) -> Outcome[Any]:
+    return Outcome(index, error=PlatformError(
+        "its process died (killed, or out of memory); the same command continues where it stopped"))
+
+
+@contextmanager
+def _executor(workers: Workers, calls: int) -> Iterator[Executor | None]:
+    """Open the executor; None on the ranks that have worked for it."""
+    if workers.place is Place.MPI:
+        with _mpi() as executor:
+            yield executor
+    elif workers.place is Place.DASK:
+        with _dask(workers.address) as executor:
+            yield executor
+    else:
+        processes = max(1, min(workers.jobs, calls))
+        # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it.
+        context = multiprocessing.get_context("spawn")
+        with _threads(threads_each(processes)), ProcessPoolExecutor(processes, context) as pool:
+            yield pool
+
+
+@contextmanager
+def _mpi() -> Iterator[Executor | None]:
+    from mpi4py.futures import MPICommExecutor
+
+    with MPICommExecutor() as executor:
+        yield executor if started_rank() == 0 else None
+
+
+@contextmanager
+def _dask(address: str) -> Iterator[Executor]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise PlatformError("--executor dask: dask is not installed; pip install 'fretflow[dask]'") from error
+    try:
+        client = Client(address, timeout=DASK_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"--executor dask={address}: no scheduler answers there ({error}); start one with "
+                         "`dask scheduler` and workers with `dask worker ADDRESS`") from error
+    with client:
+        yield _Isolated(client.get_executor(pure=False))
+
+
+class _Isolated(Executor):
+    """Calls in interpreters of their own: dask's workers call from threads, where gmsh and PETSc cannot start."""
+
+    def __init__(self, inner: Executor) -> None:
+        self._inner = inner
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        return self._inner.submit(call_isolated, function, *args, **kwargs)
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Let processes that start meanwhile use `count` BLAS threads each."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(count)))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,60 @@
+"""From the reduced specimens and the case to the periodic problem and its solver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fretflow.case import config
+from fretflow.case.config import Case, PeriodicMethod, PreloadContact
+from fretflow.contact.interface import Interface
+from fretflow.core.store import read_record
+from fretflow.effects.catalogue import parse_effects
+from fretflow.effects.model import EffectModel
+from fretflow.solvers.dlft.solver import DlftSolver
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolver
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.two_mass_rig.joint import Joint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+
+def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
+    """Return the unworn problem of the baseline of `case` with the specimens in the folder `reduced`."""
+    upper = read_record(reduced / "upper.h5", ReducedSpecimen)
+    lower = read_record(reduced / "lower.h5", ReducedSpecimen)
+    joint = Joint(upper=upper, lower=lower, rig=make_rig(case.rig))
+    # The quasi-static joint is condensed here once, and not again at every solution.
+    quasi_static = case.solver.method is PeriodicMethod.QUASI_STATIC
+    return PeriodicProblem(
+        joint=joint.quasi_static() if quasi_static else joint,
+        interface=Interface(nodes=upper.contact_nodes[:, :2], areas=upper.contact_areas,
+                            gap=upper.profile + lower.profile),
+        friction_coefficient=case.contact.friction_coefficient, frequency=case.test.excitation_frequency,
+        excitation=case.test.excitation_amplitude, normal_load=case.test.normal_load,
+        frictional_preload=case.contact.preload is PreloadContact.FRICTIONAL)
+
+
+def make_model(case: Case, reduced: Path) -> EffectModel:
+    """Return the model of `case`, its effects included, with the specimens in the folder `reduced`.
+
+    Raises
+    ------
+    ConfigError
+        If an effect of the case is not known, or two do not work together.
+    """
+    return EffectModel.build(make_problem(case, reduced), parse_effects(case.effects, case.name))
+
+
+def make_rig(rig: config.Rig) -> LumpedRig:
+    """Return the rig whose springs follow from its modes."""
+    return LumpedRig.from_modes(
+        rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency, rig.damping_ratio
+    )
+
+
+def make_solver(settings: config.Solver, estimate_error: bool = False) -> PeriodicSolver:
+    """Return the solver that `settings` ask for; only a single period is worth an estimate of its error."""
+    settings = settings.model_copy(update={"estimate_error": estimate_error and settings.estimate_error})
+    if settings.method is PeriodicMethod.DLFT:
+        return DlftSolver(settings)
+    return QuasiStaticSolver(settings)

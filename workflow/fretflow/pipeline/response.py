@@ -1,0 +1,284 @@
+"""The response stage: loops as the rig's users read them, and the first resonance, unworn and worn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.case.config import Case, PeriodicMethod
+from fretflow.core.errors import NonConvergenceError
+from fretflow.core.records import quantity, record
+from fretflow.core.store import read_record, write_csv, write_record
+from fretflow.effects.cycle import true_signals
+from fretflow.effects.model import EffectModel
+from fretflow.pipeline.problem import make_model, make_solver
+from fretflow.pipeline.response_curves import sweep_of
+from fretflow.pipeline.stage import Figures, Stage, StageContext
+from fretflow.pipeline.wear import CHECKPOINTS
+from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, SlidingRegime, read_loop
+from fretflow.solvers.continuation.curve import Direction, channel_index
+from fretflow.solvers.continuation.follow import respond
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
+from fretflow.solvers.quasi_static.backbone import BackboneSolver, knows
+from fretflow.wear.checkpoint import kept_states
+from fretflow.wear.history import WearHistory
+
+REFINEMENTS = 4  # halvings of the frequency step on both sides of the largest point
+
+
+@record
+class LoopSeries:
+    """What is read off the hysteresis loops at several cycle counts; nan where a loop does not show it."""
+
+    cycles: NDArray[np.int64] = quantity("1", "(K,)")
+    regime: tuple[str, ...]
+    friction_coefficient: NDArray[np.float64] = quantity("1", "(K,)")
+    tangential_stiffness: NDArray[np.float64] = quantity("N/m", "(K,)")
+    dissipated_energy: NDArray[np.float64] = quantity("J", "(K,), per cycle")
+    sliding_distance: NDArray[np.float64] = quantity("m", "(K,), without the elastic part")
+    peak_to_peak: NDArray[np.float64] = quantity("m", "(K,)")
+
+
+@record
+class ForcedResponse:
+    """The moving mass under a force of constant amplitude, at rising frequencies."""
+
+    cycles: int  # wear cycles before
+    excitation: float = quantity("N")
+    frequency: NDArray[np.float64] = quantity("Hz", "(F,)")
+    amplitude: NDArray[np.float64] = quantity("m", "(F,), first harmonic of the moving mass")
+    phase: NDArray[np.float64] = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
+    peak_error: float = quantity("1", default=float("nan"))  # against the full solution at the largest point
+
+    @property
+    def resonance(self) -> float:
+        """Return the frequency (Hz) of the largest amplitude, by the parabola through three points."""
+        top = int(np.argmax(self.amplitude))
+        if top in (0, len(self.amplitude) - 1):
+            return float(self.frequency[top])
+        around = slice(top - 1, top + 2)
+        a, b, _ = np.polyfit(self.frequency[around] - self.frequency[top], self.amplitude[around], 2)
+        return float(self.frequency[top] - b / (2.0 * a))
+
+
+def _read(displacement: NDArray[np.float64], force: NDArray[np.float64], normal_load: float) -> LoopReadings:
+    """Read one loop; faces that stick all the time do not move at all, and make none."""
+    if np.ptp(displacement) > 0.0:
+        return read_loop(HysteresisLoop(displacement=displacement, force=force), normal_load)
+    return LoopReadings(regime=SlidingRegime.STICK, friction_coefficient=None, friction_limit=None,
+                        tangential_stiffness=None, tangential_compliance=None, dissipated_energy=0.0,
+                        sliding_distance=0.0, peak_to_peak=0.0)
+
+
+def read_loops(periods: Mapping[int, PeriodicSolution], normal_load: float,
+               displacement: Callable[[PeriodicSolution], NDArray[np.float64]]) -> LoopSeries:
+    """Read the loops of `periods`, given by cycle count, under `normal_load` (N).
+
+    `displacement` returns the relative displacement (N,), m, that a period's friction force is drawn over.
+    """
+    readings = [
+        _read(displacement(period), period.friction_force, normal_load)
+        for period in periods.values()
+    ]
+
+    def column(name: str) -> NDArray[np.float64]:
+        values = (getattr(reading, name) for reading in readings)
+        return np.array([np.nan if value is None else value for value in values])
+
+    names = (
+        "friction_coefficient",
+        "tangential_stiffness",
+        "dissipated_energy",
+        "sliding_distance",
+        "peak_to_peak",
+    )
+    return LoopSeries(
+        cycles=np.array(list(periods), dtype=np.int64),
+        regime=tuple(str(r.regime) for r in readings),
+        **{name: column(name) for name in names},
+    )
+
+
+def step_frequencies(solver: PeriodicSolver, problem: PeriodicProblem, frequencies: NDArray[np.floating[Any]],
+                     note: Callable[[int], None]) -> dict[float, PeriodicSolution]:
+    """Return the period at each of the rising `frequencies` (Hz) and at some more near the largest amplitude.
+
+    Each solution starts from its neighbour's, and from zero where that fails.
+
+    Raises
+    ------
+    NonConvergenceError
+        Naming the frequency.
+    """
+    found: dict[float, PeriodicSolution] = {}
+
+    def solve(frequency: float) -> None:
+        nearest = min(found, key=lambda known: abs(known - frequency), default=None)
+        found[frequency] = _solve_near(
+            solver, replace(problem, frequency=frequency), found.get(nearest or 0.0)
+        )
+        note(len(found))
+
+    for frequency in frequencies:
+        solve(float(frequency))
+    for _ in range(REFINEMENTS):
+        known = sorted(found)
+        top = max(known, key=lambda frequency: abs(first_harmonic(found[frequency])))
+        place = known.index(top)
+        for neighbour in known[max(place - 1, 0):place] + known[place + 1:place + 2]:
+            solve(0.5 * (top + neighbour))
+    return dict(sorted(found.items()))
+
+
+def _solve_near(
+    solver: PeriodicSolver, problem: PeriodicProblem, start: PeriodicSolution | None
+) -> PeriodicSolution:
+    try:
+        return solver.solve(problem, start)
+    except NonConvergenceError:
+        if start is None:
+            raise
+    try:
+        return solver.solve(problem)
+    except NonConvergenceError as error:
+        raise NonConvergenceError(
+            f"forced response at {problem.frequency:.6g} Hz: {error}", error.history
+        ) from error
+
+
+def first_harmonic(solution: PeriodicSolution) -> complex:
+    """Return the complex amplitude U of the moving mass, ``x = Re U exp(i omega t)``, in m."""
+    block = solution.rig_displacement[:, 0]
+    return complex(2.0 * np.fft.rfft(block)[1] / len(block))
+
+
+def forced_response(case: Case, solver: PeriodicSolver, problem: PeriodicProblem, cycles: int,
+                    progress: Callable[[float], None]) -> ForcedResponse:
+    """Return the response of `problem` over the frequencies that `case` asks for, after `cycles` of wear."""
+    asked = case.output.frequency_response
+    frequencies = np.geomspace(asked.start, asked.stop, asked.points)
+    total = asked.points + 2 * REFINEMENTS
+    periods = step_frequencies(solver, problem, frequencies, lambda done: progress(min(1.0, done / total)))
+    amplitudes = np.array([first_harmonic(period) for period in periods.values()])
+    return ForcedResponse(cycles=cycles, excitation=problem.excitation, frequency=np.array(list(periods)),
+                          amplitude=np.abs(amplitudes), phase=np.mod(-np.angle(amplitudes), 2.0 * np.pi))
+
+
+def peak_error(solver: PeriodicSolver, problem: PeriodicProblem, found: ForcedResponse) -> float:
+    """Return the relative error of the largest amplitude against `solver`'s, nan where that finds no period."""
+    top = int(np.argmax(found.amplitude))
+    try:
+        full = solver.solve(replace(problem, frequency=float(found.frequency[top])))
+    except NonConvergenceError:
+        return float("nan")
+    return float(found.amplitude[top] / abs(first_harmonic(full)) - 1.0)
+
+
+def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
+    """Step the frequency with the contact's backbone and check the peak, or with DLFT where the case asks for it.
+
+    What a backbone does not know (an effect) is followed by continuation.
+    """
+    solver = make_solver(case.solver)
+    if case.solver.method is PeriodicMethod.DLFT:
+        return forced_response(case, solver, problem, cycles, progress)
+    if not knows(problem):
+        return _followed(case, problem, cycles, progress)
+    fast = BackboneSolver.of(problem, case.solver.resolved_harmonics, case.solver.resolved_samples)
+    found = forced_response(case, fast, problem, cycles, progress)
+    return replace(found, peak_error=peak_error(solver, problem, found))
+
+
+def _followed(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
+    """Return the response by continuation from the lowest frequency upward."""
+    sweep = replace(sweep_of(case, None, None), directions=(Direction.UP,))
+
+    def note(direction: Direction, frequency: float) -> None:
+        progress(min(1.0, np.log(frequency / sweep.start) / np.log(sweep.stop / sweep.start)))
+
+    curve = respond(problem, sweep, note)
+    block = curve.first_harmonic[:, channel_index("block")]
+    return ForcedResponse(cycles=cycles, excitation=problem.excitation, frequency=curve.frequency,
+                          amplitude=np.abs(block), phase=np.mod(-np.angle(block), 2.0 * np.pi), peak_error=0.0)
+
+
+def _run(context: StageContext) -> Figures:
+    """Write the loops' readings and the forced responses.
+
+    ``loops_observed.h5`` and ``loops_faces.h5`` (LoopSeries): at the observed points and at the faces.
+    ``unworn.h5`` and ``worn.h5`` (ForcedResponse); without wear only the first. ``measured_loops.csv``: as sensors
+    record them.
+    """
+    case = context.case
+    model = make_model(case, context.inputs["reduce"])
+    unworn = model.problem(model.initial())
+    history = read_record(context.inputs["wear"] / "history.h5", WearHistory)
+    worn = model.problem(history.slow(-1))
+    _write_loops(context, unworn)
+    _write_measured(context, model, history)
+    states = {"unworn": (0, unworn), "worn": (int(history.cycles[-1]), worn)}
+    if not history.depth[-1].any() and not model.effects:
+        del states["worn"]
+    figures: dict[str, float | int | str | None] = {}
+    for index, (name, (cycles, problem)) in enumerate(states.items()):
+        file = context.folder / f"{name}.h5"
+        if file.is_file():  # of an interrupted run
+            found = read_record(file, ForcedResponse)
+        else:
+            found = _respond(case, problem, cycles, part(context, index, len(states), name))
+            write_record(file, found)
+        figures[f"{name}_resonance_Hz"] = found.resonance
+        figures[f"{name}_points"] = len(found.frequency)
+        figures[f"{name}_peak_error"] = found.peak_error
+    return figures
+
+
+def _write_loops(context: StageContext, problem: PeriodicProblem) -> None:
+    weights = problem.interface.areas / problem.interface.areas.sum()
+    periods = dict(sorted(kept_states(context.inputs["wear"] / CHECKPOINTS, PeriodicSolution).items()))
+    motions: dict[str, Callable[[PeriodicSolution], NDArray[np.float64]]] = {
+        "observed": lambda period: (period.upper_observation - period.lower_observation)[:, 0],
+        "faces": lambda period: np.asarray(period.displacement[:, :, 0] @ weights)}
+    for name, motion in motions.items():
+        series = read_loops(periods, problem.normal_load, motion)
+        write_record(context.folder / f"loops_{name}.h5", series)
+        write_csv(
+            context.folder / f"loops_{name}.csv",
+            {
+                f.name + (f"_{unit}" if (unit := f.metadata.get("unit", "1")) != "1" else ""): getattr(
+                    series, f.name
+                )
+                for f in fields(series)
+            },
+        )
+
+
+def _write_measured(context: StageContext, model: EffectModel, history: WearHistory) -> None:
+    """Write ``measured_loops.csv``: what the sensors of the rig would record at each kept cycle count."""
+    total, rows = max(context.case.test.total_cycles, 1), []
+    for cycles, period in sorted(kept_states(context.inputs["wear"] / CHECKPOINTS, PeriodicSolution).items()):
+        problem = model.problem(history.slow(int(np.searchsorted(history.cycles, cycles))))
+        observed = (period.upper_observation - period.lower_observation)[:, 0]
+        rows.append((cycles, model.sense(true_signals(problem, period, observed, cycles / total))))
+    write_csv(context.folder / "measured_loops.csv", {
+        "cycle": np.concatenate([np.full(len(seen.displacement), cycles) for cycles, seen in rows]),
+        "time_s": np.concatenate([seen.step * np.arange(len(seen.displacement)) for _, seen in rows]),
+        "excitation_N": np.concatenate([seen.excitation for _, seen in rows]),
+        "displacement_m": np.concatenate([seen.displacement for _, seen in rows]),
+        "friction_force_N": np.concatenate([seen.friction_force for _, seen in rows])})
+
+
+def part(context: StageContext, index: int, parts: int, text: str) -> Callable[[float], None]:
+    """Return the progress of part `index` of several equal `parts` of a stage."""
+    return lambda share: context.progress((index + share) / parts, f"frequency stepping, {text}")
+
+
+def _slice(case: Case) -> object:
+    return case.output.frequency_response
+
+
+STAGE = Stage("response", 2, _slice, ("reduce", "solve", "wear"), _run)

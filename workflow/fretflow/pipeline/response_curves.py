@@ -1,0 +1,256 @@
+"""Nonlinear frequency responses of a run: curves by continuation, and what is read off them.
+
+They cost a minute or two each and are no stage of a run: each curve is kept beside the run's stages under a name that
+holds a hash of all that it depends on, and is made once.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+from pathlib import Path
+
+import numpy as np
+
+from fretflow.case.config import Case, PeriodicMethod, slice_hash
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+from fretflow.core.store import read_record, write_csv, write_record
+from fretflow.pipeline.problem import make_model
+from fretflow.pipeline.stage import write_json
+from fretflow.solvers.continuation.curve import CHANNELS, Direction, Peak, ResponseCurve, channel_index, read_peak
+from fretflow.solvers.continuation.follow import Sweep, respond
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.wear.history import WearHistory
+
+VERSION = 1  # of the curves; a new one makes old files unused
+FOLDER = "response_curves"
+PEAKS = "peaks.json"
+BLOCK = channel_index("block")
+HARMONICS, SAMPLES = 40, 256  # at least: an arm that sticks rings at many times the lowest frequencies
+
+
+@record
+class RunCurve:
+    """A response curve of a run, unworn or after `cycles` cycles of wear."""
+
+    state: str
+    cycles: int
+    curve: ResponseCurve
+
+    @property
+    def name(self) -> str:
+        """Return a short name for people."""
+        return f"{self.state}, {self.curve.excitation:g} N"
+
+    def peak(self, direction: Direction) -> Peak:
+        """Return the moving mass's largest resonance on the curve of `direction`."""
+        return read_peak(self.curve, "block", direction)
+
+
+@record
+class FoundPeak:
+    """A line of the table of peaks; lengths of the moving mass's first harmonic. None where there is none."""
+
+    state: str
+    cycles: int
+    direction: str
+    excitation: float = quantity("N")
+    frequency: float = quantity("Hz")
+    amplitude: float = quantity("m")
+    lower_half_power: float | None = quantity("Hz")
+    upper_half_power: float | None = quantity("Hz")
+    damping_ratio: float | None = quantity("1")
+    reason: str  # why there is no damping ratio
+    turning_points: int
+    unstable_points: int
+    points: int
+    bridged_points: int
+    sampling_error: float = quantity("1")
+
+    @property
+    def text(self) -> str:
+        """Return what was found, for people."""
+        known = self.damping_ratio is not None
+        damping = f"damping {self.damping_ratio:.2%}" if known else f"no damping: {self.reason}"
+        folds = f"{self.turning_points} turning points" if self.turning_points else "no fold"
+        unstable = f", {self.unstable_points} unstable" if self.unstable_points else ", all stable"
+        bridged = f", {self.bridged_points} gaps bridged" if self.bridged_points else ""
+        return (f"{self.frequency:.5g} Hz, {self.amplitude * 1e6:.4g} um, {damping}; {self.points} points, "
+                f"{folds}{unstable}{bridged}")
+
+
+@dataclass(frozen=True)
+class AskedCurve:
+    """A curve to be made: its problem, with the wear and the excitation, and where it is kept."""
+
+    state: str
+    cycles: int
+    problem: PeriodicProblem
+    sweep: Sweep
+    file: Path
+
+    @property
+    def name(self) -> str:
+        """Return a short name for people."""
+        return f"{self.state}, {self.problem.excitation:g} N"
+
+
+def sweep_of(case: Case, start: float | None, stop: float | None) -> Sweep:
+    """Return range and settings for `case`: its samples at the peak, half of them along the curve, or more.
+
+    Raises
+    ------
+    InputError
+        If the range is empty.
+    """
+    asked = case.output.frequency_response
+    low, high = asked.start if start is None else start, asked.stop if stop is None else stop
+    if not 0.0 < low < high:
+        raise InputError(f"--start {low:g} Hz, --stop {high:g} Hz: start must be positive and below stop")
+    own = (0, 0) if case.solver.method is PeriodicMethod.DLFT else (case.solver.resolved_harmonics,
+                                                                    case.solver.resolved_samples)
+    harmonics, samples = max(HARMONICS, own[0]), max(SAMPLES, own[1])
+    return Sweep(start=low, stop=high, harmonics=min(harmonics, samples // 4 - 1), samples=samples // 2,
+                 fine_harmonics=harmonics, fine_samples=samples)
+
+
+def asked_curves(case: Case, folders: Mapping[str, Path], states: Sequence[str], excitations: Sequence[float],
+                 sweep: Sweep, out: Path) -> list[AskedCurve]:
+    """Return the curves to be made of the run in `folders`, for `states` out of unworn and worn.
+
+    Raises
+    ------
+    InputError
+        If the run lacks a stage for them, or nothing has worn.
+    """
+    if "reduce" not in folders or ("worn" in states and "wear" not in folders):
+        missing = "reduce" if "reduce" not in folders else "wear"
+        raise InputError(f"{case.name}: stage {missing} is not complete; `fretflow run CASE --until {missing}` "
+                         "completes it, or give the case file instead of the folder")
+    model = make_model(case, folders["reduce"])
+    found = []
+    for state in states:
+        slow, cycles, after = model.initial(), 0, folders["reduce"].name
+        if state == "worn":
+            history = read_record(folders["wear"] / "history.h5", WearHistory)
+            slow, cycles, after = history.slow(-1), int(history.cycles[-1]), folders["wear"].name
+        problem = model.problem(slow)
+        for excitation in excitations:
+            settings = case.model_dump(mode="json", include={"test": {"normal_load", "excitation_frequency"},
+                                                             "rig": True, "contact": True, "effects": True})
+            key = slice_hash(VERSION, settings, folders["reduce"].name, after, excitation, vars(sweep))
+            found.append(AskedCurve(state, cycles, _under(problem, excitation), sweep,
+                                    out / f"{state}-{excitation:g}N-{key}.h5"))
+    return found
+
+
+def _under(problem: PeriodicProblem, excitation: float) -> PeriodicProblem:
+    return PeriodicProblem(**{**vars(problem), "excitation": excitation})
+
+
+def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> RunCurve:
+    """Return the curve that is `asked` for, from its file if it has been made before.
+
+    Raises
+    ------
+    NonConvergenceError
+        Naming the frequency.
+    StoreError
+        If it cannot be written.
+    """
+    if asked.file.is_file():
+        return read_record(asked.file, RunCurve)
+    sweep, done = asked.sweep, 0.0
+
+    def note(direction: Direction, frequency: float) -> None:
+        nonlocal done
+        share = log(frequency / sweep.start) / log(sweep.stop / sweep.start)
+        along = share if direction is Direction.UP else 1.0 - share
+        before = sweep.directions.index(direction)
+        done = max(done, (before + min(max(along, 0.0), 1.0)) / len(sweep.directions))
+        progress(done, f"{asked.name}, {'up' if direction is Direction.UP else 'down'}: {frequency:.4g} Hz")
+
+    found = RunCurve(state=asked.state, cycles=asked.cycles, curve=respond(asked.problem, sweep, note))
+    write_record(asked.file, found)
+    return found
+
+
+def read_peaks(curves: Sequence[RunCurve]) -> list[FoundPeak]:
+    """Return the resonance of each of `curves` in each direction."""
+    peaks = []
+    for run in curves:
+        for direction in Direction:
+            own = run.curve.along(direction)
+            if not len(own):
+                continue
+            peak = run.peak(direction)
+            peaks.append(FoundPeak(
+                state=run.state, cycles=run.cycles, direction=direction.name.lower(), excitation=run.curve.excitation,
+                frequency=peak.frequency, amplitude=peak.amplitude, lower_half_power=peak.lower_half_power,
+                upper_half_power=peak.upper_half_power, damping_ratio=peak.damping_ratio, reason=peak.reason,
+                turning_points=len(run.curve.turning_points(direction)),
+                unstable_points=int(np.sum(~run.curve.stable[own])), points=len(own),
+                bridged_points=int(np.sum(run.curve.bridged[own])), sampling_error=run.curve.sampling_error))
+    return peaks
+
+
+def write_curves(folder: Path, curves: Sequence[RunCurve], inputs: Mapping[str, Path]) -> list[Path]:
+    """Write ``curves.csv``, ``peaks.csv`` and, with the stages that they belong to, ``peaks.json``.
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be written.
+    """
+    peaks = read_peaks(curves)
+    rows = [vars(peak) for peak in peaks]
+    units = {"excitation": "_N", "frequency": "_Hz", "amplitude": "_m", "lower_half_power": "_Hz",
+             "upper_half_power": "_Hz"}
+    table = {name + units.get(name, ""): ["" if row[name] is None else row[name] for row in rows] for name in rows[0]}
+    needed = {"reduce", *(["wear"] if any(run.state == "worn" for run in curves) else [])}
+    used = {name: path.name for name, path in inputs.items() if name in needed}
+    write_json(folder / PEAKS, {"stages": used, "peaks": [{"text": peak.text, **vars(peak)} for peak in peaks]})
+    return [write_csv(folder / "curves.csv", _columns(curves)), write_csv(folder / "peaks.csv", table),
+            folder / PEAKS]
+
+
+def kept_peaks(folders: Mapping[str, Path]) -> list[tuple[str, float, str]]:
+    """Return what ``peaks.json`` of a run holds of its present stages: name, frequency in Hz and text of each peak.
+
+    Nothing where no curves were made, or those of other stages.
+    """
+    file = folders["reduce"].parent / FOLDER / PEAKS
+    try:
+        kept = json.loads(file.read_text(encoding="utf-8"))
+        if any(folders[stage].name != name for stage, name in kept["stages"].items()):
+            return []
+        return [(f"{row['state']}, {row['excitation']:g} N, {row['direction']}", float(row["frequency"]),
+                 str(row["text"])) for row in kept["peaks"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+
+
+def _columns(curves: Sequence[RunCurve]) -> dict[str, Sequence[object]]:
+    counts = [len(run.curve.frequency) for run in curves]
+
+    def repeated(values: Sequence[object]) -> Sequence[object]:
+        return list(np.repeat(np.asarray(values), counts))
+
+    def joined(name: str) -> Sequence[object]:
+        return list(np.concatenate([getattr(run.curve, name) for run in curves]))
+
+    motion = np.concatenate([run.curve.first_harmonic for run in curves])
+    span = np.concatenate([run.curve.peak_to_peak for run in curves])
+    columns: dict[str, Sequence[object]] = {
+        "state": repeated([run.state for run in curves]), "cycles": repeated([run.cycles for run in curves]),
+        "excitation_N": repeated([run.curve.excitation for run in curves]), "direction": joined("direction"),
+        "branch": joined("branch"), "stable": joined("stable"), "bridged": joined("bridged"),
+        "frequency_Hz": joined("frequency")}
+    for k, channel in enumerate(CHANNELS):
+        columns |= {f"{channel}_amplitude_m": list(np.abs(motion[:, k])),
+                    f"{channel}_phase_rad": list(np.mod(-np.angle(motion[:, k]), 2.0 * np.pi)),
+                    f"{channel}_peak_to_peak_m": list(span[:, k])}
+    return columns | {name: joined(name) for name in ("multiplier", "residual", "iterations", "samples")}

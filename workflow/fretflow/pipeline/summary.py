@@ -1,0 +1,151 @@
+"""The figures that a run ends with, read from its result files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fretflow.case.config import Case
+from fretflow.contact.interface import Interface
+from fretflow.contact.law import ContactState
+from fretflow.core.specimen_mesh import MeshSummary
+from fretflow.core.store import read_record
+from fretflow.core.units import format_quantity
+from fretflow.pipeline.response import ForcedResponse, LoopSeries
+from fretflow.pipeline.response_curves import kept_peaks
+from fretflow.pipeline.stage import write_json
+from fretflow.pipeline.trends import Trend, judge_all
+from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.wear.history import WearHistory
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the summary: what it is, its SI value for further use, and the text for people."""
+
+    name: str
+    value: float
+    unit: str
+    text: str
+
+
+def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Sequence[Trend]]:
+    """Return the figures of the stages in `folders`, and the paper's trends once wear is known."""
+    meshes = [_meshes(folders["mesh"])] if (folders.get("mesh", Path()) / "upper.h5").is_file() else []
+    if "reduce" not in folders:
+        return meshes, []
+    upper, lower = (
+        read_record(folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")
+    )
+    peaks = [Figure(f"nonlinear resonance, {name}", frequency, "Hz", text)
+             for name, frequency, text in kept_peaks(folders)]
+    figures = [*meshes, _reduction(upper, lower), *peaks]
+    interface = Interface(nodes=upper.contact_nodes[:, :2], areas=upper.contact_areas,
+                          gap=upper.profile + lower.profile)
+    if "preload" in folders:
+        figures.append(_static_load(folders["preload"], interface))
+    if "solve" not in folders:
+        return figures, []
+    unworn = read_record(folders["solve"] / "solution.h5", PeriodicSolution)
+    figures += _period(unworn, interface)
+    if "wear" not in folders:
+        return figures, []
+    history = read_record(folders["wear"] / "history.h5", WearHistory)
+    figures += _wear(history, interface)
+    if "response" in folders:
+        figures += _loops(read_record(folders["response"] / "loops_observed.h5", LoopSeries))
+    responses = _responses(folders)
+    resonances = None if responses is None else (responses[0].resonance, responses[1].resonance)
+    if responses is not None and resonances is not None:
+        shift = resonances[1] / resonances[0] - 1.0
+        errors = max(abs(response.peak_error) for response in responses)
+        checked = f"; amplitude there {errors:.1%} off the full solution" if np.isfinite(errors) else ""
+        figures.append(Figure("first resonance, worn against unworn", shift, "1",
+                              f"{shift:+.3%} ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
+    return figures, judge_all(interface, case.test.excitation_amplitude, unworn, history, resonances)
+
+
+def write_summary(path: Path, figures: Sequence[Figure], trends: Sequence[Trend]) -> Path:
+    """Write figures and trends to the JSON file `path`; a figure that cannot be told is null."""
+    values = [{"value": figure.value if np.isfinite(figure.value) else None} for figure in figures]
+    write_json(path, {"figures": [asdict(figure) | value for figure, value in zip(figures, values, strict=True)],
+                      "trends": [asdict(trend) for trend in trends]})
+    return path
+
+
+def _reduction(upper: ReducedSpecimen, lower: ReducedSpecimen) -> Figure:
+    error = float(max(upper.frequency_error.max(), lower.frequency_error.max()))
+    count = len(upper.full_frequencies)
+    return Figure("Craig-Bampton error", error, "1",
+                  f"{error:.4%}, the largest of {count} frequencies of each specimen")
+
+
+def _meshes(folder: Path) -> Figure:
+    upper, lower = (read_record(folder / f"{side}.h5", MeshSummary) for side in ("upper", "lower"))
+    worst = min(upper.min_scaled_jacobian, lower.min_scaled_jacobian)
+    return Figure("mesh quality", worst, "1", f"{worst:.3g}, the smallest scaled Jacobian of {upper.cells} upper and "
+                  f"{lower.cells} lower cells; {len(upper.contact_nodes)} contact nodes on each face")
+
+
+def _static_load(folder: Path, interface: Interface) -> Figure:
+    from fretflow.structure.fem.preload import Preload  # starts PETSc
+
+    pressure = read_record(folder / "preload.h5", Preload).pressure
+    load, closed = float(pressure @ interface.areas), float(interface.areas[pressure > 0.0].sum())
+    return Figure("static load", load, "N", f"{load:.6f} N, the sum of the contact pressure; largest "
+                  f"{format_quantity(pressure.max(), 'Pa', 4)}, mean {format_quantity(load / closed, 'Pa', 4)} "
+                  f"over {closed * 1e6:.3g} mm^2 in contact")
+
+
+def _loops(series: LoopSeries) -> list[Figure]:
+    """Return what the first and the last loop show, at the observed points."""
+    figures = []
+    for name, unit in (("friction_coefficient", "1"), ("tangential_stiffness", "N/m")):
+        first, last = (float(getattr(series, name)[k]) for k in (0, -1))
+        figures.append(Figure(f"{name.replace('_', ' ')} off the loop", last, unit,
+                              f"{_readable(first, unit)} unworn, {_readable(last, unit)} worn"))
+    return figures
+
+
+def _readable(value: float, unit: str) -> str:
+    return "not shown by the loop" if np.isnan(value) else format_quantity(value, unit, 4).removesuffix(" 1")
+
+
+def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
+    sticking = np.all(unworn.state == ContactState.STICK, axis=0)
+    always = float(interface.areas[sticking].sum() / interface.areas.sum())
+    share = float(((unworn.state == ContactState.STICK) @ interface.areas).mean() / interface.areas.sum())
+    mean = unworn.displacement[:, :, 0] @ interface.areas / interface.areas.sum()
+    sliding, error = float(np.ptp(mean)), unworn.error_estimate
+    stated = "no error estimate" if np.isnan(error) else f"estimated error {error:.2%}"
+    return [
+        Figure("stick share", share, "1",
+               f"{share:.1%} of area and time sticks; {always:.1%} of the area never slips"),
+        Figure("sliding distance, unworn", sliding, "m",
+               f"{format_quantity(sliding, 'm', 4)} peak to peak by {unworn.method}, {stated}")]
+
+
+def _wear(history: WearHistory, interface: Interface) -> list[Figure]:
+    depth, sliding, volume = history.depth[-1], float(history.sliding_distance[-1]), float(history.volume[-1])
+    mean = float(depth @ interface.areas / interface.areas.sum())
+    largest = float(depth.max())
+    end = "" if history.stopped_by == "cycles" else f", stopped by {history.stopped_by}"
+    jumps = len(history.cycles) - 1
+    return [
+        Figure("sliding distance, worn", sliding, "m",
+               f"{format_quantity(sliding, 'm', 4)} peak to peak after {history.cycles[-1]:_} cycles{end}"),
+        Figure("wear volume", volume, "m^3",
+               f"{volume * 1e9:.4g} mm^3; {jumps} jumps, {history.solves} periods"),
+        Figure("largest wear depth", largest, "m", f"{format_quantity(largest, 'm', 4)}, both faces together"),
+        Figure("mean wear depth", mean, "m", f"{format_quantity(mean, 'm', 4)}, both faces together")]
+
+
+def _responses(folders: Mapping[str, Path]) -> tuple[ForcedResponse, ForcedResponse] | None:
+    if "response" not in folders or not (folders["response"] / "worn.h5").is_file():
+        return None
+    unworn, worn = (read_record(folders["response"] / f"{name}.h5", ForcedResponse) for name in ("unworn", "worn"))
+    return unworn, worn

@@ -1,0 +1,1 @@
+"""Response curves by continuation."""

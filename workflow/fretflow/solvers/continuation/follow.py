@@ -1,0 +1,350 @@
+"""Forced response by pseudo-arc-length continuation.
+
+From each end of the frequency range the curve of periods is followed to where it leaves the range, around turning
+points, so that several periods at one frequency are all found. Each step is tried at a frequency, and where there is
+no period near, across the last chord. Its length is measured relative to the motion and the frequency themselves and
+set by how far the point found is from where the chord led, and by the effort. Where another direction has been, its
+points are solved again, from the contact as it is now, while they lie ahead. At the peak and its half-power points
+more periods are solved, with finer settings. Where a curve cannot be followed (samples that begin to stick make it
+jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
+Equations: `continuation_system`.
+
+Stability is found at some points, and between any two that differ, at all: see `continuation_found`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.solvers.continuation.curve import (
+    Direction,
+    Parabola,
+    ResponseCurve,
+    arc_lengths,
+    channel_index,
+    half_power_bracket,
+    label_branches,
+    summit,
+)
+from fretflow.solvers.continuation.model import Plane
+from fretflow.solvers.continuation.points import STRAIGHT, Face, Found, Trail, judge
+from fretflow.solvers.continuation.system import ArmSystem, Point
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.backbone import Backbone
+from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
+from fretflow.solvers.quasi_static.march import ContactMarch
+
+Array = NDArray[np.float64]
+EFFORT = 8  # iterations of a good arc
+OFF = 0.03  # distance of a good point from where the last chord led
+FAR = 2.0  # arcs; a root beyond is on another part of the curve
+BACK = -0.3  # cosine of the bend beyond which a root lies on the part behind
+STEEP = 0.03  # share of the frequency in a chord; across a steeper one there may be no period at a frequency
+SHORTER = 0.4
+PEAK_CHANGE = 1e-3
+MAX_INSERTIONS = 10
+BRIDGES = (0.002, 0.005, 0.01, 0.02, 0.05)  # of the frequency
+LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
+MAX_POINTS = 1000
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Range and settings of a forced response.
+
+    `harmonics`, `samples` and `tolerance` serve along the curve; `fine_harmonics`, `fine_samples` and `fine_tolerance`
+    at the peak and its half-power points. Arcs are relative to motion and frequency.
+    """
+
+    start: float  # Hz
+    stop: float  # Hz
+    harmonics: int = 40
+    samples: int = 128
+    fine_harmonics: int = 40
+    fine_samples: int = 256
+    tolerance: float = 1e-4  # of the residual, relative to the excitation
+    fine_tolerance: float = 1e-5
+    max_iterations: int = 8
+    first_arc: float = 0.05
+    longest_arc: float = 0.2
+    longest_step: float = 0.04  # of the frequency
+    shortest_arc: float = 2e-3
+    channel: str = "block"  # whose peak is refined
+    directions: tuple[Direction, ...] = field(default=(Direction.UP, Direction.DOWN))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
+
+    found: list[Found]
+    followed: list[Found]  # before the refinement
+    multiplier: Array
+    stable: NDArray[np.bool_]
+    change: float  # of the largest first harmonics with the finer settings, relative
+
+
+def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, float], None]) -> ResponseCurve:
+    """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
+
+    Nodes out of reach are left out, see `reach`; where one of them turns out to touch, all is done again with it.
+
+    Raises
+    ------
+    NonConvergenceError
+        Naming the frequency, with the residual history of the last attempt.
+    """
+    nodes = candidate_nodes(problem, problem.joint.quasi_static(), None)
+    while True:
+        face = Face.of(problem, nodes)
+        runs: dict[Direction, _Run] = {}
+        for direction in sweep.directions:
+            follower = _Follower(face, sweep, partial(note, direction))
+            runs[direction] = follower.follow(direction, [run.followed for run in runs.values()])
+        missed = np.any([p.touched for run in runs.values() for p in run.found], axis=0) & ~nodes
+        if not missed.any():
+            return _curve(problem, runs)
+        nodes = nodes | missed
+
+
+class _Follower:
+    """Follows the curve of the nodes within reach."""
+
+    def __init__(self, face: Face, sweep: Sweep, note: Callable[[float], None]) -> None:
+        self.face, self.sweep, self.note = face, sweep, note
+        self.problem = problem = face.part
+        self.channel = channel_index(sweep.channel)
+        self.trails: list[Trail] = []
+        backbone, s = _backbone(problem), sweep
+        self.system = ArmSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
+        self.fine = ArmSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations, backbone)
+
+    def follow(self, direction: Direction, others: list[list[Found]]) -> _Run:
+        """Return the points in order; `others` are curves followed the other way."""
+        found = [self._keep(self.system, self._start(direction, [other[-1].point for other in others]))]
+        self.trails = [Trail(other) for other in others]
+        self._trace(found, direction)
+        followed = list(found)
+        change = self._refine(found)
+        return _Run(found, followed, *judge(found, self._top(found)), change)
+
+    def _start(self, direction: Direction, reached: list[Point]) -> Point:
+        """Solve at the end of the range where `direction` begins, from rest or from where another curve ended."""
+        s = self.sweep
+        omega = 2.0 * pi * (s.start if direction is Direction.UP else s.stop)
+        try:
+            pressed = self.system.march.preloaded(self.problem.frictional_preload)
+            return self.system.at_frequency(omega, self.system.guess(omega), pressed)
+        except NonConvergenceError as error:
+            there = [p for p in reached if abs(p.omega - omega) < 1e-9 * omega]
+            if there:
+                return there[-1]
+            return self._loaded(omega, error)
+
+    def _loaded(self, omega: float, error: NonConvergenceError) -> Point:
+        """Raise the excitation step by step, from the rig at rest."""
+        arm: Array = np.zeros(2 * self.sweep.harmonics + 1)
+        start, before = self.system.march.preloaded(self.problem.frictional_preload), 0.0
+        for share in LOAD_STEPS:
+            part = self.system.under(self.problem.excitation * share)
+            try:
+                point = part.at_frequency(omega, arm * (share / before if before else 1.0), start)
+            except NonConvergenceError:
+                raise error from None
+            arm, start, before = point.arm, point.end, share
+        return point
+
+    def _trace(self, found: list[Found], direction: Direction) -> None:
+        s, low, high = self.system, 2.0 * pi * self.sweep.start, 2.0 * pi * self.sweep.stop
+        now = found[0].point
+        along = s.tangent(now, np.append(np.zeros(len(now.arm)), float(direction)))
+        arc = self.sweep.first_arc
+        while len(found) < MAX_POINTS:
+            try:
+                new, arc = self._arc(now, along, arc)
+            except NonConvergenceError as error:
+                way = float(np.sign(along[-1]))
+                new, arc = self._bridge(now, way, error), self.sweep.first_arc
+                if low < new.omega < high:
+                    found.append(self._keep(s, new, bridged=True))
+                    along, now = s.tangent(new, np.append(np.zeros(len(new.arm)), way)), new
+                    continue
+            if not low < new.omega < high:
+                found.append(self._keep(s, self._end(now, new, low if new.omega <= low else high)))
+                return
+            found.append(self._keep(s, new))
+            chord = (new.unknowns - now.unknowns) / now.scales
+            arc, along, now = self._next_arc(new, chord, arc * along), chord / np.linalg.norm(chord), new
+        raise NonConvergenceError(f"forced response: not out of the frequency range after {MAX_POINTS} points, near "
+                                  f"{now.omega / (2.0 * pi):.6g} Hz; take a smaller range")
+
+    def _next_arc(self, new: Point, chord: Array, predicted: Array) -> float:
+        length, off = float(np.linalg.norm(chord)), float(np.linalg.norm(chord - predicted))
+        growth = min(2.0 ** (0.5 * (EFFORT - new.iterations)), sqrt(OFF / max(off, 1e-6)))
+        share = max(abs(float(chord[-1])) / length, 1e-9)  # of the frequency in the chord
+        arc = length * float(np.clip(growth, 0.5, 2.0))
+        return max(min(arc, self.sweep.longest_arc, self.sweep.longest_step / share), self.sweep.shortest_arc)
+
+    def _arc(self, now: Point, along: Array, arc: float) -> tuple[Point, float]:
+        """Return the next point and the arc that led there; `along` has the length one."""
+        met = self._met(now, along, arc)
+        if met is not None:
+            return met, arc
+        history: tuple[float, ...] = ()
+        while arc >= self.sweep.shortest_arc:
+            ahead = now.unknowns + arc * along * now.scales
+            planes = (Plane.of_frequency(float(ahead[-1]), ahead[:-1]), Plane(ahead, along, now.scales))
+            for plane in planes if abs(along[-1]) > STEEP else planes[::-1]:
+                try:
+                    new = self.system.correct(plane, now.end, now)
+                except NonConvergenceError as error:
+                    history = error.history
+                    continue
+                chord = (new.unknowns - now.unknowns) / now.scales
+                length = float(np.linalg.norm(chord))
+                if length < FAR * arc and chord @ along > BACK * length:
+                    return new, arc
+            arc *= SHORTER
+        raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap", history)
+
+    def _met(self, now: Point, along: Array, arc: float) -> Point | None:
+        """Return the next point of another curve, solved again from the contact at `now`, or None."""
+        reach = FAR * max(arc, self.sweep.first_arc)
+        for trail in self.trails:
+            known = trail.ahead(now, along, reach)
+            if known is None:
+                continue
+            with suppress(NonConvergenceError):
+                new = self.system.at_frequency(known.omega, known.arm, now.end, known)
+                chord = (new.unknowns - now.unknowns) / now.scales
+                length = float(np.linalg.norm(chord))
+                if length < reach and chord @ along > STRAIGHT * length:
+                    return new
+        return None
+
+    def _bridge(self, now: Point, way: float, error: NonConvergenceError) -> Point:
+        """Go on at a frequency further on, where the curve cannot be followed."""
+        for relative in BRIDGES:
+            omega = now.omega * (1.0 + way * relative)
+            for guess in (now.arm, self.system.guess(omega)):
+                with suppress(NonConvergenceError):
+                    return self.system.at_frequency(omega, guess, now.end, now)
+        raise error
+
+    def _end(self, inside: Point, outside: Point, omega: float) -> Point:
+        """Return the point at the end of the range, `omega`, between two points."""
+        share = (omega - inside.omega) / (outside.omega - inside.omega)
+        return self.system.at_frequency(omega, inside.arm + share * (outside.arm - inside.arm), inside.end, inside)
+
+    def _refine(self, found: list[Found]) -> float:
+        """Insert points at the peak and at half its power; return how much the finer settings change its top."""
+        if self._top(found) in (0, len(found) - 1):
+            return float("nan")
+        first, last = summit(self._amplitude(found))
+        changes = []
+        for k in range(first, last + 1):
+            with suppress(NonConvergenceError):  # the point then stays as coarse as it is
+                coarse, found[k] = found[k], self._keep(self.fine, self._finer(found[k].point))
+                changes.append(abs(coarse.first_harmonic[self.channel] / found[k].first_harmonic[self.channel] - 1.0))
+        with suppress(NonConvergenceError):  # the curve then stays as coarse as it is
+            self._refine_peak(found)
+        for step in (-1, 1):
+            with suppress(NonConvergenceError):
+                self._refine_half_power(found, step)
+        return float(max(changes, default=np.nan))
+
+    def _refine_peak(self, found: list[Found]) -> None:
+        for _ in range(MAX_INSERTIONS):
+            top = self._top(found)
+            if top in (0, len(found) - 1):
+                return
+            around = found[top - 1:top + 2]
+            motion = np.array([p.first_harmonic[self.channel] for p in around])
+            arc = arc_lengths(np.array([p.frequency for p in around]), motion)
+            fitted = Parabola.through(arc, np.abs(motion))
+            first = top - 1 if fitted.vertex < arc[1] else top
+            left, right = arc[first - top + 1], arc[first - top + 2]
+            share = float(np.clip((fitted.vertex - left) / (right - left), 0.02, 0.98))
+            found.insert(first + 1, self._between(found[first], found[first + 1], share))
+            new = abs(found[first + 1].first_harmonic[self.channel])
+            if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
+                return
+
+    def _refine_half_power(self, found: list[Found], step: int) -> None:
+        for _ in range(MAX_INSERTIONS):
+            amplitude = self._amplitude(found)
+            top = int(np.argmax(amplitude))
+            bracket = half_power_bracket(amplitude, top, step)
+            if bracket is None:
+                return
+            first, last = sorted(bracket)
+            target = amplitude[top] / sqrt(2.0)
+            share = (target - amplitude[first]) / (amplitude[last] - amplitude[first])
+            found.insert(last, self._between(found[first], found[last], float(np.clip(share, 0.02, 0.98))))
+            if abs(abs(found[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
+                return
+
+    def _between(self, a: Found, b: Found, share: float) -> Found:
+        """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it."""
+        arms = [_resized(p.point.arm, self.sweep.fine_harmonics) for p in (a, b)]
+        start, end = (np.append(arm, p.point.omega) for arm, p in zip(arms, (a, b), strict=True))
+        unknowns = start + share * (end - start)
+        scales = np.append(np.full(len(arms[0]), np.linalg.norm(unknowns[:-1])), unknowns[-1])
+        chord = (end - start) / scales
+        near = (a if share < 0.5 else b).point
+        plane = Plane(unknowns, chord / np.linalg.norm(chord), scales)
+        known = near if len(near.trajectory.arm) == self.sweep.fine_samples else None
+        return self._keep(self.fine, self.fine.correct(plane, near.end, known))
+
+    def _finer(self, point: Point) -> Point:
+        """Solve `point` again with the fine settings, at its frequency."""
+        return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics), point.end)
+
+    def _amplitude(self, found: list[Found]) -> Array:
+        return np.array([abs(p.first_harmonic[self.channel]) for p in found])
+
+    def _top(self, found: list[Found]) -> int:
+        return int(np.argmax(self._amplitude(found)))
+
+    def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> Found:
+        self.note(point.omega / (2.0 * pi))
+        return Found.of(self.face, system, point, bridged)
+
+
+def _backbone(problem: PeriodicProblem) -> Backbone | None:
+    """Return the contact's backbone, or None where it does not slide however far it is pushed."""
+    march = ContactMarch.of(problem)
+    with suppress(NonConvergenceError):
+        return Backbone.of(march, march.preloaded(problem.frictional_preload))
+    return None
+
+
+def _resized(arm: Array, harmonics: int) -> Array:
+    """Return coefficients with zeros for further harmonics, or without the last ones."""
+    size = 2 * harmonics + 1
+    return np.concatenate([arm[:size], np.zeros(max(0, size - len(arm)))])
+
+
+def _curve(problem: PeriodicProblem, runs: dict[Direction, _Run]) -> ResponseCurve:
+    labels = label_branches([(np.array([p.frequency for p in run.found]),
+                              np.array([p.first_harmonic for p in run.found])) for run in runs.values()])
+    found = [p for run in runs.values() for p in run.found]
+    return ResponseCurve(
+        excitation=problem.excitation, frequency=np.array([p.frequency for p in found]),
+        first_harmonic=np.array([p.first_harmonic for p in found]),
+        peak_to_peak=np.array([p.peak_to_peak for p in found]),
+        direction=np.concatenate([np.full(len(run.found), d, dtype=np.int8) for d, run in runs.items()]),
+        branch=np.concatenate(labels), multiplier=np.concatenate([run.multiplier for run in runs.values()]),
+        stable=np.concatenate([run.stable for run in runs.values()]), bridged=np.array([p.bridged for p in found]),
+        iterations=np.array([p.point.iterations for p in found]),
+        residual=np.array([p.point.norm for p in found]),
+        samples=np.array([len(p.point.trajectory.arm) for p in found]),
+        sampling_error=float(max(run.change for run in runs.values())))

@@ -1,0 +1,130 @@
+"""Points found along a response curve: what is kept of each, and which are stable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.solvers.continuation.curve import turns
+from fretflow.solvers.continuation.system import ArmSystem, Point
+from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.candidate_nodes import restrict
+from fretflow.solvers.quasi_static.sample import Array
+from fretflow.solvers.stability import Around, floquet_multipliers, is_stable
+
+NEARBY, STRAIGHT = 0.1, 0.9  # cosines of a bend: with less a point is passed by, with less it is left aside
+JUDGED = 10  # of so many points one has its stability found by itself
+
+
+@dataclass(frozen=True)
+class Face:
+    """The nodes within reach, the problem of these alone, and what their forces (3 m,) do at all nodes, m/N."""
+
+    nodes: NDArray[np.bool_]
+    part: PeriodicProblem
+    sliding: Array  # (3 m, n)
+    opening: Array  # (3 m, n)
+    gap: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> Face:
+        """Return the face of `problem` with `nodes` (n,) within reach."""
+        joint, face = problem.joint.quasi_static(), problem.interface
+        rows = joint.flexibility[np.repeat(nodes, 3)]
+        part = replace(problem, joint=joint) if nodes.all() else restrict(problem, joint, nodes)
+        return cls(nodes, part, rows[:, 0::3], rows[:, 2::3], face.gap, face.areas / face.areas.sum())
+
+    def slid(self, arm: Array, forces: Array) -> Array:
+        """Return the area mean of the relative x displacement (N,) of all nodes."""
+        return np.asarray(arm + forces @ (self.sliding @ self.weights))
+
+    def touched(self, approach: Array, forces: Array) -> NDArray[np.bool_]:
+        """Return which nodes (n,) touch at some time; those within reach may, the others must not."""
+        return np.asarray((self.gap + approach[:, None] + forces @ self.opening).min(axis=0) < 0.0)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A point of the curve with what is kept of it."""
+
+    system: ArmSystem
+    point: Point
+    first_harmonic: NDArray[np.complex128]
+    peak_to_peak: Array
+    touched: NDArray[np.bool_]
+    bridged: bool
+
+    @property
+    def frequency(self) -> float:
+        """Return the frequency in Hz."""
+        return self.point.omega / (2.0 * pi)
+
+    @classmethod
+    def of(cls, face: Face, system: ArmSystem, point: Point, bridged: bool) -> Found:
+        """Return what is kept of `point`, a root of `system` on `face`."""
+        trajectory = point.trajectory
+        n = trajectory.state.shape[1]
+        forces = trajectory.force.reshape(-1, 3, n).transpose(0, 2, 1).reshape(-1, 3 * n)
+        upper, lower = system.joint.observe(np.column_stack([trajectory.arm, trajectory.approach]), forces)
+        motion = np.column_stack([system.block_motion(point), trajectory.arm,
+                                  face.slid(trajectory.arm, forces), upper[:, 0], lower[:, 0]])
+        first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
+        return cls(system, point, first_harmonic, np.ptp(motion, axis=0),
+                   face.touched(trajectory.approach, forces), bridged)
+
+
+class Trail:
+    """The points of a curve followed before, to be met again the other way round.
+
+    Across a gap it does not lead: that is to be found, and said, again.
+    """
+
+    def __init__(self, found: list[Found]) -> None:
+        """Take the points in the order in which they were found."""
+        beyond = [*(p.bridged for p in found[1:]), False]
+        self._left = [(p.point, gap) for p, gap in zip(found, beyond, strict=True)]
+
+    def ahead(self, now: Point, along: Array, reach: float) -> Point | None:
+        """Return the next point if it lies within `reach` of `now`, where `along` leads, else None."""
+        while self._left:
+            point, gap = self._left[-1]
+            chord = (point.unknowns - now.unknowns) / now.scales
+            length = float(np.linalg.norm(chord))
+            if chord @ along > NEARBY * length:
+                return point if not gap and length < reach and chord @ along > STRAIGHT * length else None
+            self._left.pop()
+        return None
+
+
+def judge(found: list[Found], top: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the largest Floquet multipliers, nan where not found, and which points are stable, (P,) each.
+
+    Found are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
+    ever more between points that differ. All others lie between two that agree.
+    """
+    last = len(found) - 1
+    gaps = [k for k, p in enumerate(found) if p.bridged]
+    special = [*turns(np.array([p.frequency for p in found])), top, *gaps]
+    todo = {*range(0, last, JUDGED), last, *(int(k + s) for k in special for s in (-1, 0, 1) if 0 <= k + s <= last)}
+    judged: dict[int, tuple[float, bool]] = {}
+    while todo:
+        judged |= {k: _judge_one(found[k]) for k in todo}
+        known = sorted(judged)
+        todo = {(a + b) // 2 for a, b in pairwise(known) if b - a > 1 and judged[a][1] != judged[b][1]}
+    nearest = [max(k for k in known if k <= i) for i in range(last + 1)]
+    return (np.array([judged[k][0] if k == i else np.nan for i, k in enumerate(nearest)]),
+            np.array([judged[k][1] for k in nearest]))
+
+
+def _judge_one(found: Found) -> tuple[float, bool]:
+    """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
+    system, point = found.system, found.point
+    motion = np.column_stack([system.block_motion(point), point.trajectory.arm])
+    multipliers = floquet_multipliers(system.joint.rig, system.march.system, point.trajectory, found.frequency,
+                                      Around.of(system.at(point.omega), motion))
+    return float(abs(multipliers[0])), is_stable(multipliers)

@@ -1,0 +1,1 @@
+"""Dynamic Lagrangian frequency-time method."""

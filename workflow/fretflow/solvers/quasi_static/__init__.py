@@ -1,0 +1,1 @@
+"""The default solver: inertia by harmonics, massless contact at every time sample."""

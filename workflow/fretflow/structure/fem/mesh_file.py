@@ -1,0 +1,78 @@
+"""Reading a specimen's mesh: the .msh file and its named groups, checked before any rank waits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fretflow.core.errors import MeshError
+from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP
+from fretflow.structure.fem import compat
+from fretflow.structure.fem.ranks import on_root
+
+_GROUPS = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
+# gmsh's element types of 4 or 9 nodes and of 8 or 27 nodes.
+_QUADRILATERALS_AND_HEXAHEDRA = {2: {3, 10}, 3: {5, 12}}
+
+
+@dataclass(frozen=True)
+class TaggedMesh:
+    """A dolfinx mesh over the ranks of `comm` and the tags of its contact and clamped facets.
+
+    `source` names it in errors. `comm` outlives the mesh, unlike ``domain.comm``.
+    """
+
+    comm: Any
+    domain: Any
+    facet_tags: Any
+    contact_tag: int
+    clamped_tag: int
+    source: str
+
+
+def read_mesh(path: Path, comm: Any) -> TaggedMesh:
+    """Read the hexahedral mesh `path` (.msh, metres) onto the ranks of `comm`.
+
+    The physical groups are found by name: surfaces ``contact`` and ``clamped``, volume ``body``.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing or damaged, lacks a group, or has other cells than hexahedra.
+    """
+    with ExitStack() as stack:
+        groups = comm.bcast(on_root(comm, lambda: stack.enter_context(_checked_model(path))), root=0)
+        domain, facet_tags = compat.mesh_from_gmsh(comm)
+    return TaggedMesh(comm, domain, facet_tags, groups[CONTACT_GROUP], groups[CLAMPED_GROUP], str(path))
+
+
+@contextmanager
+def _checked_model(path: Path) -> Iterator[dict[str, int]]:
+    """Open `path` in gmsh, check it and yield the tag of each group."""
+    if not path.is_file():
+        raise MeshError(f"{path}: no such mesh file; give the path of a .msh file")
+    with compat.gmsh_model(path) as gmsh:
+        model = gmsh.model
+        named = {(model.getPhysicalName(dim, tag), dim): tag for dim, tag in model.getPhysicalGroups()}
+        for name, dim in _GROUPS.items():
+            if (name, dim) not in named:
+                kind = "surface" if dim == 2 else "volume"
+                raise MeshError(f"{path}: has no physical {kind} named {name!r}; add it in the mesher")
+            _check_elements(path, model, name, dim, named[name, dim])
+        # dolfinx wants node numbers without holes; a user's file may have them.
+        model.mesh.renumberNodes()
+        yield {name: named[name, dim] for name, dim in _GROUPS.items()}
+
+
+def _check_elements(path: Path, model: Any, name: str, dim: int, tag: int) -> None:
+    entities = model.getEntitiesForPhysicalGroup(dim, tag)
+    types = [tuple(model.mesh.getElementTypes(dim, entity)) for entity in entities]
+    kinds = {t for several in types for t in several}
+    if not kinds:
+        raise MeshError(f"{path}: the group {name!r} is empty; mesh the geometry before saving it")
+    if not kinds <= _QUADRILATERALS_AND_HEXAHEDRA[dim] or len(kinds) > 1:
+        raise MeshError(f"{path}: the group {name!r} has other elements than hexahedra of 8 or 27 nodes "
+                        f"and their faces (gmsh types {sorted(kinds)}); recombine the mesh")

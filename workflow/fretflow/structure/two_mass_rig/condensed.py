@@ -1,0 +1,239 @@
+"""A joint condensed once for many harmonics: its bodies as polynomials of frequency, its rig exact.
+
+Both bodies have proportional damping, so their dynamic stiffness is ``(1 + s b) (K + x M)`` at s = i w, with
+``x = (s^2 + s a) / (1 + s b)``. With its back face held each body is analytic in x up to its first natural frequency,
+two orders of magnitude above the harmonics: few terms of a polynomial in x, fitted at Chebyshev nodes, are exact to
+round-off there. What resonates is the rig, and that enters by three DOFs: the relative stiffness of a harmonic is
+these few real matrices and a term of rank three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from fretflow.core.records import quantity, record
+from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, ReducedSpecimen
+from fretflow.structure.two_mass_rig.joint import (
+    RIG_DOFS,
+    TRANSLATION,
+    Joint,
+    JointModel,
+    JointMotion,
+    QuasiStaticJoint,
+    invert_stiffness,
+    rig_loads,
+)
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+REACH = 1.0 / 20.0  # highest frequency of the fit, by the lowest of the bodies'
+TERMS = 4  # which at that reach leaves 1e-13 of the stiffness
+NEGLIGIBLE = 1e-15  # a term below this share of the first is left out
+
+
+class RelativeStiffness(NamedTuple):
+    """``Z_k = sum_t weights[k, t] terms[t] - levers_k cores_k levers_k^T`` and the load, at harmonics 0..H.
+
+    Attributes
+    ----------
+    terms : (T, 3 n, 3 n)
+        Real symmetric matrices in N/m, the first of them static.
+    weights : (H + 1, T)
+        Complex; that of the first term is one at rest.
+    levers : (H + 1, 3 n, 3)
+        Contact forces in N/m that hold the contact where a rig DOF moves.
+    cores : (H + 1, 3, 3)
+        Receptance of the rig in m/N, the contact being held.
+    load : (H + 1, 3 n)
+        Complex amplitudes in N.
+    """
+
+    terms: NDArray[np.float64]
+    weights: NDArray[np.complex128]
+    levers: NDArray[np.complex128]
+    cores: NDArray[np.complex128]
+    load: NDArray[np.complex128]
+
+    def apply(self, u: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return Z u for complex amplitudes (H + 1, 3 n); each real matrix is read once for all harmonics."""
+        parts = u.view(float).reshape(*u.shape, 2).transpose(0, 2, 1).reshape(-1, u.shape[1])
+        held = self.cores @ (_transposed(self.levers) @ u[:, :, None])
+        product = -(self.levers @ held)[:, :, 0]
+        for weight, term in zip(self.weights.T, self.terms, strict=True):
+            real = (parts @ term).reshape(len(u), 2, -1)
+            product += weight[:, None] * (real[:, 0] + 1j * real[:, 1])
+        return np.asarray(product)
+
+    def real_part(self, harmonic: int) -> NDArray[np.float64]:
+        """Return the real part of Z at one harmonic, (3 n, 3 n) in N/m."""
+        weights, lever = self.weights[harmonic].real, self.levers[harmonic]
+        static = np.tensordot(weights, self.terms, axes=1)
+        return np.asarray(static - (lever @ self.cores[harmonic] @ lever.T).real)
+
+    def up_to(self, harmonics: int) -> RelativeStiffness:
+        """Return the first harmonics, 0..`harmonics`."""
+        return RelativeStiffness(self.terms, *(part[:harmonics + 1] for part in self[1:]))
+
+
+@record
+class CondensedJoint:
+    """Polynomials in ``x / scale``, lowest power first; every term is a matrix over the contact DOFs or the rig's.
+
+    With contact forces f and the arm's motion p = (x, z): ``f = (1 + s b) stiffness (u + lever p)``; the arm feels
+    ``-lever^T f`` and the inertia ``(1 + s b) arm``. The observation nodes move by ``upper_lever p + upper_compliance
+    f / (1 + s b)`` and ``-lower_compliance f / (1 + s b)``.
+    """
+
+    stiffness: NDArray[np.float64] = quantity("N/m", "(T, 3 n, 3 n)")
+    lever: NDArray[np.float64] = quantity("1", "(T, 3 n, 2)")
+    arm: NDArray[np.float64] = quantity("N/m", "(T, 2, 2)")
+    upper_compliance: NDArray[np.float64] = quantity("m/N", "(T, 3, 3 n)")
+    upper_lever: NDArray[np.float64] = quantity("1", "(T, 3, 2)")
+    lower_compliance: NDArray[np.float64] = quantity("m/N", "(T, 3, 3 n)")
+    scale: float = quantity("1/s^2")
+    rayleigh_mass: float = quantity("1/s")
+    rayleigh_stiffness: float = quantity("s")
+    rig: LumpedRig
+
+    def reaches(self, frequency: float, harmonics: int) -> bool:
+        """Return whether the polynomials hold up to that harmonic of `frequency` (Hz)."""
+        return (2.0 * np.pi * frequency * harmonics) ** 2 <= self.scale
+
+    def relative(self, frequency: float, harmonics: int, excitation: float, normal_load: float) -> RelativeStiffness:
+        """Return the relative stiffness and the load at harmonics 0..`harmonics` of `frequency` (Hz)."""
+        powers, damped = self._powers(frequency, harmonics)
+        size = self.stiffness.shape[1]
+        levers = np.zeros((harmonics + 1, size, RIG_DOFS), dtype=complex)
+        arm = _at(powers, self.lever)
+        for t, term in enumerate(self.stiffness):
+            levers[:, :, 1:] += (powers[:, t] * damped)[:, None, None] * (term @ arm)
+        series = np.zeros((harmonics + 1, RIG_DOFS, RIG_DOFS), dtype=complex)
+        series[:, :2, :2] = self.rig.impedance(_omegas(frequency, harmonics))
+        series[:, 1:, 1:] += damped[:, None, None] * _at(powers, self.arm) + _transposed(arm) @ levers[:, :, 1:]
+        cores = np.linalg.inv(series)
+        held = cores @ rig_loads(harmonics, excitation, normal_load)[:, :, None]
+        sizes = np.abs(powers).max(axis=0) * [np.abs(term).max() for term in self.stiffness]
+        kept = sizes > NEGLIGIBLE * sizes[0]
+        return RelativeStiffness(terms=self.stiffness[kept], weights=(powers * damped[:, None])[:, kept],
+                                 levers=levers, cores=cores, load=-(levers @ held)[:, :, 0])
+
+    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128], excitation: float,
+                          normal_load: float) -> JointMotion:
+        """Return the rig's and the observation nodes' motion for relative displacements (H + 1, 3 n) in m."""
+        harmonics = len(displacement) - 1
+        powers, damped = self._powers(frequency, harmonics)
+        relative = self.relative(frequency, harmonics, excitation, normal_load)
+        held = _transposed(relative.levers) @ displacement[:, :, None]
+        rig = relative.cores @ (rig_loads(harmonics, excitation, normal_load)[:, :, None] - held)
+        pressed = (relative.apply(displacement) - relative.load)[:, :, None] / damped[:, None, None]
+        upper = _at(powers, self.upper_lever) @ rig[:, 1:] + _at(powers, self.upper_compliance) @ pressed
+        lower = -_at(powers, self.lower_compliance) @ pressed
+        return JointMotion(rig=rig[:, :2, 0], upper_observation=upper[:, :, 0],
+                           lower_observation=np.asarray(lower[:, :, 0], dtype=complex))
+
+    def _powers(self, frequency: float, harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the powers (H + 1, T) of x and the factors ``1 + s b`` (H + 1,)."""
+        s = 1j * _omegas(frequency, harmonics)
+        damped = 1.0 + s * self.rayleigh_stiffness
+        x = (s**2 + s * self.rayleigh_mass) / damped / self.scale
+        return np.asarray(x[:, None] ** np.arange(len(self.stiffness))), damped
+
+
+def condensed(joint: JointModel) -> CondensedJoint | None:
+    """Return `joint` condensed, or None where it has no such form: springs in series, bodies damped differently."""
+    if isinstance(joint, QuasiStaticJoint):
+        return _massless(joint)
+    if isinstance(joint, Joint) and _damping(joint.upper) == _damping(joint.lower):
+        return _elastic(joint)
+    return None
+
+
+def _massless(joint: QuasiStaticJoint) -> CondensedJoint:
+    return CondensedJoint(
+        stiffness=joint.stiffness[None], lever=-joint.motion[None], arm=np.zeros((1, 2, 2)),
+        upper_compliance=joint.upper_compliance[None], upper_lever=TRANSLATION[None].copy(),
+        lower_compliance=joint.lower_compliance[None], scale=float("inf"), rayleigh_mass=0.0, rayleigh_stiffness=0.0,
+        rig=joint.rig)
+
+
+def _elastic(joint: Joint) -> CondensedJoint:
+    """Evaluate the bodies at Chebyshev nodes of x in [-scale, 0] and fit the polynomials through them."""
+    lowest = min(joint.upper.full_frequencies.min(), joint.lower.full_frequencies.min())
+    scale = float((2.0 * np.pi * REACH * lowest) ** 2)
+    nodes = -0.5 * (1.0 - np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS))
+    values = [_bodies_at(joint, float(node) * scale) for node in nodes]
+    fit = np.linalg.inv(np.vander(nodes, increasing=True))
+
+    def terms(pick: Callable[[_Bodies], NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.asarray(np.einsum("tj,j...->t...", fit, np.stack([pick(value) for value in values])))
+
+    return CondensedJoint(
+        stiffness=terms(lambda v: v.stiffness), lever=terms(lambda v: v.lever), arm=terms(lambda v: v.arm),
+        upper_compliance=terms(lambda v: v.upper_compliance), upper_lever=terms(lambda v: v.upper_lever),
+        lower_compliance=terms(lambda v: v.lower_compliance), scale=scale, rig=joint.rig,
+        rayleigh_mass=joint.upper.rayleigh_mass, rayleigh_stiffness=joint.upper.rayleigh_stiffness)
+
+
+class _Bodies(NamedTuple):
+    """Both bodies at one x, as the terms of `CondensedJoint`."""
+
+    stiffness: NDArray[np.float64]
+    lever: NDArray[np.float64]
+    arm: NDArray[np.float64]
+    upper_compliance: NDArray[np.float64]
+    upper_lever: NDArray[np.float64]
+    lower_compliance: NDArray[np.float64]
+
+
+def _bodies_at(joint: Joint, x: float) -> _Bodies:
+    face = joint.upper.rigid.start
+    upper, seen = _free_of_inner(joint.upper, x, np.array([face, face + 2]))
+    lower, seen_below = _free_of_inner(joint.lower, x, np.zeros(0, dtype=np.int64))
+    c = joint.upper.contact_size
+    across = upper[:c, c:]
+    flexibility = invert_stiffness(upper[:c, :c], "contact stiffness of the upper specimen")
+    lever = flexibility @ across
+    flexibility_below = invert_stiffness(lower, "contact stiffness of the lower specimen")
+    return _Bodies(
+        stiffness=invert_stiffness(flexibility + flexibility_below, "relative flexibility"), lever=lever,
+        arm=upper[c:, c:] - across.T @ lever, upper_compliance=seen[:, :c] @ flexibility,
+        upper_lever=seen[:, c:] - seen[:, :c] @ lever, lower_compliance=seen_below @ flexibility_below)
+
+
+def _free_of_inner(body: ReducedSpecimen, x: float, face: NDArray[np.int64]
+                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ``K + x M`` of contact and `face` DOFs, and the observation node's motion by theirs (3, kept).
+
+    Observation and modal DOFs are free of force, the other DOFs of the clamped face are held.
+    """
+    kept = np.r_[:body.contact_size, face].astype(int)
+    inner = np.r_[body.observation.start:len(body.stiffness)]
+
+    def part(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
+        block = np.ix_(rows, columns)
+        return np.asarray(body.stiffness[block] + x * body.mass[block])
+
+    across = part(inner, kept)
+    answer = -cho_solve(cho_factor(part(inner, inner), lower=True), across)
+    return np.asarray(part(kept, kept) + across.T @ answer), answer[:OBSERVATION_DOFS]
+
+
+def _at(powers: NDArray[np.complex128], terms: NDArray[np.float64]) -> NDArray[Any]:
+    """Return the polynomials with coefficients `terms` (T, ...) at every harmonic, (H + 1, ...)."""
+    return np.asarray(np.einsum("kt,t...->k...", powers, terms))
+
+
+def _transposed(stack: NDArray[Any]) -> NDArray[Any]:
+    return stack.transpose(0, 2, 1)
+
+
+def _damping(body: ReducedSpecimen) -> tuple[float, float]:
+    return body.rayleigh_mass, body.rayleigh_stiffness
+
+
+def _omegas(frequency: float, harmonics: int) -> NDArray[np.float64]:
+    return np.asarray(2.0 * np.pi * frequency * np.arange(harmonics + 1))

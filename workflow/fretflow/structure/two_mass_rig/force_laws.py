@@ -1,0 +1,80 @@
+"""Forces on the rig beside its contact (each a `rig.forces.RigForce`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.structure.two_mass_rig.forces import ForceAndSlopes
+
+Array = NDArray[np.float64]
+BLOCK, ARM = 0, 1
+ROUND = 0.1  # of the half play, to either side of its end, over which the hinge takes hold
+
+
+@dataclass(frozen=True)
+class ArmSupport:
+    """A spring of `stiffness` (N/m) and a dashpot of `damping` (N s/m) from the arm to the ground."""
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+    def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
+        """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
+        found = _nothing(len(displacement))
+        found.force[:, ARM] = -self.stiffness * displacement[:, ARM] - self.damping * velocity[:, ARM]
+        found.by_displacement[:, ARM, ARM] = -self.stiffness
+        found.by_velocity[:, ARM, ARM] = -self.damping
+        return found
+
+
+@dataclass(frozen=True)
+class BlockPull:
+    """A constant `force` (N) on the block."""
+
+    force: float
+
+    def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
+        """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
+        found = _nothing(len(displacement))
+        found.force[:, BLOCK] = self.force
+        return found
+
+
+@dataclass(frozen=True)
+class HingePlay:
+    """What play of `play` (m) from end to end takes off a linear hinge of `stiffness` (N/m).
+
+    The hinge carries ``k d(delta)``, delta the arm's motion relative to the block and d zero within the play, delta
+    less half the play beyond; so ``k (delta - d(delta))`` is taken off. Its damping stays. The stiffness comes in
+    linearly about the end of the play, as that of faces that come into touch; a jump would stall Newton's method.
+    """
+
+    stiffness: float
+    play: float
+
+    def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
+        """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
+        found = _nothing(len(displacement))
+        apart = displacement[:, ARM] - displacement[:, BLOCK]
+        half = 0.5 * self.play
+        taken, share = _clipped(apart / half) if half > 0.0 else (np.zeros_like(apart), np.zeros_like(apart))
+        on_arm, slope = self.stiffness * half * taken, self.stiffness * share
+        for i, sign in ((ARM, 1.0), (BLOCK, -1.0)):
+            found.force[:, i] = sign * on_arm
+            found.by_displacement[:, i, ARM] = sign * slope
+            found.by_displacement[:, i, BLOCK] = -sign * slope
+        return found
+
+
+def _clipped(value: Array) -> tuple[Array, Array]:
+    """Return `value` (N,) clipped to -1 and 1 with corners rounded by parabolas, and its slope."""
+    slope = np.clip((1.0 + ROUND - np.abs(value)) / (2.0 * ROUND), 0.0, 1.0)
+    size = np.minimum(np.abs(value), 1.0 - ROUND) + ROUND * (1.0 - slope**2)
+    return np.sign(value) * size, slope
+
+
+def _nothing(samples: int) -> ForceAndSlopes:
+    return ForceAndSlopes(np.zeros((samples, 2)), np.zeros((samples, 2, 2)), np.zeros((samples, 2, 2)))
