@@ -1,0 +1,94 @@
+"""Parameters as coordinates, and derivatives of an experiment that has none of its own, against what is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import exp, log
+
+import numpy as np
+import pytest
+from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.effect import Prior
+from fretflow.inference.experiment import Measurement, Point, Prediction, differences, jacobian
+from fretflow.inference.parameters import Array, Coordinate, Parameters
+
+BASELINE = (Coordinate("", "stiffness", log(2.0), 0.5, True), Coordinate("", "limit", 1.0, 0.1, False))
+
+
+@dataclass(frozen=True)
+class Line:
+    """Three values, ``stiffness * (1, 2, 3) + limit``; a dashpot adds its share of the last."""
+
+    measurement: Measurement
+
+    def candidates(self) -> tuple[str, ...]:
+        """Return the one effect."""
+        return ("viscous",)
+
+    def together(self, effects: Sequence[str]) -> bool:
+        """Return that it may act."""
+        return True
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return two coordinates of the baseline and those of effects."""
+        return Parameters.of(BASELINE, effects, signs)
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the line; none of a limit above 2."""
+        own = point.parameters.values(point.z)
+        if own[""]["limit"] > 1.2:
+            raise NonConvergenceError("no line")
+        return Prediction(point, own[""]["stiffness"] * np.arange(1.0, 4.0) + own[""]["limit"])
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return differences."""
+        return differences(self, prediction, points)
+
+
+def line() -> Line:
+    """Return the experiment; what it measured plays no part."""
+    zero, rows = np.zeros(3), np.zeros(3, dtype=int)
+    return Line(Measurement(
+        values=zero, variance=zero + 1.0, modes=np.zeros((3, 0)), repeatable=zero + 1.0, channel=rows, channels=("a",),
+        phase=zero, group=rows, groups=("b",), cycles=zero, condition=rows, held_out=np.zeros(3, dtype=bool)))
+
+
+def test_a_range_is_the_90_percent_interval_of_its_parameter() -> None:
+    """Coordinates of 1.645 are the ends of a logarithmic range, by their definition."""
+    kind = Parameters.of((), ["backlash"])
+    (play,) = (one for one in kind.coordinates if one.field == "play")
+    half = 1.6448536
+    assert [play.value(-half), play.value(half)] == pytest.approx([exp(play.middle - half * play.size),
+                                                                  exp(play.middle + half * play.size)])
+    assert play.place(play.value(0.7)) == pytest.approx(0.7)
+
+
+def test_ranges_at_another_size_follow_the_experiment() -> None:
+    """A joint of ten times the size has ten times the range: the logarithm's middle moves, its width does not."""
+    own, large = (Parameters.of((), ["backlash"], scaled=scaled).coordinates[0] for scaled in (
+        None, lambda effect, field, prior: Prior(10.0 * prior.low, 10.0 * prior.high, prior.logarithmic, "")))
+    if own.logarithmic:
+        assert large.middle - own.middle == pytest.approx(log(10.0))
+        assert large.size == pytest.approx(own.size)
+    else:
+        assert (large.middle, large.size) == pytest.approx((10.0 * own.middle, 10.0 * own.size))
+
+
+def test_derivatives_by_differences_are_those_of_the_closed_form() -> None:
+    """A stiffness changes the line by half its slope, a limit by a tenth; taken inward where there is a limit."""
+    experiment = line()
+    z = np.array([0.3, 1.99])  # a step further on, the line has no solution: derivatives are taken inward
+    found = jacobian(experiment, experiment.predict(Point(experiment.parameters(()), z)))
+    slope = 0.5 * exp(log(2.0) + 0.5 * 0.3) * np.arange(1.0, 4.0)
+    assert found == pytest.approx(np.column_stack([slope, np.full(3, 0.1)]), rel=0.01)
+
+
+def test_what_has_no_solution_is_told_by_nan() -> None:
+    """A point beyond the limit has a column of nan, the one beside it its change."""
+    experiment = line()
+    own = experiment.parameters(())
+    found = differences(experiment, experiment.predict(Point(own, np.zeros(2))),
+                        [Point(own, np.array([0.0, 3.0])), Point(own, np.array([0.0, 1.0]))])
+    assert np.isnan(found[:, 0]).all()
+    assert found[:, 1] == pytest.approx(np.full(3, 0.1))

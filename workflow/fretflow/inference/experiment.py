@@ -1,0 +1,136 @@
+"""What the inference engine knows of an experiment: what was measured, and how a hypothesis predicts it.
+
+An experiment (loops of a rig, a driven joint, a series of wear tests) is any object with the members of `Experiment`;
+the engine fits, compares and judges hypotheses through these alone. A hypothesis is a point: the coordinates of the
+baseline's and the effects' parameters (see `parameters`) and their values. ::
+
+    measured = predicted(point) + errors,    errors ~ N(0, diag(variance) + modes modes^T)
+
+to which `evidence` adds what models get wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import FretflowError
+from fretflow.core.records import quantity, record
+from fretflow.inference.covariance import Covariance
+from fretflow.inference.parameters import Array, Parameters
+
+STEP = 0.02  # of a coordinate, for derivatives: a fiftieth of what was uncertain beforehand
+
+
+@record
+class Measurement:
+    """What was measured, M values in the order of the experiment's rows, their errors, and what each row is of."""
+
+    values: Array = quantity("SI", "(M,)")
+    variance: Array = quantity("SI^2", "(M,), of independent errors")
+    modes: Array = quantity("SI", "(M, B), of errors that rows share: gains, zeros, code error")
+    repeatable: Array = quantity("1", "(M,), share of the variance that repeats show")
+    channel: NDArray[np.int64] = quantity("1", "(M,), index into `channels`")
+    channels: tuple[str, ...]
+    phase: Array = quantity("1", "(M,), share of the period; nan where a row is of none")
+    group: NDArray[np.int64] = quantity("1", "(M,), index into `groups`: the loop, test or stretch of a record")
+    groups: tuple[str, ...]
+    cycles: Array = quantity("1", "(M,), share of the test that had passed; nan where that says nothing")
+    condition: NDArray[np.int64] = quantity("1", "(M,), 0 as in the test, others at other conditions")
+    held_out: NDArray[np.bool_] = quantity("1", "(M,), rows that judge a prediction; fits for it leave them out")
+
+    @property
+    def expected(self) -> float:
+        """Return the chi-squared that repeats explain."""
+        return float(self.repeatable.sum())
+
+    def covariance(self, kept: NDArray[np.bool_] | None = None) -> Covariance:
+        """Return the errors' covariance, of the rows (M,) that are `kept`."""
+        rows = np.ones(len(self.values), dtype=bool) if kept is None else kept
+        return Covariance(self.variance[rows], self.modes[rows])
+
+
+@dataclass(frozen=True)
+class Point:
+    """A hypothesis: coordinates and their values z (size,), standard normal beforehand."""
+
+    parameters: Parameters
+    z: Array
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Return the effects of the hypothesis."""
+        return frozenset(self.parameters.effects)
+
+    def beside(self, step: float = STEP) -> tuple[list[Point], Array]:
+        """Return the points a step away along each coordinate, toward the middle, and the steps (size,) taken."""
+        steps = np.where(self.z <= 0.0, step, -step)
+        return [Point(self.parameters, self.z + own) for own in np.diag(steps)], steps
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a hypothesis predicts, and whatever its experiment keeps of how, for its neighbours to begin from."""
+
+    point: Point
+    values: Array  # (M,), SI
+    state: Any = None
+
+
+class Experiment(Protocol):
+    """An experiment under the engine."""
+
+    @property
+    def measurement(self) -> Measurement:
+        """Return what was measured."""
+        ...
+
+    def candidates(self) -> tuple[str, ...]:
+        """Return the ids of the effects that may act in it."""
+        ...
+
+    def together(self, effects: Sequence[str]) -> bool:
+        """Tell whether effects may act at once."""
+        ...
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the coordinates of the baseline with `effects`."""
+        ...
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return what a hypothesis predicts; `near` is a prediction to begin from.
+
+        Raises
+        ------
+        NonConvergenceError
+            If it has no solution.
+        """
+        ...
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return the first-order changes (M, V) from a prediction to hypotheses beside it.
+
+        A column of nan says that nothing is known of one. `differences` does for models that are cheap.
+        """
+        ...
+
+
+def differences(experiment: Experiment, prediction: Prediction, points: Sequence[Point]) -> Array:
+    """Return the changes (M, V) from a prediction to hypotheses, each predicted; nan where one has no solution."""
+    found = np.full((len(prediction.values), len(points)), np.nan)
+    for column, point in zip(found.T, points, strict=True):
+        try:
+            column[:] = experiment.predict(point, prediction).values - prediction.values
+        except FretflowError:
+            continue
+    return found
+
+
+def jacobian(experiment: Experiment, prediction: Prediction) -> Array:
+    """Return the derivative (M, size) of a prediction by its coordinates; zero where nothing is known."""
+    points, steps = prediction.point.beside()
+    return np.asarray(np.nan_to_num(experiment.changes(prediction, points)) / steps)

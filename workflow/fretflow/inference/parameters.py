@@ -1,0 +1,132 @@
+"""Parameters of a hypothesis as coordinates that are standard normal before anything was measured.
+
+A range counts as the 90 % interval of its parameter; a logarithmic one that of its logarithm. A parameter that may have
+either sign has its range on the side where the search begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import Effect, Prior, parameter_limits
+
+Array = NDArray[np.float64]
+
+WIDTH = 2.0 * float(norm.ppf(0.95))  # of a 90 % interval, in standard deviations
+FARTHEST = 4.0  # standard deviations that a coordinate may go: beyond, six of 1e5 draws from the prior lie
+
+Scaled = Callable[[str, str, Prior], Prior]  # effect, field and its range: the range at the size of what was measured
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One parameter: of the baseline where `effect` is empty."""
+
+    effect: str
+    field: str
+    middle: float
+    size: float
+    logarithmic: bool
+    lowest: float = -math.inf
+    highest: float = math.inf
+    sign: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Return its full name."""
+        return f"{self.effect}.{self.field}" if self.effect else f"baseline.{self.field}"
+
+    def value(self, z: float) -> float:
+        """Return the parameter at coordinate z."""
+        z = min(max(z, -FARTHEST), FARTHEST)
+        inner = self.middle + z * self.size
+        value = self.sign * (math.exp(inner) if self.logarithmic else inner)
+        return min(max(value, self.lowest), self.highest)
+
+    def place(self, value: float) -> float:
+        """Return the coordinate of a parameter's value, within `FARTHEST`."""
+        inner = self.sign * value
+        if self.logarithmic:
+            inner = math.log(max(inner, math.exp(self.middle - FARTHEST * self.size)))
+        return min(max((inner - self.middle) / self.size, -FARTHEST), FARTHEST)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The coordinates of a hypothesis with given effects: first the baseline's, then theirs."""
+
+    effects: tuple[str, ...]
+    coordinates: tuple[Coordinate, ...]
+    signs: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, baseline: Sequence[Coordinate], effects: Sequence[str], signs: Mapping[str, float] | None = None,
+           scaled: Scaled | None = None) -> Parameters:
+        """Return the coordinates of a baseline with `effects`.
+
+        Parameters
+        ----------
+        baseline
+            The baseline's own coordinates.
+        effects
+            Ids of the catalogue.
+        signs
+            Those of parameters that may have either, by full name; positive where not given.
+        scaled
+            Ranges of the catalogue, which are a fretting rig's, at the size of what was measured.
+        """
+        own = list(baseline)
+        for name in sorted(effects):
+            own += _of_effect(catalogue()[name], signs or {}, scaled)
+        return cls(tuple(sorted(effects)), tuple(own), dict(signs or {}))
+
+    @property
+    def size(self) -> int:
+        """Return the number of coordinates."""
+        return len(self.coordinates)
+
+    def values(self, z: Array) -> dict[str, dict[str, float]]:
+        """Return the parameters' values in SI by effect (none: the baseline) and field at coordinates z (size,)."""
+        found: dict[str, dict[str, float]] = {name: {} for name in ("", *self.effects)}
+        for coordinate, at in zip(self.coordinates, z, strict=True):
+            found[coordinate.effect][coordinate.field] = coordinate.value(float(at))
+        return found
+
+    def built(self, z: Array) -> tuple[Effect, ...]:
+        """Return the effects at coordinates z (size,)."""
+        values = self.values(z)
+        return tuple(catalogue()[name]().changed(**values[name]) for name in self.effects)
+
+    def own(self, effect: str) -> NDArray[np.bool_]:
+        """Return which coordinates (size,) are those of an effect; of the baseline where its name is empty."""
+        return np.array([one.effect == effect for one in self.coordinates], dtype=bool)
+
+
+def _of_effect(kind: type[Effect], signs: Mapping[str, float], scaled: Scaled | None) -> list[Coordinate]:
+    found = []
+    for name, stated in kind.priors().items():
+        if getattr(kind(), name) is None:  # follows the case
+            continue
+        prior = stated if scaled is None else scaled(kind.id, name, stated)
+        lowest, highest = parameter_limits(kind, name)
+        if prior.logarithmic:
+            low, high = math.log(prior.low), math.log(prior.high)
+        else:
+            low, high = prior.low, prior.high
+        sign = signs.get(f"{kind.id}.{name}", 1.0) if lowest < 0.0 <= prior.low else 1.0
+        found.append(Coordinate(kind.id, name, 0.5 * (low + high), (high - low) / WIDTH, prior.logarithmic, lowest,
+                                highest, sign))
+    return found
+
+
+def signed_fields(kind: type[Effect]) -> list[str]:
+    """Return the parameters of an effect whose range is positive but which may be negative as well."""
+    return [name for name, prior in kind.priors().items()
+            if prior.low > 0.0 and parameter_limits(kind, name)[0] < 0.0]
