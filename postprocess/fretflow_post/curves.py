@@ -24,7 +24,7 @@ CB_LIMIT = 0.1  # %, what a reduced specimen is held to
 
 
 @dataclass(frozen=True)
-class Loop:
+class LoopCurve:
     """A hysteresis loop at a cycle count: relative displacements in m and friction force in N, (N,) each."""
 
     cycles: int
@@ -33,16 +33,16 @@ class Loop:
     force: NDArray[np.float64]
 
 
-def loop_of(period: PeriodicSolution, areas: NDArray[np.float64], cycles: int) -> Loop:
+def loop_of(period: PeriodicSolution, areas: NDArray[np.float64], cycles: int) -> LoopCurve:
     """Return the hysteresis loop of `period`, along x.
 
     Displacement of the faces is the area mean over the contact nodes; `areas` in m^2, (nodes,).
     """
-    return Loop(cycles, (period.upper_observation - period.lower_observation)[:, 0],
+    return LoopCurve(cycles, (period.upper_observation - period.lower_observation)[:, 0],
                 period.displacement[:, :, 0] @ areas / areas.sum(), period.friction_force)
 
 
-def plot_loops(path: Path, loops: Sequence[Loop]) -> list[Path]:
+def plot_loops(path: Path, loops: Sequence[LoopCurve]) -> list[Path]:
     """Draw hysteresis `loops` at the observed points and at the faces; write PNG and CSV."""
     with style.styled():
         figure = style.new_figure("Hysteresis loops", "friction force of the upper specimen on the lower one "

@@ -9,7 +9,7 @@ import numpy as np
 from fretflow.core.store import write_csv
 from fretflow.core.units import readable_unit
 from fretflow.recordings.loopset import LoopSet
-from fretflow.recordings.readings import Estimate, RecordedReadings
+from fretflow.recordings.readings import LoopReading, RecordedReadings
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ class Panel:
     """One reading over the cycles."""
 
     title: str
-    estimate: Estimate
+    estimate: LoopReading
     unit: str
 
 

@@ -202,7 +202,7 @@ def _row(one: Estimate) -> ParameterRow:
 
 
 @dataclass(frozen=True)
-class Fit:
+class HeldOutBars:
     """The held-out errors as bars, in shares of the longest, and what they mean."""
 
     what: str
@@ -212,7 +212,7 @@ class Fit:
     text: str
 
 
-def _fit(fit: HeldOut, after: bool) -> Fit | None:
+def _fit(fit: HeldOut, after: bool) -> HeldOutBars | None:
     shown = [("before", fit.before)] + ([("after", fit.after)] if after else [])
     shown = [(look, value) for look, value in shown if math.isfinite(value)]
     if not shown:
@@ -220,7 +220,7 @@ def _fit(fit: HeldOut, after: bool) -> Fit | None:
     floor = fit.floor if math.isfinite(fit.floor) else 0.0
     longest = max(floor, *(value for _, value in shown)) or 1.0
     bars = tuple((look, words.number(value), value / longest) for look, value in shown)
-    return Fit(fit.what, bars, words.number(fit.floor), floor / longest, _fit_text(dict(shown), floor))
+    return HeldOutBars(fit.what, bars, words.number(fit.floor), floor / longest, _fit_text(dict(shown), floor))
 
 
 def _fit_text(shown: dict[str, float], floor: float) -> str:

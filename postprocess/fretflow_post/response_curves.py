@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.pipeline.response_curves import RunCurve
-from fretflow.solvers.continuation.curve import Direction, Peak, channel_index
+from fretflow.solvers.continuation.curve import Peak, SweepDirection, channel_index
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -49,13 +49,13 @@ def _draw(upper: Axes, lower: Axes, run: RunCurve, colour: str) -> None:
     frequency, motion = curve.frequency, curve.first_harmonic[:, BLOCK]
     receptance = np.abs(motion) * UM / curve.excitation
     phase = np.degrees(np.mod(-np.angle(motion), 2.0 * np.pi))
-    for direction in (Direction.DOWN, Direction.UP):
+    for direction in (SweepDirection.DOWN, SweepDirection.UP):
         own = curve.along(direction)
         if not len(own):
             continue
         peak = run.peak(direction)
-        label = _label(run, peak) if direction is Direction.UP or not len(curve.along(Direction.UP)) else None
-        width = 2.4 if direction is Direction.UP else 1.0
+        label = _label(run, peak) if direction is SweepDirection.UP or not len(curve.along(SweepDirection.UP)) else None
+        width = 2.4 if direction is SweepDirection.UP else 1.0
         for part, stable in _stretches(own, curve.stable):
             line = "-" if stable else UNSTABLE
             upper.loglog(frequency[part], receptance[part], color=colour, linestyle=line, linewidth=width, label=label)
@@ -64,7 +64,7 @@ def _draw(upper: Axes, lower: Axes, run: RunCurve, colour: str) -> None:
         turns, gaps = curve.turning_points(direction), own[curve.bridged[own]]
         upper.plot(frequency[turns], receptance[turns], "^", color=colour, markerfacecolor="white")
         upper.plot(frequency[gaps], receptance[gaps], "x", color=colour)
-        if direction is Direction.UP:
+        if direction is SweepDirection.UP:
             _mark(upper, peak, curve.excitation, colour)
 
 
@@ -93,8 +93,8 @@ def _stretches(own: NDArray[np.int64], stable: NDArray[np.bool_]) -> list[tuple[
 
 def _signs(curves: Sequence[RunCurve]) -> dict[str, Line2D]:
     """Return the signs that occur in `curves`, by their meaning."""
-    peaks = [run.peak(direction) for run in curves for direction in Direction if len(run.curve.along(direction))]
-    turns = sum(len(run.curve.turning_points(direction)) for run in curves for direction in Direction)
+    peaks = [run.peak(direction) for run in curves for direction in SweepDirection if len(run.curve.along(direction))]
+    turns = sum(len(run.curve.turning_points(direction)) for run in curves for direction in SweepDirection)
     signs = {"resonance": (True, Line2D([], [], color=style.BLACK, linestyle="", marker="o", markersize=10)),
              "half power": (any(peak.damping_ratio is not None for peak in peaks),
                             Line2D([], [], color=style.BLACK, linestyle="", marker="|", markersize=16,

@@ -9,7 +9,7 @@ import numpy as np
 from fretflow.contact.interface import Interface
 from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.observation import Observation, Piece
-from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -21,7 +21,7 @@ SOLVED, HARMONICS = 40, 10
 SAMPLES = 2 * HARMONICS + 1
 
 
-def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequence[Condition], volume_sd: float,
+def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequence[SweepCondition], volume_sd: float,
              depth_sd: float) -> Observation:
     """Return zeros in place of loops and sweep of the channels of `sd`, volume and map, with these sd."""
     pieces: list[Piece] = []
@@ -56,5 +56,5 @@ def rig(observation: Observation) -> RigModel:
                                               LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
         interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)
     return RigModel(problem=problem, wear_coefficient=1.1e-14, observation=observation,
-                    displacement_of=DisplacementOf(Place.CONTACT_FACES), samples=SOLVED,
+                    displacement_of=DisplacementOf(MeasuredAt.CONTACT_FACES), samples=SOLVED,
                     total_cycles=max(observation.counts))

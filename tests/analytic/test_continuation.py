@@ -15,8 +15,8 @@ from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.continuation import follow as continuation
 from fretflow.solvers.continuation.curve import (
     CHANNELS,
-    Direction,
     ResponseCurve,
+    SweepDirection,
     label_branches,
     read_peak,
     summit,
@@ -68,7 +68,7 @@ def test_a_sticking_contact_gives_the_linear_response_in_both_directions():
     assert np.all(found.stable)
     assert not found.bridged.any()
     assert set(found.branch) == {0}
-    for direction in Direction:
+    for direction in SweepDirection:
         own = found.frequency[found.along(direction)]
         assert np.all(direction * np.diff(own) > 0.0)
         assert sorted(own[[0, -1]]) == pytest.approx([40.0, 120.0])
@@ -83,7 +83,7 @@ def test_peak_and_half_power_damping_are_those_of_the_linear_rig():
     top = grid[np.argmax(exact)]
     low, high = (brentq(lambda f: amplitude(f) * np.sqrt(2.0) - exact.max(), *ends)
                  for ends in ((40.0, top), (top, 120.0)))
-    for direction in Direction:
+    for direction in SweepDirection:
         peak = read_peak(sticking(), direction=direction)
         assert peak.amplitude == pytest.approx(exact.max(), rel=1e-3)
         assert peak.frequency == pytest.approx(top, rel=2e-4)
@@ -102,7 +102,7 @@ def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
     given = problem(2.0, 100.0)
     oscillator = replace(given, joint=replace(given.joint, rig=rig))
     sweep = Sweep(start=50.0, stop=75.0, harmonics=3, samples=16, fine_harmonics=3, fine_samples=24, tolerance=1e-7,
-                  directions=(Direction.UP,))
+                  directions=(SweepDirection.UP,))
     peak = read_peak(respond(oscillator, sweep, lambda direction, frequency: None))
     assert peak.frequency == pytest.approx(frequency * np.sqrt(1 - 2 * zeta**2), rel=2e-4)
     assert peak.amplitude == pytest.approx(2.0 / (2 * STIFFNESS * zeta * np.sqrt(1 - zeta**2)), rel=1e-3)
@@ -120,7 +120,7 @@ def test_the_load_is_raised_step_by_step_where_rest_leads_nowhere(monkeypatch):
 
     monkeypatch.setattr(ArmSystem, "at_frequency", fail_first)
     sweep = Sweep(start=55.0, stop=57.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64,
-                  directions=(Direction.UP,))
+                  directions=(SweepDirection.UP,))
     found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
     np.testing.assert_allclose(asked[1:11], 20.0 * np.arange(1, 11) / 10)
     direct = respond_directly(sweep, 55.0)
@@ -154,7 +154,7 @@ SHORT = Sweep(start=85.0, stop=110.0, harmonics=3, samples=16, fine_harmonics=3,
 def test_a_gap_is_bridged_and_said(monkeypatch):
     gap_between(monkeypatch, 95.0, 95.3)
     found = respond(problem(2.0, 100.0), SHORT, lambda direction, frequency: None)
-    for direction in Direction:
+    for direction in SweepDirection:
         own = found.along(direction)
         assert np.sum(found.bridged[own]) == 1
         (place,) = np.flatnonzero(found.bridged[own])
@@ -195,7 +195,7 @@ def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(mon
     crowned = PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.5, frequency=100.0,
                               excitation=25.0, normal_load=LOAD)
     sweep = Sweep(start=45.0, stop=47.0, harmonics=11, samples=48, fine_harmonics=11, fine_samples=48,
-                  directions=(Direction.UP,))
+                  directions=(SweepDirection.UP,))
     make = continuation.Face.of
     monkeypatch.setattr(continuation.Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
     found = respond(crowned, sweep, lambda direction, frequency: None)
@@ -251,13 +251,13 @@ def jenkins(frequencies, force, limit, steps=1200, periods=100):
 @cache
 def sliding():
     sweep = Sweep(start=35.0, stop=90.0, harmonics=25, samples=96, fine_harmonics=25, fine_samples=128,
-                  longest_step=0.08, directions=(Direction.UP,))
+                  longest_step=0.08, directions=(SweepDirection.UP,))
     return respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
 
 
 def test_a_sliding_node_is_the_jenkins_element_marched_in_time():
     found = sliding()
-    own = found.along(Direction.UP)
+    own = found.along(SweepDirection.UP)
     chosen = own[np.unique(np.searchsorted(found.frequency[own], np.geomspace(36.0, 89.5, 14)))]
     expected = jenkins(found.frequency[chosen], 20.0, 0.3 * LOAD)
     stroke = found.peak_to_peak[chosen, CHANNELS.index("relative")]
@@ -325,7 +325,7 @@ def test_the_way_back_meets_the_points_of_the_way_there(monkeypatch):
 
     def shared():
         found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
-        up, down = (found.frequency[found.along(direction)] for direction in Direction)
+        up, down = (found.frequency[found.along(direction)] for direction in SweepDirection)
         return np.mean(np.isin(np.round(down, 6), np.round(up, 6)))
 
     assert shared() > 0.7

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 from fretflow.contact.interface import Interface
-from fretflow.solvers.continuation.curve import Direction, read_peak
+from fretflow.solvers.continuation.curve import SweepDirection, read_peak
 from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -77,11 +77,11 @@ def integrate(frequencies, steps=160, periods=80):
 
 def test_the_curve_folds_and_its_middle_branch_is_unstable():
     found = curve()
-    for direction in Direction:
+    for direction in SweepDirection:
         assert len(found.turning_points(direction)) == 2
     assert set(found.branch) == {0, 1, 2}
     inner = np.ones(len(found.branch), dtype=bool)  # at a turning point a multiplier is one
-    for direction in Direction:
+    for direction in SweepDirection:
         for turn in found.turning_points(direction):
             inner[max(turn - 1, 0):turn + 2] = False
     assert np.all(found.stable[inner & (found.branch != 1)])
@@ -93,11 +93,11 @@ def test_the_curve_folds_and_its_middle_branch_is_unstable():
 
 def test_all_periods_at_a_frequency_are_kept_under_their_own_labels():
     found = curve()
-    turns = found.frequency[found.turning_points(Direction.UP)]
+    turns = found.frequency[found.turning_points(SweepDirection.UP)]
     between = float(turns.mean())
-    assert found.branches_at(between, Direction.UP) == found.branches_at(between, Direction.DOWN) == {0, 1, 2}
-    assert found.branches_at(START + 0.1, Direction.UP) == {0}
-    assert found.branches_at(STOP - 0.1, Direction.UP) == {2}
+    assert found.branches_at(between, SweepDirection.UP) == found.branches_at(between, SweepDirection.DOWN) == {0, 1, 2}
+    assert found.branches_at(START + 0.1, SweepDirection.UP) == {0}
+    assert found.branches_at(STOP - 0.1, SweepDirection.UP) == {2}
     amplitudes = []
     for branch in range(3):
         own = np.flatnonzero(found.branch == branch)
@@ -108,8 +108,8 @@ def test_all_periods_at_a_frequency_are_kept_under_their_own_labels():
 
 def test_stepped_time_integration_jumps_where_the_curve_turns():
     found = curve()
-    own = found.along(Direction.UP)
-    turns = found.frequency[found.turning_points(Direction.UP)]
+    own = found.along(SweepDirection.UP)
+    turns = found.frequency[found.turning_points(SweepDirection.UP)]
     low, high = turns.min(), turns.max()
     assert high - low > 0.5
     frequency, amplitude = found.frequency[own], np.abs(found.first_harmonic[own, 0])

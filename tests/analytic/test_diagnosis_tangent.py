@@ -14,12 +14,12 @@ from fretflow.experiments.rig import model as rig_model
 from fretflow.experiments.rig.coordinates import Space
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.tangent import neighbours
-from fretflow.recordings.schema import Condition
+from fretflow.recordings.schema import SweepCondition
 
 CHANNELS = ("displacement", "friction_force", "normal_force", "approach")
 COUNTS = (0, 5000, 20000, 60000)
-CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, normal_load="50 N"),
-              Condition(id=2, excitation_frequency="80 Hz"))
+CONDITIONS = (SweepCondition(id=0, excitation_amplitude="75 N"), SweepCondition(id=1, normal_load="50 N"),
+              SweepCondition(id=2, excitation_frequency="80 Hz"))
 
 
 @pytest.fixture

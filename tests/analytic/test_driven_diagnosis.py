@@ -19,7 +19,7 @@ from fretflow.experiments.rig.run import RigTools
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.loopset import LoopSet, Series
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.schema import Test, TestKind, Wear
+from fretflow.recordings.schema import RecordedTest, RecordedWear, TestKind
 
 K, S, X, HERTZ = 28e6, 50.0, 7e-6, 100.0
 STEP, CYCLES = 1.0 / 20000.0, 6
@@ -52,8 +52,8 @@ def recording(t, x, force, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True):
     series = Series(time=t if timed else None, channels={"displacement": x, "force": force},
                     usable=np.ones(len(t), bool), units={"displacement": "m", "force": "N"}, sd={}, calibration_sd={},
                     displacement_of=None)
-    return Recording(path="made", title="made", test=Test(kind=kind), rig=None, specimen=None, given={}, wear=Wear(),
-                     loops=None, series=series, sweep=None, frf=None, wear_depth=None, notes=())
+    return Recording(path="made", title="made", test=RecordedTest(kind=kind), rig=None, specimen=None, given={},
+                     wear=RecordedWear(), loops=None, series=series, sweep=None, frf=None, wear_depth=None, notes=())
 
 
 def made(force_of, seed=0, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True, size=SIZE):

@@ -15,10 +15,10 @@ from fretflow.experiments.rig.held_out import held_out
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.search import RigSearch
 from fretflow.inference.covariance import Covariance
-from fretflow.recordings.schema import Condition
+from fretflow.recordings.schema import SweepCondition
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
-CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"), Condition(id=1, normal_load="50 N"))
+CONDITIONS = (SweepCondition(id=0, excitation_amplitude="75 N"), SweepCondition(id=1, normal_load="50 N"))
 
 
 @pytest.fixture

@@ -19,11 +19,11 @@ from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.inference.covariance import Covariance
-from fretflow.recordings.schema import Condition
+from fretflow.recordings.schema import SweepCondition
 
 HERE = Path(__file__).parent
 SAMPLES, COUNTS = 21, (0, 4000, 12000, 24000)
-CONDITIONS = (Condition(id=0, excitation_amplitude="75 N"),)
+CONDITIONS = (SweepCondition(id=0, excitation_amplitude="75 N"),)
 SD = {"displacement": 3e-8, "friction_force": 0.15, "excitation": 0.02}
 DEPTH_SD, VOLUME_SD = 3e-9, 2e-15
 

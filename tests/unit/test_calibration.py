@@ -17,9 +17,16 @@ from fretflow.case.config import load_case, validate_case
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.pipeline import calibrate
-from fretflow.pipeline.calibrate import PRIOR_FACTORS, Condition, RigModel, calibrate_wear, calibrated_case, rig_modes
+from fretflow.pipeline.calibrate import (
+    PRIOR_FACTORS,
+    CalibratedRig,
+    CalibrationTest,
+    calibrate_wear,
+    calibrated_case,
+    rig_modes,
+)
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
-from fretflow.structure.two_mass_rig.identification import Data, Prior, identify, identify_mapped
+from fretflow.structure.two_mass_rig.identification import Data, LogNormalPrior, identify, identify_mapped
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.identification import identify_wear_coefficient, settled_face
@@ -122,7 +129,7 @@ def power_laws(exponents):
 
 def test_power_laws_have_the_closed_form_posterior():
     exponents = np.array([[1.0, 0.5, 0.0], [-0.3, 2.0, 0.1]])
-    prior = Prior(names=("a", "b", "c"), value=np.array([2.0, 5.0, 0.1]), factor=np.array([3.0, 1.5, 10.0]))
+    prior = LogNormalPrior(names=("a", "b", "c"), value=np.array([2.0, 5.0, 0.1]), factor=np.array([3.0, 1.5, 10.0]))
     data = Data(names=("x", "y"), value=np.array([6.0, 20.0]), relative_sd=np.array([0.05, 0.02]))
     found = identify(power_laws(exponents), prior, data)
     weights = np.diag(data.relative_sd**-2.0)
@@ -137,7 +144,7 @@ def test_power_laws_have_the_closed_form_posterior():
 
 
 def test_of_two_factors_only_the_product_is_determined():
-    prior = Prior(names=("mass", "gain"), value=np.ones(2), factor=np.full(2, np.e))
+    prior = LogNormalPrior(names=("mass", "gain"), value=np.ones(2), factor=np.full(2, np.e))
     data = Data(names=("product",), value=np.array([1.5]), relative_sd=np.array([0.01]))
     found = identify(power_laws(np.ones((1, 2))), prior, data)
     assert not found.determined.any()
@@ -148,7 +155,7 @@ def test_of_two_factors_only_the_product_is_determined():
 
 
 def test_a_rough_model_leads_to_the_parameters_of_the_exact_one():
-    prior = Prior(names=("a",), value=np.array([1.0]), factor=np.array([4.0]))
+    prior = LogNormalPrior(names=("a",), value=np.array([1.0]), factor=np.array([4.0]))
     data = Data(names=("x",), value=np.array([3.0]), relative_sd=np.array([0.001]))
     calls = []
 
@@ -169,7 +176,7 @@ def test_a_rough_model_leads_to_the_parameters_of_the_exact_one():
 def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
     problem, solver = nine_nodes
     hidden = np.array([14.0, 0.5, 40.0, 2500.0, 0.01])
-    conditions = [Condition(f"{force:g} N", dataclasses.replace(problem, excitation=force), 1.0, 0.01)
+    conditions = [CalibrationTest(f"{force:g} N", dataclasses.replace(problem, excitation=force), 1.0, 0.01)
                   for force in (60.0, 75.0)]
 
     def seen(condition):
@@ -177,10 +184,10 @@ def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
         return sliding_distance(solver.solve(dataclasses.replace(condition.problem, joint=joint)), problem.interface)
 
     modes = tuple(PRIOR_FACTORS)[2:4]
-    model = RigModel(conditions, modes, solver, 0.0, lambda text: None)
+    model = CalibratedRig(conditions, modes, solver, 0.0, lambda text: None)
     data = Data(names=(*modes, "60 N", "75 N"), relative_sd=np.full(4, 0.01),
                 value=np.array([*rig_modes(LumpedRig.from_modes(*hidden)), *(seen(c) for c in conditions)]))
-    prior = Prior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),
+    prior = LogNormalPrior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),
                   factor=np.array(list(PRIOR_FACTORS.values())))
     found = identify_mapped(model.predict, model.estimate, prior, data)
     assert found.value[0] == pytest.approx(14.0, rel=0.02)
@@ -198,7 +205,7 @@ def a_case(cycles=1000, name="small", **measured):
 
 
 def test_a_calibrated_case_is_a_case_file_with_the_new_values(tmp_path):
-    prior = Prior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),
+    prior = LogNormalPrior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),
                   factor=np.array(list(PRIOR_FACTORS.values())))
     data = Data(names=("mode",), value=np.array([41.0]), relative_sd=np.array([0.001]))
     rig = identify(lambda p: p[2:3], prior, data)

@@ -13,7 +13,7 @@ from fretflow import cli
 from fretflow.case.config import SlidingRegime
 from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.pipeline.comparison import Comparison, sliding_regime
+from fretflow.pipeline.comparison import CaseComparison, sliding_regime
 from fretflow.pipeline.stage import Stage
 
 STICK, SLIP, SEPARATION = 0, 1, 2
@@ -36,13 +36,13 @@ def test_a_node_without_area_does_not_count():
 
 
 def test_what_is_missed_is_remarked_upon():
-    assert Comparison("a", sliding=35.7e-6, measured_sliding=22e-6).sliding_error == pytest.approx(0.6227, abs=1e-4)
-    assert Comparison("a", sliding=35.7e-6, measured_sliding=22e-6).remarkable
-    assert not Comparison("a", sliding=13e-6, measured_sliding=14e-6).remarkable
-    assert Comparison("a", volume=1.2, measured_volume=1.0).remarkable
-    assert not Comparison("a", sliding=13e-6).remarkable
+    assert CaseComparison("a", sliding=35.7e-6, measured_sliding=22e-6).sliding_error == pytest.approx(0.6227, abs=1e-4)
+    assert CaseComparison("a", sliding=35.7e-6, measured_sliding=22e-6).remarkable
+    assert not CaseComparison("a", sliding=13e-6, measured_sliding=14e-6).remarkable
+    assert CaseComparison("a", volume=1.2, measured_volume=1.0).remarkable
+    assert not CaseComparison("a", sliding=13e-6).remarkable
     regimes = {"worn_regime": SlidingRegime.STICK, "measured_regime": SlidingRegime.GROSS_SLIP}
-    assert Comparison("a", **regimes).remarkable
+    assert CaseComparison("a", **regimes).remarkable
 
 
 @pytest.fixture

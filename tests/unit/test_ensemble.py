@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from fretflow import cli
 from fretflow.core.errors import InputError, NonConvergenceError, PlatformError
-from fretflow.pipeline.ensemble import THREAD_VARIABLES, LocalPool, Place, Workers, run_ensemble, threads_each
+from fretflow.pipeline.ensemble import THREAD_VARIABLES, Backend, LocalPool, Workers, run_ensemble, threads_each
 
 HERE = Path(__file__).parent
 QUICK = HERE.parents[1] / "examples" / "quick.toml"
@@ -59,11 +59,11 @@ def scheduler(tmp_path_factory):
             process.wait(timeout=PATIENCE)
 
 
-@pytest.fixture(params=[Place.LOCAL, Place.DASK])
+@pytest.fixture(params=[Backend.LOCAL, Backend.DASK])
 def workers(request):
-    if request.param is Place.LOCAL:
+    if request.param is Backend.LOCAL:
         return Workers(jobs=2)
-    return Workers(Place.DASK, address=request.getfixturevalue("scheduler"))
+    return Workers(Backend.DASK, address=request.getfixturevalue("scheduler"))
 
 
 def outcomes(function, arguments, workers):
@@ -143,7 +143,7 @@ def test_an_executor_that_cannot_be_is_refused(executor, jobs, message):
 
 def test_ranks_of_mpirun_are_not_mixed_with_other_workers(monkeypatch):
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "3")
-    assert Workers.parse("mpi", 1).place is Place.MPI
+    assert Workers.parse("mpi", 1).place is Backend.MPI
     assert Workers.parse("local", 1).in_turn
     for executor, jobs in (("local", 2), ("dask=tcp://h:1", 1)):
         with pytest.raises(InputError, match="use --executor mpi"):
@@ -154,7 +154,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("fretflow.pipeline.ensemble.DASK_TIMEOUT", 0.5)
     with pytest.raises(InputError, match=r"dask=tcp://127\.0\.0\.1:9: no scheduler answers"):
-        outcomes(math.sqrt, [4.0], Workers(Place.DASK, address="tcp://127.0.0.1:9"))
+        outcomes(math.sqrt, [4.0], Workers(Backend.DASK, address="tcp://127.0.0.1:9"))
 
 
 def test_a_dask_worker_runs_a_real_case_into_the_user_s_folder(scheduler, tmp_path, monkeypatch, capsys):

@@ -7,8 +7,9 @@ must not be given one.
 
 import numpy as np
 import pytest
+from fretflow.case.config import SlidingRegime
 from fretflow.core.errors import InputError
-from fretflow.recordings.hysteresis import HysteresisLoop, SlidingRegime, read_loop
+from fretflow.recordings.hysteresis import HysteresisLoop, read_loop
 
 AMPLITUDE, STIFFNESS, MU, LOAD = 8e-6, 28e6, 0.88, 60.0
 

@@ -76,7 +76,7 @@ def test_loop_is_upper_minus_lower_and_area_mean():
 
 
 def test_loops_are_written_as_they_are(tmp_path):
-    loops = [curves.Loop(cycles, *RANDOM.standard_normal((3, 16))) for cycles in (0, 190000)]
+    loops = [curves.LoopCurve(cycles, *RANDOM.standard_normal((3, 16))) for cycles in (0, 190000)]
     png, table = curves.plot_loops(tmp_path / "loops.png", loops)
     assert_drawn(png)
     back = read(table)

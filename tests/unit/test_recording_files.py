@@ -19,7 +19,7 @@ from fretflow.recordings.channels import CHANNELS, INDICES, unit_in_heading, uni
 from fretflow.recordings.readers.bare import Wanted, read_bare
 from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.recording import read_recording
-from fretflow.recordings.schema import DisplacementOf, Place
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt
 from fretflow.recordings.series import loops_of_series
 from hypothesis import given
 from hypothesis import strategies as st
@@ -122,7 +122,7 @@ def test_a_recording_in_any_form(tmp_path, make, version):
         (folder / "recording.toml").write_text(toml.replace("loops.csv", "loops.h5"))
     seen = read_recording(folder).loops
     assert seen.displacement == pytest.approx(expected.displacement, rel=1e-12, abs=0.0)
-    assert seen.displacement_of == DisplacementOf(Place.CONTACT_FACES)
+    assert seen.displacement_of == DisplacementOf(MeasuredAt.CONTACT_FACES)
     if version == "hdf5":
         with h5py.File(folder / "loops.h5", "a") as file:
             file["displacement_um"].attrs["unit"] = "mm"

@@ -20,7 +20,7 @@ from fretflow.core.store import read_record, write_record
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline import response_curves as stage
 from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
-from fretflow.solvers.continuation.curve import Direction, ResponseCurve, read_peak
+from fretflow.solvers.continuation.curve import ResponseCurve, SweepDirection, read_peak
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -77,7 +77,7 @@ def test_the_command_makes_curves_and_reads_them_off(home, capsys):
     found = {(row["state"], row["direction"]): row for row in rows(folder / "peaks.csv")}
     assert set(found) == {(state, way) for state in ("unworn", "worn") for way in ("up", "down")}
     for (state, way), row in found.items():
-        peak = read_peak(curves[state].curve, "block", Direction[way.upper()])
+        peak = read_peak(curves[state].curve, "block", SweepDirection[way.upper()])
         assert float(row["frequency_Hz"]) == pytest.approx(peak.frequency)
         assert float(row["amplitude_m"]) == pytest.approx(peak.amplitude, abs=0.0)
         assert float(row["damping_ratio"]) == pytest.approx(peak.damping_ratio)
@@ -100,7 +100,7 @@ def test_a_point_of_a_curve_is_the_period_that_the_solver_finds(home):
     assert cli.execute(["response", str(home), "--unworn"]) == 0
     (path,) = (home / stage.FOLDER).glob("*.h5")
     curve: ResponseCurve = read_record(path, stage.RunCurve).curve
-    own = curve.along(Direction.UP)
+    own = curve.along(SweepDirection.UP)
     for k in own[[1, len(own) // 2, -2]]:
         problem = PeriodicProblem(**{**vars(PROBLEM), "frequency": float(curve.frequency[k])})
         samples = int(curve.samples[k])
@@ -160,6 +160,6 @@ def test_gaps_in_a_curve_are_told(home, capsys):
     (path,) = (home / stage.FOLDER).glob("*.h5")
     run = read_record(path, stage.RunCurve)
     bridged = np.zeros(len(run.curve.frequency), dtype=bool)
-    bridged[run.curve.along(Direction.UP)[1]] = True
+    bridged[run.curve.along(SweepDirection.UP)[1]] = True
     cli_response.show_peaks([replace(run, curve=replace(run.curve, bridged=bridged))])
     assert "1 gaps bridged, unworn, " in capsys.readouterr().out

@@ -21,7 +21,7 @@ from fretflow.experiments.rig.setup import (
 )
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.schema import Condition, DisplacementOf, Place, Test, TestKind, Wear
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest, RecordedWear, SweepCondition, TestKind
 
 SAMPLES, FRICTION, LOAD, STROKE, COUNTS = 400, 0.6, 50.0, 20e-6, (0, 10_000, 30_000)
 
@@ -36,11 +36,11 @@ def recorded(volume: float | None = 1e-12, **test: float | None) -> Recording:
                     channels={"displacement": np.broadcast_to(x, shape).copy(),
                               "friction_force": np.broadcast_to(force, shape).copy()},
                     units={"displacement": "m", "friction_force": "N"}, sd={}, calibration_sd={},
-                    displacement_of=DisplacementOf(Place.CONTACT_FACES), aligned_to="displacement")
+                    displacement_of=DisplacementOf(MeasuredAt.CONTACT_FACES), aligned_to="displacement")
     stated: Any = {"excitation_frequency": 100.0, "excitation_amplitude": 60.0, "normal_load": LOAD, **test}
     return Recording(path=Path("a-recording"), title="t", given={}, rig=None, specimen=None, notes=(), series=None,
-                     test=Test.model_construct(kind=TestKind.FRETTING_RIG, cycles=30_000, **stated), sweep=None,
-                     wear=Wear.model_construct(worn_volume=volume), loops=loops, frf=None, wear_depth=None)
+                     test=RecordedTest.model_construct(kind=TestKind.FRETTING_RIG, cycles=30_000, **stated), sweep=None,
+                     wear=RecordedWear.model_construct(worn_volume=volume), loops=loops, frf=None, wear_depth=None)
 
 
 def test_friction_is_read_off_the_plateaus() -> None:
@@ -110,7 +110,7 @@ def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
                        calibration_sd={"approach": 0.004})
 
     sweep: Any = SimpleNamespace(loops=loops(np.full(3, 16e-6)), conditions=[
-        Condition.model_construct(id=count, normal_load=1.0 + count) for count in COUNTS])
+        SweepCondition.model_construct(id=count, normal_load=1.0 + count) for count in COUNTS])
     observed = observe(replace(recorded(), loops=loops(np.linspace(0.0, 16e-6, 3)), sweep=sweep))
     for error in (0.004 * observed.values, np.full_like(observed.values, 1e-6)):
         own = np.where(observed.rows(channel="approach"), error, 0.0)

@@ -11,7 +11,7 @@ from fretflow.experiments.rig.observation import Observation, Piece, condition_l
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
 from fretflow.inference.covariance import Covariance
-from fretflow.recordings.schema import Condition, Test
+from fretflow.recordings.schema import RecordedTest, SweepCondition
 
 SAMPLES, REPEATS, FLOOR = 101, 4, 0.1
 WITHIN = 1.0 - 1.0 / REPEATS  # variance of a repeat about the mean of all, over that of a repeat
@@ -40,7 +40,7 @@ def observation(values=None):
         values=np.concatenate([*parts, [1e-6, 2e-6, 3e-6]]) if values is None else values,
         variance=floor**2 / REPEATS, noise=np.ones(len(floor)), modes=np.zeros((len(floor), 0)), floor=floor,
         pieces=tuple(pieces), solved=2 * SAMPLES, harmonics=SAMPLES // 2, aligned_to="excitation",
-        conditions=(Condition(id=0, normal_load="50 N"), Condition(id=1, normal_load="60 N")),
+        conditions=(SweepCondition(id=0, normal_load="50 N"), SweepCondition(id=1, normal_load="60 N")),
         points=1e-3 * np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 1.0]]))
 
 
@@ -146,10 +146,12 @@ def test_phases_follow_each_other_along_a_stroke():
 
 def test_loops_are_called_by_what_they_were_made_at():
     assert count_label(220_000) == "220,000 cycles"
-    test = Test(kind="fretting-rig", excitation_amplitude="60 N", normal_load="60 N", excitation_frequency="100 Hz")
-    names = condition_labels([Condition(id=0, excitation_amplitude="53 N", normal_load="60 N"), Condition(id=1),
-                              Condition(id=2, normal_load="45.5 N", excitation_frequency="80 Hz"),
-                              Condition(id=3, excitation_amplitude="53 N")], test)
+    test = RecordedTest(kind="fretting-rig", excitation_amplitude="60 N", normal_load="60 N",
+                        excitation_frequency="100 Hz")
+    names = condition_labels([SweepCondition(id=0, excitation_amplitude="53 N", normal_load="60 N"),
+                              SweepCondition(id=1),
+                              SweepCondition(id=2, normal_load="45.5 N", excitation_frequency="80 Hz"),
+                              SweepCondition(id=3, excitation_amplitude="53 N")], test)
     assert names == {0: "excitation 53 N", 1: "as in the test", 2: "load 45.5 N, 80 Hz",
                      3: "excitation 53 N (condition 3)"}
 

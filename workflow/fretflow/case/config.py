@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from fretflow.case.sections import (
     SIDES,
     BodyShape,
-    Contact,
+    ContactSection,
     FaceShape,
     FrequencyResponse,
     Measured,
@@ -37,7 +37,7 @@ from fretflow.core.errors import ConfigError
 from fretflow.core.reasons import reason
 
 __all__ = [
-    "FORMAT", "BodyShape", "Case", "Contact", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
+    "FORMAT", "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
     "PeriodicMethod", "PreloadContact", "Reduction", "Rig", "Section", "SlidingRegime", "Solver", "Specimen",
     "Specimens", "Test", "Wear", "WearScheme", "explain", "load_case", "slice_hash", "validate_case",
 ]
@@ -59,7 +59,7 @@ class Case(Section):
     specimen: Specimens = Field(default_factory=Specimens)
     mesh: Mesh = Field(default_factory=Mesh)
     reduction: Reduction = Field(default_factory=Reduction)
-    contact: Contact = Field(default_factory=Contact)
+    contact: ContactSection = Field(default_factory=ContactSection)
     solver: Solver = Field(default_factory=Solver)
     wear: Wear = Field(default_factory=Wear)
     output: Output = Field(default_factory=Output)

@@ -64,7 +64,7 @@ class WearScheme(StrEnum):
 
 
 class SlidingRegime(StrEnum):
-    """How the faces move against each other over a period."""
+    """How far the faces get over a period: no slip that shows, slip without a friction limit, or sliding at one."""
 
     STICK = "stick"
     PARTIAL_SLIP = "partial slip"
@@ -203,7 +203,7 @@ class Reduction(Section):
         1e-8, description="Rayleigh damping proportional to stiffness")
 
 
-class Contact(Section):
+class ContactSection(Section):
     """The contact law."""
 
     friction_coefficient: float = Field(0.88, gt=0.0, le=5.0, description="Coulomb friction coefficient")

@@ -14,7 +14,7 @@ from fretflow.pipeline.ranks import Ranks, keep_to_itself, started_size
 from fretflow.pipeline.runner import Runner, Silent
 
 if TYPE_CHECKING:
-    from fretflow.pipeline.comparison import Comparison
+    from fretflow.pipeline.comparison import CaseComparison
 
 COMPARISON_FILE = "comparison.csv"
 
@@ -81,15 +81,15 @@ def report(cases: Sequence[Case], out: Path, ends: Sequence[Ended]) -> None:
         raise EnsembleError(summary, code)
 
 
-def _row(case: Case, out: Path, failure: str) -> Comparison:
+def _row(case: Case, out: Path, failure: str) -> CaseComparison:
     from fretflow.cli.pipeline import complete_stages
-    from fretflow.pipeline.comparison import Comparison, compare
+    from fretflow.pipeline.comparison import CaseComparison, compare
     from fretflow.pipeline.stage import Manifest
 
     if failure:  # what is on disk may be of another run
-        return Comparison(case.name, failure=failure)
+        return CaseComparison(case.name, failure=failure)
     try:
         folders = complete_stages(out / case.name)
         return compare(case, folders, sum(Manifest.read(folder).seconds for folder in folders.values()))
     except StoreError as error:
-        return Comparison(case.name, failure=str(error))
+        return CaseComparison(case.name, failure=str(error))

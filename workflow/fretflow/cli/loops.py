@@ -22,7 +22,7 @@ from fretflow.core.units import parse_quantity, readable_unit
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.bare import Wanted, read_bare
-from fretflow.recordings.readings import Estimate, RecordedReadings, read_recorded_loops, without_friction
+from fretflow.recordings.readings import LoopReading, RecordedReadings, read_recorded_loops, without_friction
 from fretflow.recordings.recording import Recording, read_recording
 from fretflow.recordings.repeatability import repeatability
 from fretflow.recordings.schema import FILE, TestKind, name_of
@@ -205,7 +205,7 @@ def _largest(readings: RecordedReadings, name: str) -> float:
 
 
 def _cell(readings: RecordedReadings, name: str, k: int, size: float) -> str:
-    estimate: Estimate = getattr(readings, name)
+    estimate: LoopReading = getattr(readings, name)
     if name == "tangential_stiffness" and not np.isfinite(estimate.value[k]) and np.isfinite(
             readings.stiffness_at_least[k]):
         return f"> {readings.stiffness_at_least[k] / size:.3g}"
@@ -250,7 +250,7 @@ def _columns(found: Read) -> dict[str, Any]:
     columns: dict[str, Any] = {found.index: readings.cycles, "repeats": found.loops.repeats[found.loops.repeats > 0],
                                "regime": readings.regime}
     for name, unit in QUANTITIES.items():
-        estimate: Estimate = getattr(readings, name)
+        estimate: LoopReading = getattr(readings, name)
         tail = "" if unit == "1" else f"_{unit.replace('/', '_per_')}"
         columns[f"{name}{tail}"] = estimate.value
         for part in ("sd", "noise", "repeats", "calibration"):
@@ -276,7 +276,7 @@ def _plain_row(found: Read, k: int) -> dict[str, Any]:
     readings = found.readings
     row: dict[str, Any] = {found.index.removesuffix("s"): int(readings.cycles[k]), "regime": readings.regime[k]}
     for name, unit in QUANTITIES.items():
-        estimate: Estimate = getattr(readings, name)
+        estimate: LoopReading = getattr(readings, name)
         source = estimate.dominated_by[k]
         row[name] = {"value": _number(estimate.value[k]), "sd": _number(estimate.sd[k]), "unit": unit,
                      "mostly_by": None if source is None else str(source)}

@@ -18,7 +18,7 @@ from fretflow.pipeline.ranks import started_rank, started_size
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case
-    from fretflow.pipeline.comparison import Comparison
+    from fretflow.pipeline.comparison import CaseComparison
     from fretflow.pipeline.stage import StageResult
     from fretflow.pipeline.summary import Figure
     from fretflow.pipeline.trends import Trend
@@ -138,7 +138,7 @@ def show_ended(done: int, total: int, name: str, failure: str) -> None:
     Console().print(f"{done} of {total}  {escape(name)}  {escape(state)}", highlight=False, soft_wrap=True)
 
 
-def show_comparison(rows: Sequence[Comparison]) -> None:
+def show_comparison(rows: Sequence[CaseComparison]) -> None:
     """Print one line a case: what was found, what was measured and the difference."""
     console = Console(quiet=started_rank() > 0)
     view = new_table("found, and beneath it what was measured", "case", "sliding, mean of test", "worn volume",

@@ -7,13 +7,13 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case, Contact
+from fretflow.case.config import Case, ContactSection
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
-TYPICAL = float(Contact().friction_coefficient)
+TYPICAL = float(ContactSection().friction_coefficient)
 
 
 class FrictionRunIn(Effect):

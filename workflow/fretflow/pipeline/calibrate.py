@@ -20,7 +20,7 @@ from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.structure.two_mass_rig.identification import Data, Identification, Prior, identify_mapped
+from fretflow.structure.two_mass_rig.identification import Data, Identification, LogNormalPrior, identify_mapped
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearHistory
 from fretflow.wear.identification import WearCoefficient, identify_wear_coefficient, settled_face
@@ -40,7 +40,7 @@ MAX_EXTENSIONS = 8
 
 
 @dataclass(frozen=True)
-class Condition:
+class CalibrationTest:
     """A load at which the sliding distance was measured."""
 
     name: str
@@ -50,10 +50,10 @@ class Condition:
 
 
 @dataclass
-class RigModel:
+class CalibratedRig:
     """Measured values as functions of the rig; each period starts from the last one at its load."""
 
-    conditions: Sequence[Condition]
+    conditions: Sequence[CalibrationTest]
     modes: tuple[str, ...]
     solver: QuasiStaticSolver
     added_mass: float  # kg, of the upper specimen, which moves with the arm
@@ -68,13 +68,13 @@ class RigModel:
         """Return them with the contact as one friction element, which takes milliseconds."""
         return self._values(parameters, _element)
 
-    def _values(self, parameters: Array, sliding: Callable[[Condition, LumpedRig], float]) -> Array:
+    def _values(self, parameters: Array, sliding: Callable[[CalibrationTest, LumpedRig], float]) -> Array:
         rig = LumpedRig.from_modes(*map(float, parameters))
         found = dict(zip(MODES, rig_modes(rig), strict=True))
         heavier = replace(rig, arm_mass=rig.arm_mass + self.added_mass)
         return np.array([*(found[mode] for mode in self.modes), *(sliding(c, heavier) for c in self.conditions)])
 
-    def _period(self, condition: Condition, rig: LumpedRig) -> float:
+    def _period(self, condition: CalibrationTest, rig: LumpedRig) -> float:
         problem = replace(condition.problem, joint=replace(condition.problem.joint.quasi_static(), rig=rig))
         self._last[condition.name] = found = self.solver.solve(problem, self._last.get(condition.name))
         self.progress(f"{condition.name}: block of {rig.moving_mass:.4g} kg")
@@ -117,12 +117,12 @@ def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path],
     modes = {mode: value for mode in MODES if (value := getattr(first.measured, mode)) is not None}
     added = conditions[0].problem.joint.quasi_static().rig.arm_mass - first.rig.arm_mass
     solver = QuasiStaticSolver(first.solver.model_copy(update={"estimate_error": False}))
-    model = RigModel(conditions, tuple(modes), solver, added, progress)
+    model = CalibratedRig(conditions, tuple(modes), solver, added, progress)
     data = Data(
         names=(*modes, *(condition.name for condition in conditions)),
         value=np.array([*modes.values(), *(condition.distance for condition in conditions)]),
         relative_sd=np.array([*(MODE_SD for _ in modes), *(condition.relative_sd for condition in conditions)]))
-    prior = Prior(names=tuple(PRIOR_FACTORS), factor=np.array(list(PRIOR_FACTORS.values())),
+    prior = LogNormalPrior(names=tuple(PRIOR_FACTORS), factor=np.array(list(PRIOR_FACTORS.values())),
                   value=np.array([getattr(first.rig, name) for name in PRIOR_FACTORS]))
     return identify_mapped(model.predict, model.estimate, prior, data, _starts(prior))
 
@@ -172,7 +172,7 @@ def calibrate_wear(case: Case, run: Callable[[Case], Mapping[str, Path]]) -> Wea
                      f"{marched.test.total_cycles:_} cycles; raise wear.coefficient")
 
 
-def _condition(case: Case, reduced: Path) -> Condition:
+def _condition(case: Case, reduced: Path) -> CalibrationTest:
     if case.effects:
         raise InputError(f"{case.name}: calibrate identifies the baseline only, whose wear goes with coefficient times "
                          f"cycles; leave out [effects.{min(case.effects)}]")
@@ -180,13 +180,13 @@ def _condition(case: Case, reduced: Path) -> Condition:
     interface, flexibility = problem.interface, problem.joint.quasi_static().flexibility[2::3, 2::3]
     worn = settled_face(flexibility, interface.areas, interface.gap, problem.normal_load)
     sd = case.measured.sliding_distance_sd
-    return Condition(
+    return CalibrationTest(
         name=f"sliding distance of {case.name}", distance=distance,
         problem=replace(problem, interface=replace(interface, gap=interface.gap + worn)),
         relative_sd=SLIDING_SD if sd is None else sd / distance)
 
 
-def _element(condition: Condition, rig: LumpedRig) -> float:
+def _element(condition: CalibrationTest, rig: LumpedRig) -> float:
     """Return the sliding distance, m, with the contact as one element as stiff as the stuck joint."""
     problem, joint = condition.problem, condition.problem.joint.quasi_static()
     sliding = joint.motion[:, 0]
@@ -196,7 +196,7 @@ def _element(condition: Condition, rig: LumpedRig) -> float:
     return max(float(np.ptp(arm)) - 2.0 * limit / stiffness, 0.0)
 
 
-def _starts(prior: Prior) -> list[Array]:
+def _starts(prior: LogNormalPrior) -> list[Array]:
     mass, damping = (prior.names.index(name) for name in ("moving_mass", "damping_ratio"))
     unit = np.eye(len(prior.names))
     return [prior.parameters(a * unit[mass] + b * unit[damping]) for a in START_MASSES for b in START_DAMPINGS]

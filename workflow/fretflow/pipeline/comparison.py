@@ -23,7 +23,7 @@ WITHIN = 0.1  # difference to a measured value that passes without a remark
 
 
 @dataclass(frozen=True)
-class Comparison:
+class CaseComparison:
     """A case's results and the measured values; None where there is none."""
 
     name: str
@@ -55,7 +55,7 @@ class Comparison:
         return other or any(abs(error) > WITHIN for error in errors)
 
 
-def compare(case: Case, folders: Mapping[str, Path], seconds: float) -> Comparison:
+def compare(case: Case, folders: Mapping[str, Path], seconds: float) -> CaseComparison:
     """Return the row of `case` from its complete stages in `folders`, as far as they go."""
     measured = case.measured
     found: dict[str, object] = {}
@@ -67,7 +67,7 @@ def compare(case: Case, folders: Mapping[str, Path], seconds: float) -> Comparis
             states = kept_states(folders["wear"] / CHECKPOINTS, PeriodicSolution)
             found |= {"sliding": mean_sliding(history), "volume": float(history.volume[-1]),
                       "worn_regime": sliding_regime(states[max(states)], areas)}
-    return Comparison(
+    return CaseComparison(
         case.name, measured_sliding=measured.sliding_distance, measured_volume=measured.worn_volume,
         measured_regime=measured.regime, seconds=seconds, **found)  # type: ignore[arg-type]
 
@@ -85,7 +85,7 @@ def sliding_regime(solution: PeriodicSolution, areas: NDArray[np.float64]) -> Sl
     return SlidingRegime.PARTIAL_SLIP if slips.any() else SlidingRegime.STICK
 
 
-def write_comparison(path: Path, rows: Sequence[Comparison]) -> Path:
+def write_comparison(path: Path, rows: Sequence[CaseComparison]) -> Path:
     """Write `rows` to the CSV file `path`; empty where there is no value."""
     columns = {
         "case": [row.name for row in rows],

@@ -28,7 +28,7 @@ THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 DASK_TIMEOUT = 15  # s to reach the scheduler
 
 
-class Place(StrEnum):
+class Backend(StrEnum):
     """Where the calls run."""
 
     LOCAL = "local"
@@ -40,7 +40,7 @@ class Place(StrEnum):
 class Workers:
     """Where the calls run, and on how many processes of this machine."""
 
-    place: Place = Place.LOCAL
+    place: Backend = Backend.LOCAL
     jobs: int = 1
     address: str = ""
 
@@ -54,19 +54,19 @@ class Workers:
             If it is none of these, or does not fit the way in which this process was started.
         """
         name, has_address, address = executor.partition("=")
-        if name not in list(Place) or (name == Place.DASK) != bool(address) or (has_address and not address):
+        if name not in list(Backend) or (name == Backend.DASK) != bool(address) or (has_address and not address):
             raise InputError(f"--executor {executor}: choose local, mpi or dask=ADDRESS "
                              "(for example dask=tcp://127.0.0.1:8786)")
         if jobs < 1:
             raise InputError(f"--jobs {jobs}: must be at least 1")
-        place = Place(name)
-        if place is not Place.LOCAL and jobs != 1:
+        place = Backend(name)
+        if place is not Backend.LOCAL and jobs != 1:
             raise InputError(f"--jobs {jobs}: counts processes of this machine; with --executor {name} "
                              "as many run as were started, so leave it out")
-        if place is Place.MPI and started_size() < 2:
+        if place is Backend.MPI and started_size() < 2:
             raise InputError("--executor mpi: needs one rank that leads and at least one that works; "
                              "start it with mpirun -n 3 fretflow run ... (two cases at a time)")
-        if place is not Place.MPI and started_size() > 1 and (jobs > 1 or place is Place.DASK):
+        if place is not Backend.MPI and started_size() > 1 and (jobs > 1 or place is Backend.DASK):
             raise InputError(f"mpirun has started {started_size()} ranks already: use --executor mpi, "
                              "or start without mpirun")
         return cls(place, jobs, address)
@@ -74,12 +74,12 @@ class Workers:
     @property
     def in_turn(self) -> bool:
         """Return whether there is nothing to be gained over calling one after the other in this process."""
-        return self.place is Place.LOCAL and self.jobs == 1
+        return self.place is Backend.LOCAL and self.jobs == 1
 
     @property
     def leads(self) -> bool:
         """Return whether this process gets the outcomes, or is a rank that has worked for the one which does."""
-        return self.place is not Place.MPI or started_rank() == 0
+        return self.place is not Backend.MPI or started_rank() == 0
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def run_ensemble(function: Callable[[T], R], arguments: Sequence[T], workers: Wo
     """Call `function` on each of `arguments` and yield the outcomes as they come.
 
     `function` is defined at the top of a module and, like its argument and value, can be pickled. Under mpirun with
-    ``Place.MPI`` every rank calls this; all but rank 0 work until all is done and get no outcomes.
+    ``Backend.MPI`` every rank calls this; all but rank 0 work until all is done and get no outcomes.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def run_ensemble(function: Callable[[T], R], arguments: Sequence[T], workers: Wo
         if executor is None:
             return
         for outcome in _gather(executor, function, dict(enumerate(arguments))):
-            if workers.place is Place.LOCAL and isinstance(outcome.error, BrokenExecutor):
+            if workers.place is Backend.LOCAL and isinstance(outcome.error, BrokenExecutor):
                 alone.append(outcome.index)
             else:
                 yield outcome
@@ -206,10 +206,10 @@ def _died(index: int) -> Outcome[Any]:
 @contextmanager
 def _executor(workers: Workers, calls: int) -> Iterator[Executor | None]:
     """Open the executor; None on the ranks that have worked for it."""
-    if workers.place is Place.MPI:
+    if workers.place is Backend.MPI:
         with _mpi() as executor:
             yield executor
-    elif workers.place is Place.DASK:
+    elif workers.place is Backend.DASK:
         with _dask(workers.address) as executor:
             yield executor
     else:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.case.config import Case, PeriodicMethod
+from fretflow.case.config import Case, PeriodicMethod, SlidingRegime
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
@@ -19,8 +19,8 @@ from fretflow.pipeline.problem import make_model, make_solver
 from fretflow.pipeline.response_curves import sweep_of
 from fretflow.pipeline.stage import Figures, Stage, StageContext
 from fretflow.pipeline.wear import CHECKPOINTS
-from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, SlidingRegime, read_loop
-from fretflow.solvers.continuation.curve import Direction, channel_index
+from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_loop
+from fretflow.solvers.continuation.curve import SweepDirection, channel_index
 from fretflow.solvers.continuation.follow import respond
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.solvers.quasi_static.backbone import BackboneSolver, knows
@@ -195,9 +195,9 @@ def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callab
 
 def _followed(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
     """Return the response by continuation from the lowest frequency upward."""
-    sweep = replace(sweep_of(case, None, None), directions=(Direction.UP,))
+    sweep = replace(sweep_of(case, None, None), directions=(SweepDirection.UP,))
 
-    def note(direction: Direction, frequency: float) -> None:
+    def note(direction: SweepDirection, frequency: float) -> None:
         progress(min(1.0, np.log(frequency / sweep.start) / np.log(sweep.stop / sweep.start)))
 
     curve = respond(problem, sweep, note)

@@ -20,7 +20,7 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.pipeline.problem import make_model
 from fretflow.pipeline.stage import write_json
-from fretflow.solvers.continuation.curve import CHANNELS, Direction, Peak, ResponseCurve, channel_index, read_peak
+from fretflow.solvers.continuation.curve import CHANNELS, Peak, ResponseCurve, SweepDirection, channel_index, read_peak
 from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.history import WearHistory
@@ -45,7 +45,7 @@ class RunCurve:
         """Return a short name for people."""
         return f"{self.state}, {self.curve.excitation:g} N"
 
-    def peak(self, direction: Direction) -> Peak:
+    def peak(self, direction: SweepDirection) -> Peak:
         """Return the moving mass's largest resonance on the curve of `direction`."""
         return read_peak(self.curve, "block", direction)
 
@@ -165,13 +165,13 @@ def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> Run
         return read_record(asked.file, RunCurve)
     sweep, done = asked.sweep, 0.0
 
-    def note(direction: Direction, frequency: float) -> None:
+    def note(direction: SweepDirection, frequency: float) -> None:
         nonlocal done
         share = log(frequency / sweep.start) / log(sweep.stop / sweep.start)
-        along = share if direction is Direction.UP else 1.0 - share
+        along = share if direction is SweepDirection.UP else 1.0 - share
         before = sweep.directions.index(direction)
         done = max(done, (before + min(max(along, 0.0), 1.0)) / len(sweep.directions))
-        progress(done, f"{asked.name}, {'up' if direction is Direction.UP else 'down'}: {frequency:.4g} Hz")
+        progress(done, f"{asked.name}, {'up' if direction is SweepDirection.UP else 'down'}: {frequency:.4g} Hz")
 
     found = RunCurve(state=asked.state, cycles=asked.cycles, curve=respond(asked.problem, sweep, note))
     write_record(asked.file, found)
@@ -182,7 +182,7 @@ def read_peaks(curves: Sequence[RunCurve]) -> list[FoundPeak]:
     """Return the resonance of each of `curves` in each direction."""
     peaks = []
     for run in curves:
-        for direction in Direction:
+        for direction in SweepDirection:
             own = run.curve.along(direction)
             if not len(own):
                 continue

@@ -66,7 +66,7 @@ class Silent:
 
 
 @dataclass(frozen=True)
-class _Task:
+class _StageTask:
     """A collective stage as handed to the other ranks."""
 
     stage: str
@@ -145,7 +145,7 @@ class Runner:
         """On ranks other than 0: take part in collective stages until rank 0 has finished."""
         by_name = {stage.name: stage for stage in self._stages}
 
-        def work(task: _Task) -> int:
+        def work(task: _StageTask) -> int:
             context = StageContext(task.case, task.folder, task.inputs, lambda share, text: None,
                                    self._ranks.comm)
             with CostMeter() as cost:
@@ -197,7 +197,7 @@ class Runner:
             case, partial, inputs, lambda share, text: self._watcher.advance(stage.name, share, text),
             self._ranks.comm if together else None)
         if together:
-            memory = self._ranks.lead(_Task(stage.name, case, partial, inputs), work)
+            memory = self._ranks.lead(_StageTask(stage.name, case, partial, inputs), work)
         else:
             memory = work()
         return figures, cost, memory

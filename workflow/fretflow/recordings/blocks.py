@@ -13,7 +13,7 @@ from fretflow.core.errors import UnitError, UnreliableRecordingError, Unsupporte
 from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Array, Table, read_table
-from fretflow.recordings.schema import Block, DisplacementOf, LoopsBlock
+from fretflow.recordings.schema import DisplacementOf, FileBlock, LoopsBlock
 
 LARGEST = 1e15  # in any unit; what is beyond was never measured
 MOST_LOST = 0.2  # of the rows, whose index may be missing
@@ -61,7 +61,7 @@ class Columns:
         return np.where(good, values, -1.0).astype(np.int64)
 
 
-def read_columns(name: str, block: Block, folder: Path) -> Columns:
+def read_columns(name: str, block: FileBlock, folder: Path) -> Columns:
     """Read the file of a `block` called `name`, from the `folder` of the recording.
 
     Raises
@@ -73,7 +73,7 @@ def read_columns(name: str, block: Block, folder: Path) -> Columns:
     return columns_of(table, name, block)
 
 
-def columns_of(table: Table, name: str, block: Block) -> Columns:
+def columns_of(table: Table, name: str, block: FileBlock) -> Columns:
     """Return the columns of a `block` called `name` that is in `table`.
 
     Raises

@@ -13,11 +13,11 @@ there are the samples themselves, so that smoothing biases neither the stick slo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.case.config import SlidingRegime
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 
@@ -29,14 +29,6 @@ PLATEAU_WINDOW = (0.2, 0.8)  # of the slip in a half-cycle: the ends are the kne
 PLATEAU_SLOPE = 0.1  # steepest plateau, as share of the stick slope
 FORCE_WEIGHT = 0.25  # beside displacement, each over its range, in the place of a reversal
 SHORTEST_SLIDE = 0.02  # of the peak-to-peak displacement
-
-
-class SlidingRegime(StrEnum):
-    """How far a loop gets: no slip that shows, slip without a friction limit, or sliding at one."""
-
-    STICK = "stick"
-    PARTIAL_SLIP = "partial slip"
-    GROSS_SLIP = "gross slip"
 
 
 @record

@@ -15,7 +15,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.units import format_quantity
 from fretflow.recordings.loopset import FORCES, LoopSet, plateau
 from fretflow.recordings.notes import Note
-from fretflow.recordings.schema import RecordingFile, Test, TestKind
+from fretflow.recordings.schema import RecordedTest, RecordingFile, TestKind
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,8 @@ def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
             f"({format_quantity(low, 'm')} to {format_quantity(high, 'm')}); check its unit and column")
 
 
-def check_loops(path: Path, block: str, loops: LoopSet, test: Test, load: Array, amplitude: Array) -> tuple[Note, ...]:
+def check_loops(path: Path, block: str, loops: LoopSet, test: RecordedTest, load: Array,
+                amplitude: Array) -> tuple[Note, ...]:
     """Compare loops with what is stated of them; `load` and `amplitude` of the excitation are (K,), N, or nan.
 
     Raises

@@ -54,7 +54,7 @@ class Source(StrEnum):
 
 
 @record
-class Estimate:
+class LoopReading:
     """One quantity at K cycle counts, nan where the loop does not show it, with standard deviations."""
 
     value: Array = quantity("", "(K,)")
@@ -82,13 +82,13 @@ class RecordedReadings:
 
     cycles: NDArray[np.int64] = quantity("1", "(K,)")
     regime: tuple[str, ...]
-    friction_coefficient: Estimate = quantity("1")
-    friction_limit: Estimate = quantity("N")
-    tangential_stiffness: Estimate = quantity("N/m")
+    friction_coefficient: LoopReading = quantity("1")
+    friction_limit: LoopReading = quantity("N")
+    tangential_stiffness: LoopReading = quantity("N/m")
     stiffness_at_least: Array = quantity("N/m", "(K,), two standard deviations below; nan where nothing is known")
-    dissipated_energy: Estimate = quantity("J")
-    sliding_distance: Estimate = quantity("m")
-    peak_to_peak: Estimate = quantity("m")
+    dissipated_energy: LoopReading = quantity("J")
+    sliding_distance: LoopReading = quantity("m")
+    peak_to_peak: LoopReading = quantity("m")
 
 
 def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: float = 0.0,
@@ -124,7 +124,7 @@ def read_recorded_loops(loops: LoopSet, normal_load: Array, normal_load_sd: floa
     gains = np.array([loops.calibration_sd.get("displacement", 0.0), loops.calibration_sd.get(loops.force_name, 0.0),
                       normal_load_sd])
     estimates = {
-        name: Estimate(value=values[name], noise=noise[name], repeats=scatter[name],
+        name: LoopReading(value=values[name], noise=noise[name], repeats=scatter[name],
                        calibration=np.abs(values[name]) * float(np.linalg.norm(gains * powers)))
         for name, powers in POWERS.items()}
     compliance = estimates.pop("tangential_compliance")
@@ -139,7 +139,7 @@ def without_friction(readings: RecordedReadings) -> RecordedReadings:
     The force on a lumped system holds its inertia, so that neither plateaus nor slopes of its loops are friction.
     """
     none = np.full(len(readings.cycles), np.nan)
-    unknown = Estimate(value=none, noise=none, repeats=none, calibration=none)
+    unknown = LoopReading(value=none, noise=none, repeats=none, calibration=none)
     return replace(readings, regime=("unknown",) * len(none), friction_coefficient=unknown, friction_limit=unknown,
                    tangential_stiffness=unknown, stiffness_at_least=none, sliding_distance=unknown)
 
@@ -242,7 +242,7 @@ def _scatter_of_neighbours(cycles: NDArray[np.int64], values: dict[str, Array]) 
     return found
 
 
-def _stiffness(compliance: Estimate) -> tuple[Estimate, Array]:
+def _stiffness(compliance: LoopReading) -> tuple[LoopReading, Array]:
     """Return the stiffness where its inverse is clearly positive, and what it is at least."""
     c, sd = compliance.value, compliance.sd
     known = np.isfinite(c) & np.isfinite(sd)
@@ -251,5 +251,5 @@ def _stiffness(compliance: Estimate) -> tuple[Estimate, Array]:
     upper = np.where(known, np.maximum(c, 0.0) + 2.0 * sd, np.nan)
     there = np.nan_to_num(upper) > 0.0
     least = np.where(there, 1.0 / np.where(there, upper, 1.0), np.nan)
-    return Estimate(value=np.where(clear, 1.0 / np.where(clear, c, 1.0), np.nan), noise=compliance.noise * slope,
+    return LoopReading(value=np.where(clear, 1.0 / np.where(clear, c, 1.0), np.nan), noise=compliance.noise * slope,
                     repeats=compliance.repeats * slope, calibration=compliance.calibration * slope), least

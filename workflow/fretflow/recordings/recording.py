@@ -19,12 +19,12 @@ from fretflow.recordings.notes import Note, row_ranges
 from fretflow.recordings.plausibility import check_file, check_loops, check_motion, check_wear
 from fretflow.recordings.schema import (
     FILE,
-    Block,
-    Condition,
+    FileBlock,
+    RecordedTest,
+    RecordedWear,
     RecordingFile,
-    Test,
+    SweepCondition,
     TestKind,
-    Wear,
     load_recording_file,
 )
 from fretflow.recordings.series import clean_series
@@ -47,10 +47,10 @@ class Points:
 
 
 @record
-class Sweep:
+class LoopSweep:
     """Loops at other conditions; `loops.cycles` holds the ids of the `conditions`, in the same order."""
 
-    conditions: tuple[Condition, ...]  # complete, as far as the test is
+    conditions: tuple[SweepCondition, ...]  # complete, as far as the test is
     loops: LoopSet
 
 
@@ -60,14 +60,14 @@ class Recording:
 
     path: Path
     title: str
-    test: Test
+    test: RecordedTest
     rig: Rig | None  # None where nothing is said of it
     specimen: Specimens | None
     given: Mapping[str, Any]  # what the file says of test, rig and specimen, by the keys of case files
-    wear: Wear
+    wear: RecordedWear
     loops: LoopSet | None
     series: Series | None
-    sweep: Sweep | None
+    sweep: LoopSweep | None
     frf: Points | None
     wear_depth: Points | None
     notes: tuple[Note, ...]
@@ -105,7 +105,7 @@ def read_recording(path: Path) -> Recording:
         notes += found
     tables: dict[str, Points | None] = {"frf": None, "wear_depth": None}
     for name in tables:
-        block: Block | None = getattr(file, name)
+        block: FileBlock | None = getattr(file, name)
         if block is not None:
             tables[name], found = _points(read_columns(name, block, folder))
             notes += found
@@ -116,7 +116,7 @@ def read_recording(path: Path) -> Recording:
         wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)
 
 
-def loops_of(columns: Columns, test: Test) -> tuple[LoopSet, tuple[Note, ...]]:
+def loops_of(columns: Columns, test: RecordedTest) -> tuple[LoopSet, tuple[Note, ...]]:
     """Clean the loops of a block and compare them with what is stated of the test."""
     frequency = float("nan") if test.excitation_frequency is None else test.excitation_frequency
     loops, notes = clean_loops(columns, lambda _: frequency)
@@ -130,7 +130,7 @@ def loops_of(columns: Columns, test: Test) -> tuple[LoopSet, tuple[Note, ...]]:
     return loops, notes
 
 
-def series_of(columns: Columns, test: Test) -> tuple[Series, tuple[Note, ...]]:
+def series_of(columns: Columns, test: RecordedTest) -> tuple[Series, tuple[Note, ...]]:
     """Clean a long record and compare it with what is stated of the test."""
     series, notes = clean_series(columns)
     if "displacement" in series.channels:
@@ -138,11 +138,11 @@ def series_of(columns: Columns, test: Test) -> tuple[Series, tuple[Note, ...]]:
     return series, notes
 
 
-def _sweep(columns: Columns, file: RecordingFile) -> tuple[Sweep, tuple[Note, ...]]:
+def _sweep(columns: Columns, file: RecordingFile) -> tuple[LoopSweep, tuple[Note, ...]]:
     if file.sweep is None:
         raise UnreliableRecordingError("sweep: there is no such block")
     test = file.test
-    keys = [key for key in Condition.model_fields if key != "id"]
+    keys = [key for key in SweepCondition.model_fields if key != "id"]
     stated = {c.id: c.model_copy(update={key: getattr(test, key) for key in keys if getattr(c, key) is None})
               for c in file.sweep.conditions}
     there = np.unique(columns.index("condition"))
@@ -163,7 +163,7 @@ def _sweep(columns: Columns, file: RecordingFile) -> tuple[Sweep, tuple[Note, ..
     absent = [str(i) for i in stated if i not in there]
     if absent:
         notes += (Note("sweep", f"no rows for the conditions {', '.join(absent)}"),)
-    return Sweep(conditions=conditions, loops=loops), notes
+    return LoopSweep(conditions=conditions, loops=loops), notes
 
 
 def _points(columns: Columns) -> tuple[Points, tuple[Note, ...]]:

@@ -41,7 +41,7 @@ class TestKind(StrEnum):
     LUMPED = "lumped"
 
 
-class Place(StrEnum):
+class MeasuredAt(StrEnum):
     """Where a displacement was measured."""
 
     CONTACT_FACES = "contact-faces"
@@ -53,25 +53,25 @@ class Place(StrEnum):
 class DisplacementOf:
     """What a displacement is the relative displacement of; at a distance from the interface, it in m."""
 
-    place: Place
+    place: MeasuredAt
     distance: float = 0.0
 
 
 def _displacement_of(value: object) -> DisplacementOf:
     if isinstance(value, DisplacementOf):
         return value
-    if value in (Place.CONTACT_FACES, Place.BACK_FACES):
-        return DisplacementOf(Place(str(value)))
+    if value in (MeasuredAt.CONTACT_FACES, MeasuredAt.BACK_FACES):
+        return DisplacementOf(MeasuredAt(str(value)))
     try:
         distance = u.parse_quantity(value, "m")
     except ValueError as error:
         raise ValueError(f'{value!r} is none of "contact-faces", "back-faces" and a distance such as "1 mm"') from error
     if not distance > 0.0:
         raise ValueError(f'{value!r} is no distance from the interface; "contact-faces" is the interface itself')
-    return DisplacementOf(Place.DISTANCE, distance)
+    return DisplacementOf(MeasuredAt.DISTANCE, distance)
 
 
-class Test(Section):
+class RecordedTest(Section):
     """What was done to the joint, as far as it is known."""
 
     __test__ = False
@@ -85,20 +85,20 @@ class Test(Section):
     cycles: int | None = Field(None, ge=0, description="length of the test in cycles")
 
     @model_validator(mode="after")
-    def _sd_of_something(self) -> Test:
+    def _sd_of_something(self) -> RecordedTest:
         if self.normal_load is None and self.normal_load_sd is not None:
             raise ValueError("normal_load_sd is given without normal_load")
         return self
 
 
-class Wear(Section):
+class RecordedWear(Section):
     """What was worn off by the end of the test, from both faces."""
 
     worn_volume: u.Volume | None = Field(None, description="volume worn off both faces")
     worn_volume_sd: u.Volume | None = Field(None, description="its standard deviation")
 
     @model_validator(mode="after")
-    def _sd_of_something(self) -> Wear:
+    def _sd_of_something(self) -> RecordedWear:
         if self.worn_volume is None and self.worn_volume_sd is not None:
             raise ValueError("worn_volume_sd is given without worn_volume")
         return self
@@ -113,7 +113,7 @@ class ChannelSpec(Section):
     calibration_sd: float = Field(0.0, ge=0.0, lt=1.0, description="standard deviation of the gain, relative")
 
 
-class Block(Section):
+class FileBlock(Section):
     """A file of the recording and its channels."""
 
     file: str = Field(description="file, from the folder of recording.toml")
@@ -166,7 +166,7 @@ def _check_unit(name: str, spec: ChannelSpec) -> None:
             raise ValueError(f"{name}.sd: must not be negative, got {spec.sd!r}")
 
 
-class LoopsBlock(Block):
+class LoopsBlock(FileBlock):
     """Loops at several cycle counts."""
 
     displacement_of: Annotated[DisplacementOf | None, BeforeValidator(_displacement_of)] = Field(
@@ -177,7 +177,7 @@ class SeriesBlock(LoopsBlock):
     """One long record."""
 
 
-class Condition(Section):
+class SweepCondition(Section):
     """The condition of one set of loops in a sweep; what is not given is as in [test]."""
 
     id: int = Field(description="its number in the column of conditions")
@@ -191,7 +191,7 @@ class SweepBlock(LoopsBlock):
     """Loops at other conditions than those of the test."""
 
     same_channels_as: Literal["loops"] | None = Field(None, description="block that tells the channels")
-    conditions: tuple[Condition, ...] = Field(min_length=1, description="the conditions")
+    conditions: tuple[SweepCondition, ...] = Field(min_length=1, description="the conditions")
 
     @model_validator(mode="after")
     def _own_ids(self) -> SweepBlock:
@@ -201,7 +201,7 @@ class SweepBlock(LoopsBlock):
         return self
 
 
-class MapBlock(Block):
+class MapBlock(FileBlock):
     """A table without cycles: a frequency response, a map of depth."""
 
 
@@ -212,10 +212,10 @@ class RecordingFile(Section):
     title: str = Field("", description="one line for people")
     source: str = Field("", description="where the recording comes from")
     licence: str = Field("", description="terms of its use")
-    test: Test
+    test: RecordedTest
     rig: Rig | None = None
     specimen: Specimens | None = None
-    wear: Wear = Field(default_factory=Wear)
+    wear: RecordedWear = Field(default_factory=RecordedWear)
     loops: LoopsBlock | None = None
     series: SeriesBlock | None = None
     sweep: SweepBlock | None = None

@@ -19,7 +19,7 @@ from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
-from fretflow.recordings.schema import Condition, DisplacementOf, Place
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.sensors import Signals
@@ -145,7 +145,7 @@ class RigModel:
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
                           tuple(steps))
 
-    def _at(self, cycle: PeriodicCycle, end: Period, condition: Condition, start: Period) -> Period:
+    def _at(self, cycle: PeriodicCycle, end: Period, condition: SweepCondition, start: Period) -> Period:
         """Return the period at another condition, at the end of the test."""
         model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
         problem = model.problem(end.step.slow)
@@ -207,11 +207,11 @@ class RigModel:
     def displacement(self, period: Period) -> Array:
         """Return the displacement (N,) where the recording measured it, m."""
         found = period.solution
-        if self.displacement_of.place is Place.CONTACT_FACES:
+        if self.displacement_of.place is MeasuredAt.CONTACT_FACES:
             areas = self.problem.interface.areas
             slid = found.displacement[:, :, 0] @ areas / areas.sum()
             return np.asarray(slid - asperity_motion(period, period.problem))
-        if self.displacement_of.place is Place.BACK_FACES:
+        if self.displacement_of.place is MeasuredAt.BACK_FACES:
             return found.rig_displacement[:, 1]
         return (found.upper_observation - found.lower_observation)[:, 0]
 
@@ -252,7 +252,7 @@ def channel(signals: Signals, piece: Piece) -> Array:
     return values
 
 
-def at_condition(problem: PeriodicProblem, condition: Condition) -> PeriodicProblem:
+def at_condition(problem: PeriodicProblem, condition: SweepCondition) -> PeriodicProblem:
     """Return `problem` under another drive, load or frequency, as far as `condition` says."""
     drive, load, frequency = condition.excitation_amplitude, condition.normal_load, condition.excitation_frequency
     return replace(problem, excitation=problem.excitation if drive is None else drive,

@@ -20,7 +20,7 @@ from fretflow.inference.covariance import Covariance
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import Repeatability, repeatability, smooth_share
-from fretflow.recordings.schema import Condition, Test
+from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Observation:
     solved: int  # samples of a period that the model is solved with
     harmonics: int  # of a loop
     aligned_to: str  # channel whose fundamental's maximum is phase zero
-    conditions: tuple[Condition, ...]
+    conditions: tuple[SweepCondition, ...]
     points: Array = quantity("m", "(P, 2), of the map")
     smooth_share: float = quantity("1", default=0.0)  # of what repeats differ by, the largest of the loops' channels
     repeats: tuple[Repeats, ...] = ()  # of the channels that tell this
@@ -236,7 +236,7 @@ def count_label(cycles: int) -> str:
     return f"{cycles:,} cycles"
 
 
-def condition_labels(conditions: Iterable[Condition], test: Test) -> dict[int, str]:
+def condition_labels(conditions: Iterable[SweepCondition], test: RecordedTest) -> dict[int, str]:
     """Return what the loop at each condition, by its number, is called: what is not as in the test."""
     found: dict[int, str] = {}
     for one in conditions:

@@ -27,7 +27,7 @@ from fretflow.experiments.rig.model import (
     channel,
 )
 from fretflow.experiments.rig.observation import Array
-from fretflow.recordings.schema import Place
+from fretflow.recordings.schema import MeasuredAt
 from fretflow.solvers.direction import Direction, gap
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
@@ -215,6 +215,6 @@ def _more_asperity_motion(period: Period, other: PeriodicProblem, force: Array) 
 
 
 def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:
-    if rig.displacement_of.place is not Place.CONTACT_FACES:
+    if rig.displacement_of.place is not MeasuredAt.CONTACT_FACES:
         return after
     return replace(after, displacement=before.displacement + moved)

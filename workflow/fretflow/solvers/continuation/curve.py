@@ -19,7 +19,7 @@ FOLD = 1e-3  # of the frequency
 SAME_BRANCH = 0.02  # relative distance of first harmonics
 
 
-class Direction(IntEnum):
+class SweepDirection(IntEnum):
     """Which way a curve was followed."""
 
     DOWN = -1
@@ -60,18 +60,18 @@ class ResponseCurve:
         """
         return np.asarray(np.abs(self.first_harmonic[:, channel_index(channel)]) / self.excitation)
 
-    def along(self, direction: Direction) -> NDArray[np.int64]:
+    def along(self, direction: SweepDirection) -> NDArray[np.int64]:
         """Return the indices of the points of one direction, in order."""
         return np.flatnonzero(self.direction == direction)
 
-    def branches_at(self, frequency: float, direction: Direction) -> set[int]:
+    def branches_at(self, frequency: float, direction: SweepDirection) -> set[int]:
         """Return the numbers of the branches that have a period at `frequency` (Hz), on the curve of `direction`."""
         own = self.along(direction)
         f = self.frequency[own]
         there = (np.minimum(f[1:], f[:-1]) <= frequency) & (frequency <= np.maximum(f[1:], f[:-1]))
         return {int(branch) for branch in self.branch[own[:-1]][there]}
 
-    def turning_points(self, direction: Direction) -> NDArray[np.int64]:
+    def turning_points(self, direction: SweepDirection) -> NDArray[np.int64]:
         """Return the indices at which the curve of `direction` turns back: there a sweep jumps.
 
         A fold narrower than 0.1 % of the frequency is left out: time samples make some.
@@ -125,7 +125,7 @@ def channel_index(channel: str) -> int:
     return CHANNELS.index(channel)
 
 
-def read_peak(curve: ResponseCurve, channel: str = "block", direction: Direction = Direction.UP) -> Peak:
+def read_peak(curve: ResponseCurve, channel: str = "block", direction: SweepDirection = SweepDirection.UP) -> Peak:
     """Read the largest resonance off the curve of one direction.
 
     The damping ratio is ``(f2 - f1) / (f2 + f1)`` of the half-power points f1 < f2, as for a linear oscillator.

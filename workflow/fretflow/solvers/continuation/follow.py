@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.continuation.curve import (
-    Direction,
     Parabola,
     ResponseCurve,
+    SweepDirection,
     arc_lengths,
     channel_index,
     half_power_bracket,
@@ -35,7 +35,7 @@ from fretflow.solvers.continuation.curve import (
     summit,
 )
 from fretflow.solvers.continuation.model import Plane
-from fretflow.solvers.continuation.points import STRAIGHT, Face, Found, Trail, judge
+from fretflow.solvers.continuation.points import STRAIGHT, Face, FoundPoint, Trail, judge
 from fretflow.solvers.continuation.system import ArmSystem, Point
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone
@@ -78,21 +78,21 @@ class Sweep:
     longest_step: float = 0.04  # of the frequency
     shortest_arc: float = 2e-3
     channel: str = "block"  # whose peak is refined
-    directions: tuple[Direction, ...] = field(default=(Direction.UP, Direction.DOWN))
+    directions: tuple[SweepDirection, ...] = field(default=(SweepDirection.UP, SweepDirection.DOWN))
 
 
 @dataclass(frozen=True)
 class _Run:
     """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
 
-    found: list[Found]
-    followed: list[Found]  # before the refinement
+    found: list[FoundPoint]
+    followed: list[FoundPoint]  # before the refinement
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
 
 
-def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, float], None]) -> ResponseCurve:
+def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirection, float], None]) -> ResponseCurve:
     """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
 
     Nodes out of reach are left out, see `reach`; where one of them turns out to touch, all is done again with it.
@@ -105,7 +105,7 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[Direction, f
     nodes = candidate_nodes(problem, problem.joint.quasi_static(), None)
     while True:
         face = Face.of(problem, nodes)
-        runs: dict[Direction, _Run] = {}
+        runs: dict[SweepDirection, _Run] = {}
         for direction in sweep.directions:
             follower = _Follower(face, sweep, partial(note, direction))
             runs[direction] = follower.follow(direction, [run.followed for run in runs.values()])
@@ -127,7 +127,7 @@ class _Follower:
         self.system = ArmSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
         self.fine = ArmSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations, backbone)
 
-    def follow(self, direction: Direction, others: list[list[Found]]) -> _Run:
+    def follow(self, direction: SweepDirection, others: list[list[FoundPoint]]) -> _Run:
         """Return the points in order; `others` are curves followed the other way."""
         found = [self._keep(self.system, self._start(direction, [other[-1].point for other in others]))]
         self.trails = [Trail(other) for other in others]
@@ -136,10 +136,10 @@ class _Follower:
         change = self._refine(found)
         return _Run(found, followed, *judge(found, self._top(found)), change)
 
-    def _start(self, direction: Direction, reached: list[Point]) -> Point:
+    def _start(self, direction: SweepDirection, reached: list[Point]) -> Point:
         """Solve at the end of the range where `direction` begins, from rest or from where another curve ended."""
         s = self.sweep
-        omega = 2.0 * pi * (s.start if direction is Direction.UP else s.stop)
+        omega = 2.0 * pi * (s.start if direction is SweepDirection.UP else s.stop)
         try:
             pressed = self.system.march.preloaded(self.problem.frictional_preload)
             return self.system.at_frequency(omega, self.system.guess(omega), pressed)
@@ -162,7 +162,7 @@ class _Follower:
             arm, start, before = point.arm, point.end, share
         return point
 
-    def _trace(self, found: list[Found], direction: Direction) -> None:
+    def _trace(self, found: list[FoundPoint], direction: SweepDirection) -> None:
         s, low, high = self.system, 2.0 * pi * self.sweep.start, 2.0 * pi * self.sweep.stop
         now = found[0].point
         along = s.tangent(now, np.append(np.zeros(len(now.arm)), float(direction)))
@@ -244,7 +244,7 @@ class _Follower:
         share = (omega - inside.omega) / (outside.omega - inside.omega)
         return self.system.at_frequency(omega, inside.arm + share * (outside.arm - inside.arm), inside.end, inside)
 
-    def _refine(self, found: list[Found]) -> float:
+    def _refine(self, found: list[FoundPoint]) -> float:
         """Insert points at the peak and at half its power; return how much the finer settings change its top."""
         if self._top(found) in (0, len(found) - 1):
             return float("nan")
@@ -261,7 +261,7 @@ class _Follower:
                 self._refine_half_power(found, step)
         return float(max(changes, default=np.nan))
 
-    def _refine_peak(self, found: list[Found]) -> None:
+    def _refine_peak(self, found: list[FoundPoint]) -> None:
         for _ in range(MAX_INSERTIONS):
             top = self._top(found)
             if top in (0, len(found) - 1):
@@ -278,7 +278,7 @@ class _Follower:
             if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
                 return
 
-    def _refine_half_power(self, found: list[Found], step: int) -> None:
+    def _refine_half_power(self, found: list[FoundPoint], step: int) -> None:
         for _ in range(MAX_INSERTIONS):
             amplitude = self._amplitude(found)
             top = int(np.argmax(amplitude))
@@ -292,7 +292,7 @@ class _Follower:
             if abs(abs(found[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
                 return
 
-    def _between(self, a: Found, b: Found, share: float) -> Found:
+    def _between(self, a: FoundPoint, b: FoundPoint, share: float) -> FoundPoint:
         """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it."""
         arms = [_resized(p.point.arm, self.sweep.fine_harmonics) for p in (a, b)]
         start, end = (np.append(arm, p.point.omega) for arm, p in zip(arms, (a, b), strict=True))
@@ -308,15 +308,15 @@ class _Follower:
         """Solve `point` again with the fine settings, at its frequency."""
         return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics), point.end)
 
-    def _amplitude(self, found: list[Found]) -> Array:
+    def _amplitude(self, found: list[FoundPoint]) -> Array:
         return np.array([abs(p.first_harmonic[self.channel]) for p in found])
 
-    def _top(self, found: list[Found]) -> int:
+    def _top(self, found: list[FoundPoint]) -> int:
         return int(np.argmax(self._amplitude(found)))
 
-    def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> Found:
+    def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> FoundPoint:
         self.note(point.omega / (2.0 * pi))
-        return Found.of(self.face, system, point, bridged)
+        return FoundPoint.of(self.face, system, point, bridged)
 
 
 def _backbone(problem: PeriodicProblem) -> Backbone | None:
@@ -333,7 +333,7 @@ def _resized(arm: Array, harmonics: int) -> Array:
     return np.concatenate([arm[:size], np.zeros(max(0, size - len(arm)))])
 
 
-def _curve(problem: PeriodicProblem, runs: dict[Direction, _Run]) -> ResponseCurve:
+def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> ResponseCurve:
     labels = label_branches([(np.array([p.frequency for p in run.found]),
                               np.array([p.first_harmonic for p in run.found])) for run in runs.values()])
     found = [p for run in runs.values() for p in run.found]

@@ -49,7 +49,7 @@ class Face:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundPoint:
     """A point of the curve with what is kept of it."""
 
     system: ArmSystem
@@ -65,7 +65,7 @@ class Found:
         return self.point.omega / (2.0 * pi)
 
     @classmethod
-    def of(cls, face: Face, system: ArmSystem, point: Point, bridged: bool) -> Found:
+    def of(cls, face: Face, system: ArmSystem, point: Point, bridged: bool) -> FoundPoint:
         """Return what is kept of `point`, a root of `system` on `face`."""
         trajectory = point.trajectory
         n = trajectory.state.shape[1]
@@ -84,7 +84,7 @@ class Trail:
     Across a gap it does not lead: that is to be found, and said, again.
     """
 
-    def __init__(self, found: list[Found]) -> None:
+    def __init__(self, found: list[FoundPoint]) -> None:
         """Take the points in the order in which they were found."""
         beyond = [*(p.bridged for p in found[1:]), False]
         self._left = [(p.point, gap) for p, gap in zip(found, beyond, strict=True)]
@@ -101,7 +101,7 @@ class Trail:
         return None
 
 
-def judge(found: list[Found], top: int) -> tuple[Array, NDArray[np.bool_]]:
+def judge(found: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
     """Return the largest Floquet multipliers, nan where not found, and which points are stable, (P,) each.
 
     Found are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
@@ -121,7 +121,7 @@ def judge(found: list[Found], top: int) -> tuple[Array, NDArray[np.bool_]]:
             np.array([judged[k][1] for k in nearest]))
 
 
-def _judge_one(found: Found) -> tuple[float, bool]:
+def _judge_one(found: FoundPoint) -> tuple[float, bool]:
     """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
     system, point = found.system, found.point
     motion = np.column_stack([system.block_motion(point), point.trajectory.arm])

@@ -25,7 +25,7 @@ from fretflow.structure.fem.mesh_file import TaggedMesh
 
 
 @record
-class Face:
+class TaggedFace:
     """Nodes of a tagged face, the same on every rank, sorted by x, then y, then z.
 
     `nodes` are global node numbers: DOF ``3 node + c`` is direction c. `areas` are the integrals of the shape
@@ -52,7 +52,7 @@ class ElasticBody:
         (3 N, 3 N) in N/m and kg; DOF ``3 node + c``.
     points : ndarray (owned nodes, 3)
         Coordinates (m) of this rank's nodes, the first of which has the global number `first_node`.
-    contact, clamped : Face
+    contact, clamped : TaggedFace
         The two faces.
     total_mass : float
         Density times volume (kg).
@@ -67,8 +67,8 @@ class ElasticBody:
     mass: PETSc.Mat
     points: NDArray[np.float64]
     first_node: int
-    contact: Face
-    clamped: Face
+    contact: TaggedFace
+    clamped: TaggedFace
     total_mass: float
     full_dofs: int
     mesh: TaggedMesh
@@ -141,7 +141,7 @@ def _forms(mesh: TaggedMesh, space: Any, material: Specimen, degree: int) -> tup
     return ufl.inner(stress, ufl.sym(ufl.grad(v))) * dx, density * ufl.inner(u, v) * dx
 
 
-def _face(mesh: TaggedMesh, space: Any, points: NDArray[np.float64], tag: int) -> Face:
+def _face(mesh: TaggedMesh, space: Any, points: NDArray[np.float64], tag: int) -> TaggedFace:
     """Collect a tagged face from all ranks."""
     owned = len(points)
     facets = mesh.facet_tags.find(tag)
@@ -156,7 +156,7 @@ def _face(mesh: TaggedMesh, space: Any, points: NDArray[np.float64], tag: int) -
     parts = mesh.comm.allgather((nodes + first, points[nodes], areas))
     all_nodes, all_points, all_areas = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     order = sorted_by_position(all_points)
-    return Face(nodes=all_nodes[order], points=all_points[order], areas=all_areas[order])
+    return TaggedFace(nodes=all_nodes[order], points=all_points[order], areas=all_areas[order])
 
 
 def sorted_by_position(points: NDArray[np.float64]) -> NDArray[np.int64]:

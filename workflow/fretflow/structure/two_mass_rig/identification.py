@@ -36,7 +36,7 @@ SMALL_EXPONENT = 0.05
 
 
 @record
-class Prior:
+class LogNormalPrior:
     """What is known of the parameters beforehand: ``ln p ~ N(ln value, ln(factor)^2)``."""
 
     names: tuple[str, ...]
@@ -87,7 +87,7 @@ class Data:
 class Identification:
     """The most probable parameters and how far the data determine them."""
 
-    prior: Prior
+    prior: LogNormalPrior
     data: Data
     value: Array = quantity("SI", "(P,)")
     predicted: Array = quantity("SI", "(D,)")
@@ -125,7 +125,7 @@ class Identification:
                           for name, power in terms if abs(power) >= SMALL_EXPONENT)
 
 
-def identify(forward: Callable[[Array], Array], prior: Prior, data: Data,
+def identify(forward: Callable[[Array], Array], prior: LogNormalPrior, data: Data,
              starts: Sequence[Array] = ()) -> Identification:
     """Find the parameters that meet the data best.
 
@@ -133,7 +133,7 @@ def identify(forward: Callable[[Array], Array], prior: Prior, data: Data,
     ----------
     forward : callable
         From parameters (P,) to predictions (D,), positive both.
-    prior, data : Prior, Data
+    prior, data : LogNormalPrior, Data
     starts : sequence of ndarray, shape (P,)
         Parameters to start from; the best of them by the objective is taken. By default the prior's.
     """
@@ -155,7 +155,7 @@ def identify(forward: Callable[[Array], Array], prior: Prior, data: Data,
     return _judge(best, jacobian(best)[:len(data.value)], forward, prior, data)
 
 
-def identify_mapped(exact: Callable[[Array], Array], rough: Callable[[Array], Array], prior: Prior, data: Data,
+def identify_mapped(exact: Callable[[Array], Array], rough: Callable[[Array], Array], prior: LogNormalPrior, data: Data,
                     starts: Sequence[Array] = ()) -> Identification:
     """Find the parameters that meet the data best by a costly `exact` model, led by a cheap `rough` one.
 
@@ -193,7 +193,8 @@ def identify_mapped(exact: Callable[[Array], Array], rough: Callable[[Array], Ar
                               f"{MAX_ROUNDS} rounds; state larger standard deviations of what was measured", history)
 
 
-def _judge(z: Array, scaled: Array, forward: Callable[[Array], Array], prior: Prior, data: Data) -> Identification:
+def _judge(z: Array, scaled: Array, forward: Callable[[Array], Array], prior: LogNormalPrior,
+           data: Data) -> Identification:
     """Return what the scaled sensitivities (D, P) say at the optimum `z`."""
     spread = np.log(prior.factor)
     _, strength, vectors = np.linalg.svd(scaled, full_matrices=False)
