@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.structure.sensors import Signals
 
@@ -21,6 +21,8 @@ class ChannelDelay(Effect):
     equation: ClassVar[str] = "T_meas(t) = T(t - tau)"
     source: ClassVar[str] = ("shift theorem of the Fourier series: A. V. Oppenheim, R. W. Schafer, Discrete-Time "
                              "Signal Processing, Prentice Hall (1989)")
+    needs_time: ClassVar[bool] = True
+    told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("area of a loop that sticks", "force at reversal")
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
     sensed_at: ClassVar[int] = 2

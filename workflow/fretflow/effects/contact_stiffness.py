@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -12,7 +13,7 @@ from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
-from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.march import frictionless_preload
 from fretflow.solvers.quasi_static.sample import ContactSystem
@@ -111,6 +112,10 @@ class ContactStiffness(Effect):
     source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
                              "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
     acts_at: ClassVar[int] = 1
+    told_from: ClassVar[Mapping[str, str]] = {
+        "sensor-path-compliance": OTHER_LOAD + ", with which the contact stiffens and the sensor's path does not,",
+        "contact-stiffness-evolution": "more loops in the first tenth of the test",
+        "initial-gap": "the approach of the specimens and maps of both faces before the test"}
     observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "approach", "first resonance")
 
     stiffness: u.Stiffness = parameter(60e6, "k_t: tangential stiffness of the whole contact at p_0", 15e6, 150e6,

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, OTHER_LOAD, Array, Block, Effect, Kind, Motion, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -24,6 +24,7 @@ class DirectionalFriction(Effect):
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "mu (1 - d t_x), t the direction of the friction force"
     source: ClassVar[str] = "A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset disc"
+    told_by: ClassVar[str] = OTHER_LOAD
     observables: ClassVar[tuple[str, ...]] = ("mean of the friction force", "even harmonics")
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
 

@@ -65,27 +65,37 @@ DRIVEN = frozenset({Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
 
 @dataclass(frozen=True)
 class Prior:
-    """Plausible range of a parameter in SI, whether it spans decades, where the range is from, and where it acts."""
+    """Plausible range of a parameter in SI, whether it spans decades, where the range is from, and where it acts.
+
+    One that is `held` goes with the size of a joint that a motion drives, but is not fitted there.
+    """
 
     low: float
     high: float
     logarithmic: bool
     source: str
     rig_only: bool = False
+    held: bool = False
 
 
+# What would show an effect, in words that every kind of recording shares.
+OTHER_LOAD = "the same test at another normal load"
+OTHER_RATES = "the same test at half and at twice the frequency"
+OTHER_LENGTHS = "tests of one condition over several numbers of cycles,"
+UNLOADED = "the channels at rest and with the specimens apart, before and after the test,"
 ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm2, 100 Hz"
 
 
 def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,
-              logarithmic: bool | None = None, rig_only: bool = False, **limits: Any) -> Any:
+              logarithmic: bool | None = None, rig_only: bool = False, held: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
-    One that acts in the fretting rig only is not fitted where a measured motion drives the joint.
+    One that acts in the fretting rig only is not fitted where a measured motion drives the joint, nor is one that is
+    `held` there, as the force tells only its ratio to another one.
     """
     decades = low > 0.0 and high / low >= 10.0
-    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only)
+    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held)
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 
@@ -132,6 +142,10 @@ class Effect(Section):
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
     kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
     excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
+    needs_time: ClassVar[bool] = False  # whether it acts by rates or times, which points off a figure lack
+    told_by: ClassVar[str] = ""  # the measurement that shows it besides those recorded
+    told_from: ClassVar[Mapping[str, str]] = {}  # ids that act alike, and what would tell it from each; once a pair
+    confirmed_by: ClassVar[str] = ""  # the sentence of what would confirm it where it is named alone
     over_cycles: ClassVar[bool] = False  # whether `period` follows cycles, energy or memory
     acts_at: ClassVar[int] = 0  # when `period` acts: 1 after those that change gap, load or layers, which it depends on
     first_order: ClassVar[bool] = True  # whether its change of the data tells how the period will change

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -23,6 +24,9 @@ class ExcitationDistortion(Effect):
     block: ClassVar[Block] = Block.EXCITATION
     equation: ClassVar[str] = "F (cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
     source: ClassVar[str] = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
+    told_by: ClassVar[str] = "a record of the excitation force"
+    told_from: ClassVar[Mapping[str, str]] = {
+        "support-nonlinearity": "the excitation force itself, at several amplitudes,"}
     observables: ClassVar[tuple[str, ...]] = ("harmonics of the excitation channel", "harmonics of the displacement")
 
     second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0)

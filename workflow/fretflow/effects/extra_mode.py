@@ -10,7 +10,7 @@ from pydantic import Field
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import OTHER_RATES, Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.structure.sensors import Signals
 
@@ -25,6 +25,8 @@ class ExtraMode(Effect):
     source: ClassVar[str] = ("transfer function of one mode: D. J. Ewins, Modal Testing: Theory, Practice and "
                              "Application, 2nd ed., Research Studies Press (2000)")
     first_order: ClassVar[bool] = False
+    needs_time: ClassVar[bool] = True
+    told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("ripple on the plateaus after a reversal", "high harmonics of the force")
     kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
     sensed_at: ClassVar[int] = 1

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Kind, Motion, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.force_laws import BlockPull
@@ -26,6 +27,12 @@ class ForceOffset(Effect):
     equation: ClassVar[str] = "F_0 besides all other forces"
     source: ClassVar[str] = ("offset of the drive force: A. Janot, M. Gautier, M. Brunot, Data Set and Reference "
                              "Models of EMPS, Workshop on Nonlinear System Identification Benchmarks (2019)")
+    told_by: ClassVar[str] = UNLOADED
+    confirmed_by: ClassVar[str] = ("The displacement at rest, before and after the test, would tell a constant force "
+                                   "from a sensor that was not set to zero there.")
+    told_from: ClassVar[Mapping[str, str]] = {
+        "parallel-stiffness": "the same motion about another middle position, which changes the mean force of a spring "
+                              "alone,"}
     observables: ClassVar[tuple[str, ...]] = ("mean of the force",)
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -29,6 +30,9 @@ class FrictionRunIn(Effect):
     source: ClassVar[str] = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
                              "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
     over_cycles: ClassVar[bool] = True
+    told_from: ClassVar[Mapping[str, str]] = {
+        "normal-load-drift": "a record of the normal force over the test",
+        "contact-stiffness-evolution": "sticking loops of small amplitude, new and run in,"}
     observables: ClassVar[tuple[str, ...]] = ("friction force on the plateau over cycles", "sliding over cycles",
                                               "dissipated energy over cycles")
 

@@ -26,6 +26,7 @@ class InitialGap(Effect):
     block: ClassVar[Block] = Block.GEOMETRY
     equation: ClassVar[str] = "g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (x^2 + y^2) / 2 + z x^2, x, y in [-1, 1]"
     source: ClassVar[str] = "K. L. Johnson, Contact Mechanics (1985), section 4.1"
+    told_by: ClassVar[str] = "maps of both faces before the test"
     observables: ClassVar[tuple[str, ...]] = ("wear map", "loops of the first cycles", "approach")
 
     tilt_x: u.SignedLength = parameter(1e-6, "t_x: height over the width, along the sliding", -4e-6, 4e-6)

@@ -10,7 +10,7 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.contact.coulomb import CoulombLaw
 from fretflow.core import units as u
-from fretflow.effects.effect import RIG_ONLY, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Kind, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -28,6 +28,7 @@ class LoadDependentFriction(Effect):
     equation: ClassVar[str] = "mu (p / p_0)^-b"
     source: ClassVar[str] = ("F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids (1950); "
                              "J. F. Archard, Proc. R. Soc. A 243 (1957)")
+    told_by: ClassVar[str] = OTHER_LOAD
     observables: ClassVar[tuple[str, ...]] = ("friction force at other normal loads", "wear map near the edges")
     kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
 

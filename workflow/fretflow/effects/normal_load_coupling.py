@@ -26,11 +26,13 @@ class NormalLoadCoupling(Effect):
     equation: ClassVar[str] = "N = N_0 + s x"
     source: ClassVar[str] = ("C.-H. Menq, J. H. Griffin, J. Bielak, J. Sound Vib. 107 (1986), variable normal load; "
                              "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
+    told_by: ClassVar[str] = "a record of the normal force over the loops"
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, opposite in sign", "normal force")
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
 
     slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6)
-    mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0)
+    mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0,
+                                  held=True)
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:

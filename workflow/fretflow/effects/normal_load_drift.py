@@ -23,6 +23,7 @@ class NormalLoadDrift(Effect):
     source: ClassVar[str] = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
                              "vibration; here of first order in the cycles")
     over_cycles: ClassVar[bool] = True
+    told_by: ClassVar[str] = "a record of the normal force over the test"
     observables: ClassVar[tuple[str, ...]] = ("normal force over cycles", "friction force over cycles",
                                               "sliding over cycles")
 

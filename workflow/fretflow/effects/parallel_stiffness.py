@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -27,6 +28,8 @@ class ParallelStiffness(Effect):
     equation: ClassVar[str] = "force on the arm -k x; T_meas = T + k x"
     source: ClassVar[str] = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), "
                              "640-643")
+    told_from: ClassVar[Mapping[str, str]] = {
+        "sensor-path-compliance": "loops of sticking contact at small amplitudes"}
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Block, Effect, Kind, Sketch, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -21,6 +21,10 @@ class SensorDrift(Effect):
     block: ClassVar[Block] = Block.SENSOR
     equation: ClassVar[str] = "T_meas = T + d s, s from 0 to 1 over the test"
     source: ClassVar[str] = "instrumental drift: International Vocabulary of Metrology, JCGM 200 (2012), 4.21"
+    needs_time: ClassVar[bool] = True
+    told_by: ClassVar[str] = UNLOADED
+    confirmed_by: ClassVar[str] = ("The channels at rest, before and after the test, would confirm that a sensor's "
+                                   "zero moves.")
     observables: ClassVar[tuple[str, ...]] = ("mean of the friction force over cycles",)
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
     sensed_at: ClassVar[int] = 2

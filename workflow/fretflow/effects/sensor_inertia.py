@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import OTHER_RATES, Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.structure.sensors import Signals
 
@@ -24,6 +24,8 @@ class SensorInertia(Effect):
     equation: ClassVar[str] = "T_meas = T + m a"
     source: ClassVar[str] = ("Newton's second law; mass cancellation: D. J. Ewins, Modal Testing: Theory, Practice and "
                              "Application, 2nd ed., Research Studies Press (2000)")
+    needs_time: ClassVar[bool] = True
+    told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and negative", "high harmonics")
     kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
     sensed_at: ClassVar[int] = 1

@@ -33,7 +33,7 @@ from fretflow.case.config import Case
 from fretflow.contact.interface import Interface
 from fretflow.core import units as u
 from fretflow.core.errors import AuditError
-from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.wear.cycle import CycleResponse
@@ -86,6 +86,12 @@ class ThirdBody(Effect):
     source: ClassVar[str] = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
                              "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
     over_cycles: ClassVar[bool] = True
+    told_by: ClassVar[str] = OTHER_LENGTHS
+    told_from: ClassVar[Mapping[str, str]] = {
+        "wear-power-law": "the same condition stopped after a tenth and after a third of the cycles, which changes the "
+                          "wear per energy only if debris slows it,",
+        "wear-coefficient-evolution": "tests of one number of cycles at several amplitudes, which change the worn "
+                                      "volume but not the cycles,"}
     observables: ClassVar[tuple[str, ...]] = ("wear map: U instead of W", "approach against worn volume",
                                               "approach over cycles")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -10,7 +11,18 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.effect import (
+    ALL_KINDS,
+    OTHER_LOAD,
+    OTHER_RATES,
+    Array,
+    Block,
+    Effect,
+    Kind,
+    Motion,
+    Sketch,
+    parameter,
+)
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -40,6 +52,10 @@ class VelocityDependentFriction(Effect):
     equation: ClassVar[str] = "mu (1 + a exp(-|v| / v_s))"
     source: ClassVar[str] = ("exponential form of the Stribeck curve: L. C. Bo, D. Pavelescu, Wear 82 (1982); "
                              "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)")
+    needs_time: ClassVar[bool] = True
+    told_by: ClassVar[str] = OTHER_RATES
+    told_from: ClassVar[Mapping[str, str]] = {
+        "viscous": OTHER_LOAD + ", with which friction changes and a dashpot does not,"}
     observables: ClassVar[tuple[str, ...]] = ("friction force over the plateau of a loop", "loops at other amplitudes")
     kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
 

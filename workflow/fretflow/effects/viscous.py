@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import OTHER_RATES, Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
@@ -26,6 +26,8 @@ class Viscous(Effect):
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "force on the arm -c v; T_meas = T + c v"
     source: ClassVar[str] = "combined Coulomb and viscous friction: J. P. Den Hartog, Trans. ASME 53 (1931), APM-53-9"
+    needs_time: ClassVar[bool] = True
+    told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("bulge of both plateaus of a loop", "loops at other frequencies")
     kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
 

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
@@ -21,6 +21,7 @@ class WearCoefficientEvolution(Effect):
     block: ClassVar[Block] = Block.WEAR
     equation: ClassVar[str] = "K_w(n) = K_w (x + (1 - x) exp(-n / n_K))"
     source: ClassVar[str] = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
+    told_by: ClassVar[str] = OTHER_LENGTHS
     observables: ClassVar[tuple[str, ...]] = ("approach over cycles", "worn volume of tests of other lengths")
 
     final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0)

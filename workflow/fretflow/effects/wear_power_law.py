@@ -26,6 +26,7 @@ class WearPowerLaw(Effect):
     equation: ClassVar[str] = "K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c"
     source: ClassVar[str] = ("S. Baydoun, S. Fouvry, S. Descartes, P. Arnaud, Wear 426-427 (2019) 676-693, weighted "
                              "friction energy")
+    told_by: ClassVar[str] = "tests at other amplitudes and normal loads"
     observables: ClassVar[tuple[str, ...]] = ("worn volume of tests at other loads, amplitudes and frequencies",
                                               "wear map near the edges")
 

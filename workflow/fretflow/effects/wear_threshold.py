@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
@@ -28,6 +29,10 @@ class WearThreshold(Effect):
     equation: ClassVar[str] = "K_w sum p |du| max(0, 1 - q_th / q), q frictional power per area"
     source: ClassVar[str] = ("S. Fouvry, T. Liskiewicz, Ph. Kapsa, S. Hannel, E. Sauger, Wear 255 (2003) 287-298, "
                              "energy wear approach with a threshold")
+    told_by: ClassVar[str] = OTHER_LENGTHS
+    told_from: ClassVar[Mapping[str, str]] = {
+        "wear-power-law": "tests at amplitudes and normal loads whose power density lies far below and far above those "
+                          "recorded, where a threshold wears nothing or in proportion and a power does neither,"}
     observables: ClassVar[tuple[str, ...]] = ("wear map: unworn zones", "worn volume of tests at other loads",
                                               "approach over cycles")
 

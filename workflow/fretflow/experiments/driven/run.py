@@ -55,6 +55,12 @@ class _Found:
     after: DrivenFit
 
     @property
+    def alternatives(self) -> tuple[Names, ...]:
+        """Return the set and those with a stand-in in place of one of its effects."""
+        return self.chosen, *(self.chosen - {name} | {other} for name, others in self.stand_ins.items()
+                              for other in others)
+
+    @property
     def effects(self) -> tuple[str, ...]:
         """Return the effects that the verdict names, stand-ins included."""
         if self.verdict in (Verdict.NONE, Verdict.UNKNOWN):
@@ -86,7 +92,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress) -> Dia
         if found.verdict is Verdict.UNKNOWN else None
     final = refitted(data, found.after)
     share = looked.explained(found.chosen)
-    apart = words.separating(found.chosen, found.stand_ins) if law is None else words.next_measurement(law)
+    apart = words.separating(found.alternatives) if law is None else words.next_measurement(law)
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=data.kind.value, verdict=found.verdict,

@@ -32,9 +32,6 @@ SIGNIFICANT = 0.05
 FADING = 0.5 * LEAST_SHARE  # of what is left: a step that explains less is the last one
 SETTLED = 0.02  # of the baseline's excess: less is not looked into
 UNIT = Scale(2.0 * RIG.force, 3.0 * RIG.length, 5.0 * RIG.time)  # that changes whatever has a dimension
-NOT_FITTED = frozenset({"normal-load-coupling.mean_load"})  # only its ratio to the slope tells
-NEEDS_TIME = frozenset({"channel-delay", "extra-mode", "sensor-drift", "sensor-inertia", "velocity-dependent-friction",
-                        "viscous"})
 Names = frozenset[str]
 
 
@@ -86,7 +83,7 @@ class Search:
         starts = self._starts(names, near or self.baseline)
         if names in self.fits:
             starts = [self.fits[names].joint, *starts]
-        free = tuple(name for name in starts[0].values if name not in NOT_FITTED)
+        free = tuple(name for name, prior in starts[0].priors.items() if not prior.held)
         found = fit(starts, self.data.motion, self.data.force, free, self.data.fitted,
                     THOROUGH if thoroughly else QUICK, plausible_sizes(starts[0]))
         self.fits[names] = found
@@ -129,7 +126,7 @@ class Search:
 def usable_effects(data: DrivenData) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the effects that can act on such a recording, and those that need a time axis which it lacks."""
     own = tuple(name for name, effect in catalogue().items() if data.kind in effect.kinds)
-    left = tuple(name for name in own if not data.timed and name in NEEDS_TIME)
+    left = tuple(name for name in own if not data.timed and catalogue()[name].needs_time)
     return tuple(name for name in own if name not in left), left
 
 

@@ -7,12 +7,10 @@ from collections.abc import Iterable, Mapping
 from fretflow.case.casefile import entries
 from fretflow.effects.catalogue import tables
 from fretflow.effects.driven import DrivenJoint
-from fretflow.experiments.driven.search import NEEDS_TIME
 from fretflow.inference.verdict import Location, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed as listed
-
-BY_LOAD = frozenset({"directional-friction", "velocity-dependent-friction", "normal-load-coupling"})  # part of friction
+from fretflow.inference.words import separating as separating
 
 
 def sentence(verdict: Verdict, chosen: Iterable[str], stand_ins: Mapping[str, tuple[str, ...]], share: float,
@@ -34,27 +32,6 @@ def sentence(verdict: Verdict, chosen: Iterable[str], stand_ins: Mapping[str, tu
         best = f"the best of it, {listed(chosen)}, explains {100.0 * share:.0f} % of what the baseline leaves"
     told = "" if law is None or law.explained < 0.2 else f"; what is left follows the {law.state}"
     return f"Something that is not in the catalogue acts on the force in the phase '{location.phase}': {best}{told}."
-
-
-def separating(chosen: Iterable[str], stand_ins: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the measurement that would tell stand-ins apart, nothing where there are none."""
-    for name in sorted(chosen):
-        for other in stand_ins.get(name, ()):
-            return f"{_between(name, other)} would tell {name} from {other}."
-    return ""
-
-
-def _between(one: str, other: str) -> str:
-    pair = {one, other}
-    if pair == {"force-offset", "parallel-stiffness"}:
-        return "The same motion about another middle position, which changes the mean force of a spring alone,"
-    if "sensor-drift" in pair:
-        return "The force at rest and unloaded, before and after the record,"
-    if len(pair & NEEDS_TIME) == 1 or pair <= NEEDS_TIME:
-        return "The same motion at half and at twice the frequency"
-    if len(pair & BY_LOAD) == 1:
-        return "The same motion at another normal load, with which friction changes and the other does not,"
-    return "The same motion at half and at twice the amplitude"
 
 
 def next_measurement(law: ResidualLaw) -> str:

@@ -3,46 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from itertools import combinations
 
-from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Block
 from fretflow.inference.verdict import EXPLAINED_GATE, Location, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed
+from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
 WORTH_TELLING = 0.2  # of the squares that a law explains
-LOADS = "loops at another normal load"
-RATES = "loops at half and at twice the frequency"
-AMPLITUDES = "tests at other amplitudes and normal loads"
-EVERYTHING = "loops at another amplitude, another normal load and another frequency"
-UNLOADED = "the channels at rest and with the specimens apart, before and after the test,"
-PAIRS: dict[frozenset[str], str] = {frozenset(names): text for names, text in (
-    (("contact-stiffness", "sensor-path-compliance"), LOADS + ", with which the contact stiffens and the sensor's path "
-     "does not,"),
-    (("friction-run-in", "normal-load-drift"), "a record of the normal force over the test"),
-    (("wear-threshold", "wear-power-law"), AMPLITUDES),
-    (("velocity-dependent-friction", "viscous"), LOADS + ", with which friction changes and a dashpot does not,"),
-    (("channel-delay", "viscous"), RATES),
-    (("parallel-stiffness", "sensor-path-compliance"), "loops of sticking contact at small amplitudes"),
-    (("contact-stiffness", "contact-stiffness-evolution"), "more loops in the first tenth of the test"),
-    (("friction-run-in", "contact-stiffness-evolution"), "sticking loops of small amplitude, new and run in,"),
-    (("initial-gap", "contact-stiffness"), "the approach of the specimens and maps of both faces before the test"),
-    (("sensor-inertia", "channel-delay"), RATES),
-    (("excitation-distortion", "support-nonlinearity"), "the excitation force itself, at several amplitudes,"))}
-SINGLE = {
-    "sensor-drift": UNLOADED, "force-offset": UNLOADED,
-    "normal-load-drift": "a record of the normal force over the test",
-    "normal-load-coupling": "a record of the normal force over the loops",
-    "excitation-distortion": "a record of the excitation force",
-    "initial-gap": "maps of both faces before the test",
-    "sensor-inertia": RATES, "channel-delay": RATES, "viscous": RATES, "velocity-dependent-friction": RATES,
-    "load-dependent-friction": LOADS}
-CONFIRMED = {
-    "force-offset": "The displacement at rest, before and after the test, would tell a constant force from a sensor "
-                    "that was not set to zero there.",
-    "sensor-drift": "The channels at rest, before and after the test, would confirm that a sensor's zero moves."}
+
 
 
 def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None,
@@ -110,35 +79,6 @@ def not_repeated() -> str:
     return ("the repeats of a cycle count differ by smooth changes of the whole loop, not by noise: the motion does "
             "not repeat itself with the drive (a subharmonic, an intermittent contact, a drive or load that wanders), "
             "as it does in every model here; record some consecutive periods to see what it follows")
-
-
-def separating(sets: Sequence[Names]) -> str:
-    """Return the measurement that would tell the alternatives apart; where there is one only, what would confirm it."""
-    if len(sets) == 1:
-        return " ".join(CONFIRMED[name] for name in sorted(sets[0]) if name in CONFIRMED)
-    told: dict[str, list[str]] = {}
-    for one, other in combinations([frozenset(names) for names in sets], 2):
-        left, right = one - other, other - one
-        told.setdefault(_between(left, right), []).append(f"{_named(left, one)} from {_named(right, other)}")
-    said = [f"{what[0].upper()}{what[1:]} would tell {' and '.join(pairs)}." for what, pairs in told.items()]
-    return " ".join(said)
-
-
-def _named(own: Names, whole: Names) -> str:
-    return listed(own) if own else f"{listed(whole)} alone"
-
-
-def _between(one: Names, other: Names) -> str:
-    if not one or not other:
-        return next((SINGLE[name] for name in sorted({*one, *other}) if name in SINGLE), EVERYTHING)
-    for first in sorted(one):
-        for second in sorted(other):
-            if frozenset((first, second)) in PAIRS:
-                return PAIRS[frozenset((first, second))]
-    known = catalogue()
-    if all(name in known and known[name].block is Block.WEAR for name in (*one, *other)):
-        return AMPLITUDES
-    return next((SINGLE[name] for name in sorted({*one, *other}) if name in SINGLE), EVERYTHING)
 
 
 def next_measurement(law: ResidualLaw) -> str:

@@ -10,25 +10,15 @@ import numpy as np
 from fretflow.core.units import format_quantity
 from fretflow.effects.catalogue import catalogue, tables
 from fretflow.effects.effect import Effect, declared_priors
-from fretflow.experiments.driven.words import listed
 from fretflow.experiments.wear_series.data import FREQUENCY, POWER, PRESSURE, SLIDING, UNITS
 from fretflow.experiments.wear_series.laws import POWER_LAW, Law, LawFit, fit
 from fretflow.experiments.wear_series.search import Search, other_powers, together
 from fretflow.inference.verdict import EXPLAINED_GATE, Estimate, ResidualLaw, Verdict
+from fretflow.inference.words import listed
+from fretflow.inference.words import separating as between
 
 FIELDS = {PRESSURE: ("pressure_exponent", "reference_pressure"), SLIDING: ("sliding_exponent", "reference_sliding"),
           FREQUENCY: ("frequency_exponent", "reference_frequency")}
-NEXT = {
-    frozenset((POWER_LAW, "wear-threshold")): "Tests at a power density far below and far above those recorded, "
-                                              "where a threshold wears nothing or in proportion and a power does "
-                                              "neither,",
-    frozenset((POWER_LAW, "third-body")): "The same condition stopped after a tenth and after a third of the cycles, "
-                                          "which changes the wear per energy only if debris slows it,",
-    frozenset((POWER_LAW, "wear-coefficient-evolution")): "Tests of one condition over several numbers of cycles,",
-    frozenset(("third-body", "wear-coefficient-evolution")): "Tests of one number of cycles at several amplitudes, "
-                                                             "which change the worn volume but not the cycles,",
-    frozenset(("wear-threshold", "third-body")): "Tests of one condition over several numbers of cycles,",
-}
 
 
 def sentence(verdict: Verdict, effects: Sequence[str], law: Law, share: float, fits: tuple[float, float],
@@ -54,9 +44,7 @@ def separating(sets: Sequence[Sequence[str]], looked: Search, found: LawFit, lef
         return (f"Tests at further values of the {left.state} with all else the same, each repeated three times, to "
                 "see whether what is left follows it.")
     if len(sets) > 1:
-        pair = frozenset(sets[0]) ^ frozenset(sets[1])
-        text = NEXT.get(pair, "The same conditions, each repeated three times and over several numbers of cycles,")
-        return f"{text} would tell {listed(sets[0])} from {listed(sets[1])}."
+        return between(sets)
     mixed = [pair for pair in together(looked.data) if set(pair) & set(found.law.states)] if sets else []
     if mixed:
         return f"Tests that change {mixed[0][0]} and {mixed[0][1]} apart, to tell whose power it is."
