@@ -8,6 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.effects.volume_law import WornTests
+from fretflow.effects.wear_coefficient_evolution import WearCoefficientEvolution
+from fretflow.effects.wear_power_law import WearPowerLaw
+from fretflow.effects.wear_threshold import WearThreshold
 from fretflow.experiments.wear_series.data import tests_of_detection as detection_of
 from fretflow.experiments.wear_series.data import wear_data
 from fretflow.experiments.wear_series.run import diagnose_wear_series
@@ -70,6 +74,30 @@ def debris(p, s, f, n, t, e):
 def running_in(p, s, f, n, t, e):
     steps = (np.arange(2000) + 0.5) / 2000
     return ALPHA * e * np.array([np.mean(0.2 + 0.8 * np.exp(-one * steps / 4e3)) for one in n])
+
+
+def test_laws_of_worn_volumes_are_the_means_of_those_at_a_node():
+    """Each against the law at a node: at one power density, over the cycles in small steps, by three powers."""
+    rng = np.random.default_rng(0)
+    p, d, f, cycles, _, energy = conditions(rng, 8)
+    states = {"pressure": p, "sliding": 4.0 * d, "frequency": f, "power density": 4.0 * p * d * f, "cycles": cycles}
+    tests = WornTests(ALPHA * energy, energy, states, tuple(states), np.ones(8))
+    plain = ALPHA * energy
+
+    def worn(kind, *values, of=None):
+        laws = [one for one in kind.volume_laws(tests) if of is None or one.powers == of]
+        return laws[0].wear(plain, states, np.array(values)) / plain
+
+    q = states["power density"]
+    assert worn(WearThreshold, 0.9 * q.min()) == pytest.approx(1.0 - 0.9 * q.min() / q)
+    steps = (np.arange(4000) + 0.5) / 4000
+    running = WearCoefficientEvolution(final_share=0.3, settling=5e3)
+    assert worn(WearCoefficientEvolution, 0.3, 5e3) == pytest.approx(
+        np.array([running.share(one * steps).mean() for one in cycles]), rel=1e-6)
+    three = ("pressure", "sliding", "frequency")
+    factors = [np.exp(a * np.log(states[name] / np.exp(np.log(states[name]).mean())))
+               for name, a in zip(three, (0.4, -0.3, -0.1), strict=True)]
+    assert worn(WearPowerLaw, 0.4, -0.3, -0.1, of=three) == pytest.approx(np.prod(factors, axis=0))
 
 
 def diagnosed(made, fast=False):

@@ -4,6 +4,12 @@ What carries the weight: a user's file in a folder takes part like any other, an
 parameter is said in one line that names it.
 """
 
+import re
+from pathlib import Path
+
+import fretflow
+import fretflow_meshes
+import fretflow_post
 import pytest
 from fretflow.core.errors import ConfigError, InputError
 from fretflow.effects.catalogue import catalogue, parse_effects, tables
@@ -98,3 +104,14 @@ def test_the_catalogue_holds_every_effect_that_was_asked_for():
         sensor-drift excitation-distortion extra-mode parallel-stiffness viscous support-nonlinearity backlash
         coulomb-friction force-offset distributed-micro-slip""".split()
     assert sorted(catalogue()) == sorted(asked)
+
+
+def test_no_id_stands_outside_the_effects_own_files():
+    """What is said of an effect is said in its file: elsewhere no string is an id that only an effect can have."""
+    ids = "|".join(name for name in catalogue() if "-" in name)
+    quoted = re.compile(f"[\"']({ids})[\"'.]")
+    for package in (fretflow, fretflow_meshes, fretflow_post):
+        for file in Path(package.__file__).parent.rglob("*.py"):
+            if "effects" not in file.parts:
+                assert not quoted.findall(file.read_text()), file
+    assert quoted.search((Path(fretflow.__file__).parent / "effects" / "third_body.py").read_text())

@@ -5,6 +5,7 @@ below, each of which does nothing unless it is overridden:
 
 - `period` changes the problem of one period (friction, load, gap, joint, forces on the rig, excitation);
 - `initial_memory`, `evolve` and `wear_factor` act over cycles;
+- `volume_laws` change the worn volumes of a series of tests;
 - `sense` changes what the sensors show;
 - `moved`, `limit`, `sliders` and `force` act where a measured motion drives the joint (recordings without a full
   model).
@@ -30,6 +31,7 @@ from fretflow.structure.motion import Motion as Motion  # what effects need is i
 
 if TYPE_CHECKING:
     from fretflow.contact.interface import Interface
+    from fretflow.effects.volume_law import VolumeLaw, WornTests
     from fretflow.solvers.periodic import PeriodicProblem
     from fretflow.structure.driven import Sliders
     from fretflow.structure.sensors import Signals
@@ -206,6 +208,13 @@ class Effect(Section):
     def opening_share(self, slow: SlowState, cycles: float) -> Array | float:
         """Return the share of a jump's wear that opens the gap, () or (nodes,); a debris layer keeps some closed."""
         return 1.0
+
+    # Over a series of wear tests
+
+    @classmethod
+    def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
+        """Return the forms of the effect's law of worn volumes that `tests` can tell, if there are any."""
+        return ()
 
     # In the sensors
 

@@ -34,6 +34,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core import units as u
 from fretflow.core.errors import AuditError
 from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
+from fretflow.effects.volume_law import LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.wear.cycle import CycleResponse
@@ -150,6 +151,20 @@ class ThirdBody(Effect):
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return how far the layer lets the metals wear each other."""
         return np.asarray(np.exp(-slow.memory[LAYER] / self.separating_thickness))
+
+    @classmethod
+    def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
+        """Return the law while all debris stays: ``dV/dE = alpha exp(-V / V_0)``, V_0 = A h_0 / phi, A the area.
+
+        Hence ``V = V_0 ln(1 + alpha E / V_0)``.
+        """
+        def worn(plain: Array, states: Mapping[str, Array], values: Array) -> Array:
+            return np.asarray(values[0] * np.log1p(plain / values[0]))
+
+        own = LawParameter("separating_volume", "m^3", "V_0 = A h_0 / phi: worn volume at which wear has fallen to 1/e",
+                           0.1 * float(np.median(tests.volume)), float(tests.volume.max()))
+        needs = "A h_0 / phi = {separating_volume:.6g} m^3; with the area A this gives separating_thickness = h_0"
+        return (VolumeLaw(cls.id, (own,), worn, lambda values: None, needs, of_volume=True),)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the layer between the faces."""

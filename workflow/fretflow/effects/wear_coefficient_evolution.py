@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
+from fretflow.effects.volume_law import CYCLES, LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
@@ -39,6 +41,27 @@ class WearCoefficientEvolution(Effect):
     def share(self, cycles: Array | float) -> Array:
         """Return the coefficient after `cycles` over that at the start."""
         return np.asarray(1.0 + (1.0 - self.final_share) * np.expm1(-np.asarray(cycles) / self.settling))
+
+    def mean_share(self, cycles: Array) -> Array:
+        """Return the mean coefficient over the first `cycles` over that at the start."""
+        passed = cycles / self.settling
+        return np.asarray(self.final_share - (1.0 - self.final_share) * np.expm1(-passed) / passed)
+
+    @classmethod
+    def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
+        """Return the law over each test's cycles; two lengths of test do not tell when the coefficient settles."""
+        if CYCLES not in tests.varied or len(np.unique(tests.states[CYCLES])) < 3:
+            return ()
+
+        def worn(plain: Array, states: Mapping[str, Array], values: Array) -> Array:
+            return np.asarray(plain * cls().changed(final_share=values[0], settling=values[1])
+                              .mean_share(states[CYCLES]))
+
+        share, n = cls.priors()["final_share"], tests.states[CYCLES]
+        own = (LawParameter("final_share", "1", "x: coefficient in the end over that at the start", share.low,
+                            share.high),
+               LawParameter("settling", "1", "n_K: cycles over which it changes", 0.1 * float(n.min()), float(n.max())))
+        return (VolumeLaw(cls.id, own, worn, lambda values: cls().changed(**values)),)
 
     def sketch(self) -> Sketch:
         """Return the coefficient against cycles."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import combinations
 from typing import ClassVar, Self
 
 import numpy as np
@@ -9,9 +11,20 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.volume_law import (
+    FREQUENCY,
+    POWER,
+    PRESSURE,
+    SLIDING,
+    LawParameter,
+    VolumeLaw,
+    WornTests,
+)
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
+
+LETTERS = {PRESSURE: "a", SLIDING: "b", FREQUENCY: "c", POWER: "m"}
 
 
 class WearPowerLaw(Effect):
@@ -47,9 +60,41 @@ class WearPowerLaw(Effect):
         slides = response.pressure_sliding > 0.0
         path = np.where(slides, response.slip_path, self.reference_sliding)
         pressure = np.where(slides, response.pressure_sliding / path, self.reference_pressure)
-        return np.asarray((pressure / self.reference_pressure)**self.pressure_exponent
-                          * (path / self.reference_sliding)**self.sliding_exponent
-                          * (problem.frequency / self.reference_frequency)**self.frequency_exponent)
+        return product_of_powers(
+            {PRESSURE: pressure, SLIDING: path, FREQUENCY: np.full(len(path), problem.frequency)},
+            {PRESSURE: self.reference_pressure, SLIDING: self.reference_sliding, FREQUENCY: self.reference_frequency},
+            {PRESSURE: self.pressure_exponent, SLIDING: self.sliding_exponent, FREQUENCY: self.frequency_exponent})
+
+    @classmethod
+    def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
+        """Return laws with powers of each set of the conditions that vary, or of their power density.
+
+        The power density is pressure times path times frequency, so that all three then have one exponent.
+        """
+        own = [name for name in (PRESSURE, SLIDING, FREQUENCY) if name in tests.varied]
+        sets = [names for size in range(1, len(own) + 1) for names in combinations(own, size)]
+        return tuple(cls._law(names, tests) for names in sets + [(POWER,)] * (POWER in tests.varied))
+
+    @classmethod
+    def _law(cls, names: tuple[str, ...], tests: WornTests) -> VolumeLaw:
+        at = {name: tests.middle(name) for name in tests.states if name in LETTERS}
+
+        def built(values: Mapping[str, float]) -> WearPowerLaw:
+            powers = {f"{one}_exponent": values.get("power_density_exponent", values.get(f"{one}_exponent", 0.0))
+                      for one in (PRESSURE, SLIDING, FREQUENCY)}
+            references = {f"reference_{name}": float(f"{x:.6g}") for name, x in at.items() if name != POWER}
+            return cls().changed(**powers, **references)
+
+        def worn(plain: Array, states: Mapping[str, Array], values: Array) -> Array:
+            return np.asarray(plain * product_of_powers(states, at, dict(zip(names, values, strict=True))))
+
+        ranges, made = cls.priors(), []
+        for name in names:
+            field = f"{name.replace(' ', '_')}_exponent"
+            prior = ranges.get(field, ranges["pressure_exponent"])
+            made.append(LawParameter(field, "1", f"{LETTERS[name]}: of the {name}", prior.low, prior.high,
+                                     logarithmic=False))
+        return VolumeLaw(cls.id, tuple(made), worn, built, powers=names)
 
     def sketch(self) -> Sketch:
         """Return each power against its quantity."""
@@ -58,3 +103,10 @@ class WearPowerLaw(Effect):
                      "frequency": self.frequency_exponent}
         return Sketch("quantity over its reference", "wear coefficient over K_w",
                       {name: (share, share**exponent) for name, exponent in exponents.items()})
+
+
+def product_of_powers(states: Mapping[str, Array], references: Mapping[str, float], exponents: Mapping[str, float]
+                      ) -> Array:
+    """Return the product (n,) of ``(x / x_0)^a`` over the states that have an exponent."""
+    return np.asarray(np.exp(np.sum([a * np.log(states[name] / references[name]) for name, a in exponents.items()],
+                                    axis=0)))

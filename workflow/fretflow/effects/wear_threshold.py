@@ -10,9 +10,12 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
+from fretflow.effects.volume_law import POWER, LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
+
+LEAST_SHARE = 0.02  # of a test's wear, below the threshold: what is lost or read there all the same, of some size
 
 
 class WearThreshold(Effect):
@@ -46,9 +49,26 @@ class WearThreshold(Effect):
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the share of the power beyond the threshold."""
-        power = frictional_power(response, problem)
+        return self.share(frictional_power(response, problem))
+
+    def share(self, power: Array) -> Array:
+        """Return the share of a `power` density, W/m^2, that lies beyond the threshold."""
         below = np.divide(self.power_density, power, out=np.ones_like(power), where=power > self.power_density)
         return np.asarray(1.0 - below) if self.power_density > 0.0 else np.ones_like(power)
+
+    @classmethod
+    def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
+        """Return the law at each test's power density, 0.1 to 0.6 of whose middle is the plausible threshold."""
+        if POWER not in tests.varied:
+            return ()
+
+        def worn(plain: Array, states: Mapping[str, Array], values: Array) -> Array:
+            return np.asarray(plain * np.maximum(cls().changed(power_density=values[0]).share(states[POWER]),
+                                                 LEAST_SHARE))
+
+        q = tests.middle(POWER)
+        own = LawParameter("power_density", "W/m^2", "q_th: power per area below which nothing wears", 0.1 * q, 0.6 * q)
+        return (VolumeLaw(cls.id, (own,), worn, lambda values: cls().changed(**values)),)
 
     def sketch(self) -> Sketch:
         """Return the rate against power."""

@@ -82,7 +82,7 @@ class Location:
 class Estimate:
     """A parameter and its 90 % interval, in SI."""
 
-    name: str  # "friction-run-in.initial_friction", "contact.friction_coefficient"
+    name: str  # "contact.friction_coefficient", of an effect its id and its field
     value: float
     low: float
     high: float

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.experiments.wear_series.laws import POWERS, Law, Tests, curve_square, fit, references_of
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.volume_law import CYCLES, FREQUENCY, POWER, PRESSURE, SLIDING, VolumeLaw
+from fretflow.experiments.wear_series.laws import POWERS, Law, Tests, curve_square, fit
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.wear_series import WearSeries
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-PRESSURE, SLIDING, FREQUENCY, POWER, CYCLES = "pressure", "sliding", "frequency", "power density", "cycles"
-UNITS = {PRESSURE: "Pa", SLIDING: "m", FREQUENCY: "Hz", POWER: "W/m^2", CYCLES: "1"}
 VARIES = 1.2  # largest over smallest value of a condition that varies
 ALIKE = 1.3  # ratio of measured quantities (energy, power) between repeats
 SAME = 1e-9
@@ -45,12 +44,6 @@ class WearData:
     sd_from: str
     notes: tuple[str, ...]
 
-    @property
-    def powers(self) -> tuple[str, ...]:
-        """Return the states that a power law may have together."""
-        own = tuple(name for name in (PRESSURE, SLIDING, FREQUENCY) if name in self.varied)
-        return own or tuple(name for name in (POWER,) if name in self.varied)
-
 
 def wear_data(series: WearSeries) -> WearData:
     """Return a wear series as its diagnosis takes it.
@@ -75,12 +68,12 @@ def wear_data(series: WearSeries) -> WearData:
     if series.volume_sd is not None:  # of the relative scatter that they state
         precise = (series.volume / series.volume_sd)**2
         weight = weight * precise / np.average(precise, weights=weight)
-    tests = Tests(series.volume, series.energy, states, weight)
+    tests = Tests(series.volume, series.energy, states, varied, weight)
     tests = replace(tests, scale=float(np.exp(np.average(np.log(tests.volume), weights=weight))))
     curve = _curve(tests, varied, series.further)
     power = base_power = 0.0
     if series.volume_sd is None:
-        power, base_power = _power(tests, curve, power_laws(varied)), _power(tests, curve[:, :1], ())
+        power, base_power = _power(tests, curve, power_laws(tests)), _power(tests, curve[:, :1], ())
         tests = replace(tests, power=power)
     square, freedom = _repeats(tests, condition)
     if freedom >= ENOUGH_REPEATS:
@@ -182,19 +175,23 @@ def _standard(x: Array) -> Array:
     return np.asarray((x - x.mean()) / max(float(x.std()), 1e-300))
 
 
-def power_laws(varied: Sequence[str]) -> tuple[Law, ...]:
-    """Return Archard's law and those with powers of what varies: of each set of conditions, or of the power density."""
-    own = [name for name in (PRESSURE, SLIDING, FREQUENCY) if name in varied]
-    sets = [names for size in range(len(own) + 1) for names in combinations(own, size)]
-    return tuple(Law(names) for names in sets + [(POWER,)] * (POWER in varied))
+def power_laws(tests: Tests) -> tuple[Law, ...]:
+    """Return Archard's law and those with powers of what varies."""
+    return (Law(), *(Law((one,)) for laws in volume_laws(tests).values() for one in laws if one.powers))
+
+
+def volume_laws(tests: Tests) -> dict[str, tuple[VolumeLaw, ...]]:
+    """Return the laws that the effects have of such tests, by effect."""
+    found = {name: kind.volume_laws(tests) for name, kind in catalogue().items()}
+    return {name: laws for name, laws in found.items() if laws}
 
 
 def _power(tests: Tests, curve: Array, laws: Sequence[Law]) -> float:
     """Return the lambda of the law and lambda that are most probable together, the curve being one of the laws."""
-    references, best = references_of(tests), {}
+    best = {}
     for power in POWERS:
         one = replace(tests, power=power)
-        squares = [(fit(law, one, references).square, law.size) for law in laws]
+        squares = [(fit(law, one).square, law.size) for law in laws]
         squares.append((curve_square(curve, one), curve.shape[1]))
         best[power] = max(log_evidence(square, size, one) for square, size in squares)
     return max(best, key=lambda power: best[power])
@@ -224,12 +221,10 @@ def tests_of_detection(data: WearData) -> dict[str, float]:
 
 def _tests(data: WearData, tests: Tests) -> dict[str, float]:
     found: dict[str, float] = {}
-    references = references_of(tests)
-    base = fit(Law(), tests, references).square
+    base = fit(Law(), tests).square
     lacks, least = 1, base
-    if data.powers:
-        law = fit(Law(data.powers), tests, references)
-        found[f"powers of {', '.join(data.powers)}"] = _f_test(base, law.square, law.law.size - 1,
+    if (law := max((fit(one, tests) for one in power_laws(tests)), key=lambda one: one.law.size)).law.laws:
+        found[f"powers of {', '.join(law.law.states)}"] = _f_test(base, law.square, law.law.size - 1,
                                                                tests.count - law.law.size)
         lacks, least = law.law.size, law.square
     free = tests.count - data.curve.shape[1]

@@ -1,7 +1,6 @@
 """Laws of the worn volume over a series of tests, and their fit.
 
-The baseline is Archard's law in its energy form, ``V = alpha E`` with one coefficient. An effect multiplies it by
-powers of conditions, ``(x / x_0)^a``, or by a shape of its own; all are written for the mean of a contact.
+The baseline is Archard's law in its energy form, ``V = alpha E`` with one coefficient; the effects' laws act on it.
 
 Scatter grows with the volume by a power that is not known beforehand, so that both sides of a law are transformed
 alike, ``h(V) = h(M) + noise`` with ``h(V) = G^(1 - lambda) V^lambda / lambda`` (G ln V at zero), G the geometric mean
@@ -10,8 +9,7 @@ alike, ``h(V) = h(M) + noise`` with ``h(V) = G^(1 - lambda) V^lambda / lambda`` 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -19,24 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from fretflow.effects.volume_law import LawParameter, VolumeLaw, WornTests
+
 Array = NDArray[np.float64]
 
 POWERS = (0.0, 0.25, 0.5, 0.75, 1.0)  # lambda: 0 is scatter in proportion to the volume, 1 scatter of one size
-LEAST_SHARE = 0.02  # of the wear, below a threshold: what is lost or read there all the same; keeps its logarithm
 NOTHING = 1e-9  # of the usual volume: no wear at all, of which there is no logarithm
 STEEPEST = 30.0  # of a logarithm of a factor
 
 
 @dataclass(frozen=True)
-class Tests:
-    """What a law is fitted to, n tests; `weight` is one over how often a test stands in the table."""
+class Tests(WornTests):
+    """What a law is fitted to, n tests."""
 
     __test__: ClassVar[bool] = False
 
-    volume: Array  # (n,), m^3
-    energy: Array  # (n,), J
-    states: Mapping[str, Array]  # by name, (n,)
-    weight: Array  # (n,)
     power: float = 0.0  # lambda
     scale: float = 1.0  # G in m^3
 
@@ -63,148 +58,58 @@ class Tests:
     def some(self, kept: NDArray[np.bool_]) -> Tests:
         """Return some of the tests, transformed as all are."""
         return Tests(self.volume[kept], self.energy[kept], {name: x[kept] for name, x in self.states.items()},
-                     self.weight[kept], self.power, self.scale)
-
-
-class Shape(ABC):
-    """What changes a worn volume other than by powers; its parameters are logarithms."""
-
-    effect: ClassVar[str]
-    needs: ClassVar[tuple[str, ...]]  # states
-    names: ClassVar[tuple[str, ...]]  # full names of the parameters
-    units: ClassVar[tuple[str, ...]]
-    meanings: ClassVar[tuple[str, ...]]
-
-    @abstractmethod
-    def volume(self, plain: Array, tests: Tests, sizes: Array) -> Array:
-        """Return the volume (n,) where the law without the shape wears `plain`; `sizes` are the parameters."""
-
-    @abstractmethod
-    def starts(self, tests: Tests) -> Sequence[tuple[float, ...]]:
-        """Return parameters from which a fit begins."""
-
-    @abstractmethod
-    def weak(self, tests: Tests) -> tuple[float, ...]:
-        """Return parameters at which the effect is small on these tests."""
-
-    def size(self, weak: tuple[float, ...]) -> float:
-        """Return the size of a small effect, in the unit of the first plausible range; nan where that has another."""
-        return weak[0]
-
-
-class Threshold(Shape):
-    """No wear below a frictional power density: ``1 - q_th / q``."""
-
-    effect = "wear-threshold"
-    needs = ("power density",)
-    names = ("wear-threshold.power_density",)
-    units = ("W/m^2",)
-    meanings = ("q_th: power per area below which nothing wears",)
-
-    def volume(self, plain: Array, tests: Tests, sizes: Array) -> Array:
-        """Return the volume by the power beyond the threshold."""
-        return np.asarray(plain * np.maximum(1.0 - sizes[0] / tests.states["power density"], LEAST_SHARE))
-
-    def starts(self, tests: Tests) -> Sequence[tuple[float, ...]]:
-        """Return thresholds from below the least to among the lower powers."""
-        q = tests.states["power density"]
-        return tuple((float(share * at),) for share, at in ((0.5, q.min()), (0.95, q.min()),
-                                                             (0.95, np.quantile(q, 0.25))))
-
-    def weak(self, tests: Tests) -> tuple[float, ...]:
-        """Return a threshold far below the least power."""
-        return (0.01 * float(tests.states["power density"].min()),)
-
-
-class Debris(Shape):
-    """Debris that stays and keeps the faces apart: ``dV/dE = alpha exp(-V / V_0)``, so ``V_0 ln(1 + alpha E / V_0)``.
-
-    It is the catalogue's third body while all its debris stays, with V_0 = A h_0 / phi.
-    """
-
-    effect = "third-body"
-    needs = ()
-    names = ("third-body.separating_volume",)
-    units = ("m^3",)
-    meanings = ("V_0 = A h_0 / phi: worn volume at which wear has fallen to 1/e",)
-
-    def volume(self, plain: Array, tests: Tests, sizes: Array) -> Array:
-        """Return the volume that has slowed itself down."""
-        return np.asarray(sizes[0] * np.log1p(plain / sizes[0]))
-
-    def starts(self, tests: Tests) -> Sequence[tuple[float, ...]]:
-        """Return volumes about the measured ones."""
-        middle = float(np.median(tests.volume))
-        return ((0.3 * middle,), (3.0 * middle,))
-
-    def weak(self, tests: Tests) -> tuple[float, ...]:
-        """Return a volume far above all."""
-        return (100.0 * float(tests.volume.max()),)
-
-    def size(self, weak: tuple[float, ...]) -> float:
-        """Return nan: the catalogue's thickness takes the area of the contact."""
-        return float("nan")
-
-
-class RunIn(Shape):
-    """A coefficient that goes from 1 to x over cycles; over N of them ``x + (1 - x) (n_K / N) (1 - exp(-N / n_K))``."""
-
-    effect = "wear-coefficient-evolution"
-    needs = ("cycles",)
-    names = ("wear-coefficient-evolution.final_share", "wear-coefficient-evolution.settling")
-    units = ("1", "1")
-    meanings = ("x: coefficient in the end over that at the start", "n_K: cycles over which it changes")
-
-    def volume(self, plain: Array, tests: Tests, sizes: Array) -> Array:
-        """Return the volume by the mean coefficient over each test's cycles."""
-        passed = tests.states["cycles"] / sizes[1]
-        return np.asarray(plain * (sizes[0] - (1.0 - sizes[0]) * np.expm1(-passed) / passed))
-
-    def starts(self, tests: Tests) -> Sequence[tuple[float, ...]]:
-        """Return falling and rising coefficients."""
-        middle = float(np.median(tests.states["cycles"]))
-        return ((0.3, 0.3 * middle), (3.0, middle))
-
-    def weak(self, tests: Tests) -> tuple[float, ...]:
-        """Return a coefficient that hardly changes."""
-        return 0.99, float(np.median(tests.states["cycles"]))
-
-    def size(self, weak: tuple[float, ...]) -> float:
-        """Return how far the coefficient goes from where it began."""
-        return abs(1.0 - weak[0])
-
-
-SHAPES: tuple[Shape, ...] = (Threshold(), Debris(), RunIn())
-POWER_LAW = "wear-power-law"
+                     self.varied, self.weight[kept], self.power, self.scale)
 
 
 @dataclass(frozen=True)
 class Law:
-    """Archard's law with powers of `states`, and a shape."""
+    """Archard's law with those of effects, in the order in which they act."""
 
-    states: tuple[str, ...] = ()
-    shape: Shape | None = None
+    laws: tuple[VolumeLaw, ...] = ()
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Return the effects that it adds, sorted."""
-        return tuple(sorted(([POWER_LAW] if self.states else []) + ([self.shape.effect] if self.shape else [])))
+        return tuple(sorted(one.effect for one in self.laws))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Return the states that it has powers of."""
+        return tuple(name for one in self.laws for name in one.powers)
+
+    @property
+    def parameters(self) -> tuple[LawParameter, ...]:
+        """Return the parameters of the effects."""
+        return tuple(own for one in self.laws for own in one.parameters)
 
     @property
     def size(self) -> int:
         """Return the number of parameters, the coefficient among them."""
-        return 1 + len(self.states) + (len(self.shape.names) if self.shape else 0)
+        return 1 + len(self.parameters)
 
-    def predict(self, tests: Tests, references: Mapping[str, float], value: Array) -> Array:
-        """Return the worn volume (n,), m^3; `value` holds ln alpha, the exponents and the logarithms of the shape's."""
-        m = 1 + len(self.states)
-        logs = value[0] + sum((a * np.log(tests.states[name] / references[name])
-                               for name, a in zip(self.states, value[1:m], strict=True)), np.zeros(len(tests.energy)))
+    @property
+    def linear(self) -> bool:
+        """Return whether its logarithm is linear in all parameters."""
+        return all(one.powers for one in self.laws)
+
+    def inner(self, values: Sequence[float]) -> Array:
+        """Return parameters of the effects as they are fitted, logarithms where they span decades."""
+        return np.array([np.log(v) if own.logarithmic else v for own, v in zip(self.parameters, values, strict=True)])
+
+    def values(self, value: Array) -> Array:
+        """Return the parameters of the effects in SI, where `value` holds ln alpha and theirs as they are fitted."""
+        return np.array([np.exp(np.clip(v, -300.0, 300.0)) if own.logarithmic else v
+                         for own, v in zip(self.parameters, value[1:], strict=True)])
+
+    def predict(self, tests: Tests, value: Array) -> Array:
+        """Return the worn volume (n,), m^3; `value` holds ln alpha and the effects' parameters as they are fitted."""
         middle = float(np.log(np.median(tests.volume / tests.energy)))
-        plain = tests.energy * np.exp(np.clip(logs, middle - STEEPEST, middle + STEEPEST))
-        if self.shape is None:
-            return np.asarray(plain)
-        return self.shape.volume(plain, tests, np.exp(np.clip(value[m:], -300.0, 300.0)))
+        volume = tests.energy * np.exp(np.clip(value[0], middle - STEEPEST, middle + STEEPEST))
+        values, at = self.values(value), 0
+        for one in self.laws:
+            volume = one.wear(volume, tests.states, values[at:at + len(one.parameters)])
+            at += len(one.parameters)
+        return np.asarray(volume)
 
 
 @dataclass(frozen=True)
@@ -212,23 +117,17 @@ class LawFit:
     """A law at its best."""
 
     law: Law
-    references: Mapping[str, float]  # of the states, at which the powers are 1
     value: Array
     square: float  # m^6
     jacobian: Array  # (n, size) of the weighted residual
 
     def predict(self, tests: Tests) -> Array:
         """Return the worn volume (n,), m^3."""
-        return self.law.predict(tests, self.references, self.value)
+        return self.law.predict(tests, self.value)
 
 
-def references_of(tests: Tests) -> dict[str, float]:
-    """Return the geometric means of the states."""
-    return {name: float(np.exp(np.average(np.log(x), weights=tests.weight))) for name, x in tests.states.items()}
-
-
-def fit(law: Law, tests: Tests, references: Mapping[str, float], near: Array | None = None) -> LawFit:
-    """Return the law with the least squares, begun from logarithms that a linear fit gives and the shape's own starts.
+def fit(law: Law, tests: Tests, near: Array | None = None) -> LawFit:
+    """Return the law with the least squares, begun from either end of its parameters' ranges.
 
     Parameters
     ----------
@@ -236,22 +135,24 @@ def fit(law: Law, tests: Tests, references: Mapping[str, float], near: Array | N
         Parameters to begin from instead.
     """
     root = np.sqrt(tests.weight)
-    if law.shape is None:
-        found = _fit_powers(_design(law, tests, references), tests, near)
+    if law.linear:
+        found = _fit_powers(_design(law, tests), tests, near)
     else:
         def left(value: Array) -> Array:
-            return np.asarray(root * tests.residual(law.predict(tests, references, value)) / tests.scale)
+            return np.asarray(root * tests.residual(law.predict(tests, value)) / tests.scale)
 
-        starts = [near] if near is not None else _starts(law, tests, references)
+        starts = [near] if near is not None else _starts(law, tests)
         found = min((least_squares(left, start, method="lm", x_scale="jac", max_nfev=400) for start in starts),
                     key=lambda one: float(one.cost))
     square = float(2.0 * found.cost) * tests.scale**2
-    return LawFit(law, references, np.asarray(found.x), square, np.asarray(found.jac) * tests.scale)
+    return LawFit(law, np.asarray(found.x), square, np.asarray(found.jac) * tests.scale)
 
 
-def _design(law: Law, tests: Tests, references: Mapping[str, float]) -> Array:
-    columns = [np.log(tests.states[name] / references[name]) for name in law.states]
-    return np.stack([np.ones(len(tests.energy)), *columns], axis=1)
+def _design(law: Law, tests: Tests) -> Array:
+    """Return the derivatives (n, k) of the logarithm of the volume by ln alpha and the exponents."""
+    alone = np.ones(len(tests.energy))
+    columns = [np.log(one.wear(alone, tests.states, own)) for one in law.laws for own in np.eye(len(one.powers))]
+    return np.stack([alone, *columns], axis=1)
 
 
 def _linear(design: Array, tests: Tests) -> Array:
@@ -260,9 +161,13 @@ def _linear(design: Array, tests: Tests) -> Array:
                                       rcond=None)[0])
 
 
-def _starts(law: Law, tests: Tests, references: Mapping[str, float]) -> list[Array]:
-    linear = _linear(_design(law, tests, references), tests)
-    return [np.r_[linear, np.log(sizes)] for sizes in (() if law.shape is None else law.shape.starts(tests))]
+def _starts(law: Law, tests: Tests) -> list[Array]:
+    powers = Law(tuple(one for one in law.laws if one.powers))
+    begin = _linear(_design(powers, tests), tests)
+    ends = [law.inner([getattr(own, end) for own in law.parameters]) for end in ("low", "high")]
+    for end in ends:  # laws with powers come first
+        end[:len(begin) - 1] = begin[1:]
+    return [np.r_[begin[0], end] for end in ends]
 
 
 def _fit_powers(design: Array, tests: Tests, near: Array | None = None) -> Any:

@@ -12,20 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import declared_priors
+from fretflow.effects.volume_law import CYCLES, UNITS
 from fretflow.experiments.wear_series import words
-from fretflow.experiments.wear_series.data import (
-    CYCLES,
-    POWER,
-    UNITS,
-    Array,
-    Ids,
-    WearData,
-    tests_of_detection,
-    wear_data,
-)
-from fretflow.experiments.wear_series.laws import POWER_LAW, Law, LawFit
+from fretflow.experiments.wear_series.data import Array, Ids, WearData, tests_of_detection, wear_data
+from fretflow.experiments.wear_series.laws import Law, LawFit
 from fretflow.experiments.wear_series.search import (
     SIGNIFICANT,
     Effects,
@@ -57,7 +47,6 @@ FALSE_ALARMS = SIGNIFICANT
 GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
 VISIBLE = 4.0  # standard deviations at which an effect would have been seen
 PARTS, LAW_BINS = 3, 6  # of the range of a condition
-WEAK = 0.01  # exponent
 
 
 @dataclass(frozen=True)
@@ -119,13 +108,13 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress) -> 
 
 def _found(looked: Search, detection: Detection) -> _Found:
     ranked, data = ranking(looked), looked.data
-    before = held_out(data, Law(), looked.references)
+    before = held_out(data, Law())
     if detection.p_value >= FALSE_ALARMS:
         return _Found(Verdict.NONE, (), ranked, looked.baseline, (before, before))
     sets = alternatives(looked, ranked)
     best = sets[0] if sets else next((one.effects for one in ranked if one.effects), ())
     after = looked.fits[best][0]
-    behind = held_out(data, after.law, looked.references)
+    behind = held_out(data, after.law)
     if not sets or not behind < before:
         return _Found(Verdict.UNKNOWN, (), ranked, after, (before, behind))
     return _Found(Verdict.AMBIGUOUS if len(sets) > 1 else Verdict.NAMED, sets, ranked, after, (before, behind))
@@ -230,27 +219,17 @@ def _residual_law(looked: Search) -> ResidualLaw | None:
 
 def _visible(looked: Search) -> dict[str, float]:
     """Return the smallest size of each effect that would have been seen, over its largest plausible one."""
-    data, alpha = looked.data, looked.baseline.value[0]
-    found: dict[str, float] = {}
-    for name in (*data.powers, *((POWER,) if POWER in data.varied else ())):
-        size = _smallest(looked, Law((name,)), np.array([alpha, WEAK]), WEAK)
-        found[POWER_LAW] = min(size, found.get(POWER_LAW, np.inf))
-    for effects, fits in looked.fits.items():
-        shape = fits[0].law.shape
-        if shape is not None and not fits[0].law.states:
-            weak = shape.weak(data.tests)
-            found[effects[0]] = _smallest(looked, fits[0].law, np.array([alpha, *np.log(weak)]),
-                                          shape.size(weak))
-    return found
+    return {fits[0].law.effects[0]: min(_smallest(looked, one.law) for one in fits)
+            for effects, fits in looked.fits.items() if len(effects) == 1}
 
 
-def _smallest(looked: Search, law: Law, value: Array, size: float) -> float:
-    """Return what is seen over the largest plausible size, from the change by a weak effect of `size`."""
+def _smallest(looked: Search, law: Law) -> float:
+    """Return what is seen over the largest plausible size, from the change by the effect at its largest."""
     tests, base = looked.data.tests, looked.baseline
     root = np.sqrt(tests.weight)
     plain = base.predict(tests)
-    change = root * (tests.transformed(law.predict(tests, looked.references, value)) - tests.transformed(plain))
+    most = law.inner([own.high for own in law.parameters])
+    change = root * (tests.transformed(law.predict(tests, np.r_[base.value, most])) - tests.transformed(plain))
     absorbed = root * (plain / tests.scale)**tests.power  # by the coefficient
     change -= absorbed * float(absorbed @ change) / float(absorbed @ absorbed)
-    prior = next(iter(declared_priors(catalogue()[law.effects[0]]).values()))
-    return float(VISIBLE * looked.data.sd * size / max(float(np.linalg.norm(change)), 1e-300) / prior.high)
+    return float(VISIBLE * looked.data.sd / max(float(np.linalg.norm(change)), 1e-300))

@@ -13,17 +13,9 @@ import numpy as np
 from scipy import stats
 
 from fretflow.core.units import format_quantity
-from fretflow.experiments.wear_series.data import (
-    FREQUENCY,
-    PRESSURE,
-    SLIDING,
-    UNITS,
-    Ids,
-    WearData,
-    log_evidence,
-    power_laws,
-)
-from fretflow.experiments.wear_series.laws import POWER_LAW, SHAPES, Law, LawFit, fit, references_of
+from fretflow.effects.volume_law import FREQUENCY, PRESSURE, SLIDING, UNITS
+from fretflow.experiments.wear_series.data import Ids, WearData, log_evidence, volume_laws
+from fretflow.experiments.wear_series.laws import Law, LawFit, Tests, fit
 from fretflow.inference.verdict import EXPLAINED_GATE, Candidate, Estimate
 
 Effects = tuple[str, ...]
@@ -32,7 +24,6 @@ Progress = Callable[[float, str], None]
 SIGNIFICANT = 0.05
 LEAST_SHARE = 0.2  # of what is left without it, that an effect of a pair has to explain
 AS_PROBABLE = 3.0  # difference of log Z within which explanations are alternatives
-LEAST_VALUES = 3  # of the cycles, that a change over cycles shows in
 MOST_FOLDS = 40
 SEED = 20210
 LEVEL = 0.95  # quantile of an interval's upper end
@@ -44,7 +35,7 @@ class Search:
     """All laws, fitted; those of each set of effects in the order of their evidence."""
 
     data: WearData
-    references: Mapping[str, float]
+    catalogue: int  # effects that have a law of such tests
     fits: Mapping[Effects, tuple[LawFit, ...]]
 
     @property
@@ -66,7 +57,7 @@ class Search:
         """Return log Z of a set of effects, the choice of its law and of the effects paid."""
         laws = self.fits[effects]
         own = log_evidence(laws[0].square, laws[0].law.size, self.data.tests)
-        return own - float(np.log(len(laws))) - len(effects) * float(np.log(1 + len(SHAPES)))
+        return own - float(np.log(len(laws))) - len(effects) * float(np.log(self.catalogue))
 
     def earned(self, effects: Effects) -> bool:
         """Return whether each effect of a pair explains enough of what is left without it, and more than by chance."""
@@ -77,7 +68,7 @@ class Search:
             gain, added = fewer.square - more.square, max(more.law.size - fewer.law.size, 1)
             free = self.data.tests.count - more.law.size
             chance = float(stats.f.sf(max(gain, 0.0) / added / (more.square / free), added, free))
-            tried = len(SHAPES) * len(self.fits[effects])
+            tried = self.catalogue * len(self.fits[effects])
             if gain < LEAST_SHARE * left or gain <= 0.0 or chance * tried > SIGNIFICANT:
                 return False
         return True
@@ -85,21 +76,19 @@ class Search:
 
 def search(data: WearData, pairs: bool, progress: Progress) -> Search:
     """Return the fits of all laws that the recorded conditions allow, with two effects if `pairs`."""
-    references = references_of(data.tests)
-    shapes = [shape for shape in SHAPES if set(shape.needs) <= set(data.varied)
-              and all(len(np.unique(data.tests.states[name])) >= LEAST_VALUES for name in shape.needs)]
-    plain = power_laws(data.varied)
-    laws = [*plain, *(Law((), shape) for shape in shapes)]
+    known = volume_laws(data.tests)
+    laws = [Law(), *(Law((one,)) for own in known.values() for one in own)]
     if pairs:
-        laws += [Law(law.states, shape) for law in plain if law.states for shape in shapes]
+        every = [one for own in known.values() for one in own]
+        laws += [Law((one, other)) for one in every for other in every if one.powers and not other.powers]
     laws = [law for law in laws if data.tests.count - law.size >= 2]
     found: dict[Effects, list[LawFit]] = {}
     for k, law in enumerate(laws):
         progress(k / len(laws), "laws of wear")
-        found.setdefault(law.effects, []).append(fit(law, data.tests, references))
+        found.setdefault(law.effects, []).append(fit(law, data.tests))
     ordered = {effects: tuple(sorted(own, key=lambda one: -log_evidence(one.square, one.law.size, data.tests)))
                for effects, own in found.items()}
-    return Search(data, references, ordered)
+    return Search(data, max(len(known), 1), ordered)
 
 
 def ranking(looked: Search) -> tuple[Candidate, ...]:
@@ -122,14 +111,14 @@ def alternatives(looked: Search, ranked: tuple[Candidate, ...]) -> tuple[Effects
                  and len(one.effects) == len(some[0].effects))
 
 
-def held_out(data: WearData, law: Law, references: Mapping[str, float]) -> float:
+def held_out(data: WearData, law: Law) -> float:
     """Return the error of tests that were not fitted, over the scatter; rows of one condition go together."""
     folds = _folds(data)
     tests, square = data.tests, 0.0
-    whole = fit(law, tests, references)
+    whole = fit(law, tests)
     for k in np.unique(folds):
         out = folds == k
-        found = fit(law, tests.some(~out), references, whole.value)
+        found = fit(law, tests.some(~out), whole.value)
         rest = tests.some(out)
         square += rest.square(found.predict(rest))
     return float(np.sqrt(square / tests.count)) / data.sd
@@ -157,16 +146,13 @@ def estimates(looked: Search, found: LawFit) -> tuple[Estimate, ...]:
     covariance = np.linalg.pinv(scaled.T @ scaled) * found.square / free
     half = float(stats.t.ppf(LEVEL, free)) * np.sqrt(np.diag(covariance)) / size
     made = [_exponential("baseline.wear_coefficient", found.value[0], half[0], *_coefficient(looked.data),
-                         _at(law, found.references))]
-    for k, name in enumerate(law.states, 1):
-        letter = {PRESSURE: "a", SLIDING: "b", FREQUENCY: "c"}.get(name, "m")
-        made.append(Estimate(name=f"{POWER_LAW}.{name.replace(' ', '_')}_exponent", value=float(found.value[k]),
-                             low=float(found.value[k] - half[k]), high=float(found.value[k] + half[k]), unit="1",
-                             meaning=f"{letter}: of the {name}"))
-    if law.shape is not None:
-        first = 1 + len(law.states)
-        made += [_exponential(name, found.value[k], half[k], unit, meaning) for k, (name, unit, meaning) in enumerate(
-            zip(law.shape.names, law.shape.units, law.shape.meanings, strict=True), first)]
+                         _at(law, tests))]
+    own = [(one.effect, parameter) for one in law.laws for parameter in one.parameters]
+    for (effect, parameter), value, reach in zip(own, found.value[1:], half[1:], strict=True):
+        name, unit, meaning = f"{effect}.{parameter.name}", parameter.unit, parameter.meaning
+        made.append(_exponential(name, value, reach, unit, meaning) if parameter.logarithmic else Estimate(
+            name=name, value=float(value), low=float(value - reach), high=float(value + reach), unit=unit,
+            meaning=meaning))
     return tuple(made)
 
 
@@ -186,8 +172,8 @@ def _exponential(name: str, value: float, half: float, unit: str, meaning: str, 
                     meaning=meaning + at)
 
 
-def _at(law: Law, references: Mapping[str, float]) -> str:
-    at = [f"{name} {format_quantity(references[name], UNITS[name], 3)}" for name in law.states]
+def _at(law: Law, tests: Tests) -> str:
+    at = [f"{name} {format_quantity(tests.middle(name), UNITS[name], 3)}" for name in law.states]
     return f", at {', '.join(at)}" if at else ""
 
 

@@ -10,15 +10,12 @@ import numpy as np
 from fretflow.core.units import format_quantity
 from fretflow.effects.catalogue import catalogue, tables
 from fretflow.effects.effect import Effect, declared_priors
-from fretflow.experiments.wear_series.data import FREQUENCY, POWER, PRESSURE, SLIDING, UNITS
-from fretflow.experiments.wear_series.laws import POWER_LAW, Law, LawFit, fit
+from fretflow.effects.volume_law import UNITS
+from fretflow.experiments.wear_series.laws import Law, LawFit, fit
 from fretflow.experiments.wear_series.search import Search, other_powers, together
 from fretflow.inference.verdict import EXPLAINED_GATE, Estimate, ResidualLaw, Verdict
 from fretflow.inference.words import listed
 from fretflow.inference.words import separating as between
-
-FIELDS = {PRESSURE: ("pressure_exponent", "reference_pressure"), SLIDING: ("sliding_exponent", "reference_sliding"),
-          FREQUENCY: ("frequency_exponent", "reference_frequency")}
 
 
 def sentence(verdict: Verdict, effects: Sequence[str], law: Law, share: float, fits: tuple[float, float],
@@ -82,7 +79,7 @@ def _by_scatter(looked: Search, found: LawFit) -> list[str]:
     notes = []
     for power, words in ((0.0, "in proportion to the volume"), (1.0, "not at all with the volume")):
         tests = replace(looked.data.tests, power=power)
-        before, after = (fit(law, tests, looked.references) for law in (Law(), found.law))
+        before, after = (fit(law, tests) for law in (Law(), found.law))
         share = 1.0 - after.square / before.square
         if share < 0.5 * EXPLAINED_GATE or _apart(found, after):
             powers = ", ".join(f"{name} {a:.2f}" for name, a in zip(found.law.states, after.value[1:], strict=False))
@@ -105,31 +102,17 @@ def case_text(title: str, found: LawFit, made: Sequence[Estimate]) -> str:
         f"recording: {title}".replace("\n", " "),
         f"{made[0].name} = {made[0].value:.6g} {made[0].unit}: {made[0].meaning}")]
     effects: list[Effect] = []
-    if found.law.states:
-        effects.append(catalogue()[POWER_LAW]().changed(**_power_law(found)))
-    shape = found.law.shape
-    if shape is not None and shape.effect == "third-body":
-        lines += [f"# third-body: A h_0 / phi = {values[shape.names[0]]:.6g} m^3; with the area A this gives h_0:",
-                  "# [effects.third-body]", '# separating_thickness = "... um"']
-    elif shape is not None:
-        own = {name.rpartition(".")[2]: _rounded(values[name]) for name in shape.names}
-        effects.append(catalogue()[shape.effect]().changed(**own))
+    for law in found.law.laws:
+        own = {parameter.name: _rounded(values[f"{law.effect}.{parameter.name}"]) for parameter in law.parameters}
+        if (effect := law.built(own)) is not None:
+            effects.append(effect)
+        else:
+            lines += [f"# {law.effect}: {law.needs.format(**own)}"]
     for name, table in tables(effects).items():
         lines += ["", f"[effects.{name}]"]
         lines += [f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}"
                   for key, value in table.items()]
     return "\n".join(lines) + "\n"
-
-
-def _power_law(found: LawFit) -> dict[str, float]:
-    """Return the effect's parameters; the power density is pressure times path times frequency."""
-    values = dict.fromkeys((exponent for exponent, _ in FIELDS.values()), 0.0)
-    for name, power in zip(found.law.states, found.value[1:], strict=False):
-        for state in FIELDS if name == POWER else (name,):
-            values[FIELDS[state][0]] = _rounded(float(power))
-            if state in found.references:
-                values[FIELDS[state][1]] = _rounded(found.references[state])
-    return values
 
 
 def _rounded(value: float) -> float:
