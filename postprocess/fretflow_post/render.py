@@ -11,11 +11,9 @@ import numpy as np
 from fretflow.case.config import Output
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import read_record
-from fretflow.pipeline.response import ForcedResponse
+from fretflow.pipeline.results import SIDES, RunRecords
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.archard import split_between_faces
-from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 from numpy.typing import NDArray
 
@@ -24,28 +22,14 @@ from fretflow_post.contact_state import state_shares
 from fretflow_post.offscreen import require_offscreen
 from fretflow_post.specimens import MeshedSpecimen
 
-SIDES = ("upper", "lower")
 PANELS = 4  # pairs of worn faces on one picture
 
 
 @dataclass(frozen=True)
-class RunResults:
-    """The result files of a run; each is read when it is first asked for.
+class DrawnRun(RunRecords):
+    """The records of a run, its meshes among them, and the case's wishes for pictures."""
 
-    `folders` holds the folder of every complete stage.
-    """
-
-    folders: Mapping[str, Path]
     output: Output
-
-    def has(self, *stages: str) -> bool:
-        """Return whether all of `stages` are complete."""
-        return all(stage in self.folders for stage in stages)
-
-    @cached_property
-    def reduced(self) -> tuple[ReducedSpecimen, ...]:
-        """Return the reduced upper and lower specimen."""
-        return tuple(read_record(self.folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in SIDES)
 
     @cached_property
     def meshed(self) -> tuple[MeshedSpecimen, ...]:
@@ -53,43 +37,6 @@ class RunResults:
         mesh = self.folders["mesh"]
         return tuple(MeshedSpecimen(read_record(mesh / f"{side}_geometry.h5", MeshGeometry),
                                     read_record(mesh / f"{side}.h5", MeshSummary)) for side in SIDES)
-
-    @property
-    def nodes(self) -> NDArray[np.float64]:
-        """Return the contact nodes in m, (nodes, 2)."""
-        return self.reduced[0].contact_nodes[:, :2]
-
-    @property
-    def areas(self) -> NDArray[np.float64]:
-        """Return the contact nodes' areas in m^2, (nodes,)."""
-        return self.reduced[0].contact_areas
-
-    @property
-    def static_pressure(self) -> NDArray[np.float64]:
-        """Return the pressure after the static load in Pa, (nodes,)."""
-        from fretflow.structure.fem.preload import Preload  # starts PETSc, which nothing else here needs
-
-        return read_record(self.folders["preload"] / "preload.h5", Preload).pressure
-
-    @cached_property
-    def history(self) -> WearHistory:
-        """Return the wear history."""
-        return read_record(self.folders["wear"] / "history.h5", WearHistory)
-
-    @cached_property
-    def periods(self) -> dict[int, PeriodicSolution]:
-        """Return the kept periods by cycle count, the unworn one first."""
-        if self.has("wear"):
-            return dict(sorted(kept_states(self.folders["wear"] / "checkpoints", PeriodicSolution).items()))
-        return {0: read_record(self.folders["solve"] / "solution.h5", PeriodicSolution)}
-
-    @cached_property
-    def responses(self) -> list[ForcedResponse]:
-        """Return the forced responses there are: unworn, then worn."""
-        if not self.has("response"):
-            return []
-        files = [self.folders["response"] / f"{name}.h5" for name in ("unworn", "worn")]
-        return [read_record(file, ForcedResponse) for file in files if file.is_file()]
 
 
 def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = None) -> list[Path]:
@@ -117,7 +64,7 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
         If a result file is missing or damaged.
     """
     require_offscreen()
-    run = RunResults(folders, output or Output())
+    run = DrawnRun(folders, output or Output())
     files: list[Path] = []
     if run.has("mesh"):
         files += [specimens.plot_specimens(out / "specimens.png", *run.meshed),
@@ -135,7 +82,7 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     return sorted(files, key=lambda path: path.suffix != ".png")
 
 
-def _contact_pictures(run: RunResults, out: Path) -> list[Path]:
+def _contact_pictures(run: DrawnRun, out: Path) -> list[Path]:
     """Draw pressure, stick and slip, and loops of the kept periods."""
     first, last = min(run.periods), max(run.periods)
     files = [faces.plot_pressure(out / "pressure.png", run.nodes, run.areas, _pressures(run))]
@@ -148,7 +95,7 @@ def _contact_pictures(run: RunResults, out: Path) -> list[Path]:
     return files + curves.plot_loops(out / "loops.png", loops)
 
 
-def _pressures(run: RunResults) -> list[faces.PressureMap]:
+def _pressures(run: DrawnRun) -> list[faces.PressureMap]:
     """Return the pressure after the static load and over the first and the last period."""
     first, last = min(run.periods), max(run.periods)
     unworn = run.periods[first]
@@ -179,7 +126,7 @@ def shown_rows(history: WearHistory, asked: Sequence[int]) -> list[int]:
     return sorted(rows | {len(history.cycles) - 1})
 
 
-def _wear_pictures(run: RunResults, out: Path) -> list[Path]:
+def _wear_pictures(run: DrawnRun, out: Path) -> list[Path]:
     """Draw the worn faces, up to four times on one picture and all on one scale, and the volume."""
     rows = shown_rows(run.history, run.output.wear_map_cycles)
     profiles = np.stack([specimen.profile for specimen in run.reduced])
@@ -194,7 +141,7 @@ def _wear_pictures(run: RunResults, out: Path) -> list[Path]:
     return files + curves.plot_wear_volume(out / "wear_volume.png", run.history)
 
 
-def _paraview_files(run: RunResults, out: Path) -> list[Path]:
+def _paraview_files(run: DrawnRun, out: Path) -> list[Path]:
     """Write both meshes with the last state of the contact, and the worn face over the cycles."""
     last = run.periods[max(run.periods)]
     shares = state_shares(last)

@@ -13,11 +13,11 @@ from fretflow.core.provenance import commit, versions
 from fretflow.core.store import write_whole
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect
+from fretflow.inference import words
 from fretflow.inference.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from fretflow_post import report_words as words
 from fretflow_post.report_loops import loop_views
 from fretflow_post.report_maps import law_view, map_views, plausible_range, wear_views
 from fretflow_post.report_tests import tests_view

@@ -9,6 +9,7 @@ from fretflow.core.units import readable_unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, declared_priors
 from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearMap
+from fretflow.inference.words import channel_words, number, pretty_unit
 from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -29,7 +30,6 @@ from fretflow_post.report_svg import (
     horizontal,
     vertical,
 )
-from fretflow_post.report_words import channel_words, number, pretty_unit
 
 Array = NDArray[np.float64]
 

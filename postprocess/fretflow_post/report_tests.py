@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from fretflow.core.units import readable_unit
 from fretflow.inference.verdict import WearTests
+from fretflow.inference.words import number, pretty_unit
 from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fretflow_post.report_svg import Chart, extent, horizontal, vertical
-from fretflow_post.report_words import number, pretty_unit
 
 Array = NDArray[np.float64]
 

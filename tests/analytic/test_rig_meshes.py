@@ -6,8 +6,8 @@ The trial's specimens come from a code of their own: third order, nodes of Gauss
 import numpy as np
 import pytest
 from fretflow.case.config import Reduction, validate_case
-from fretflow.cli.diagnose import _reduced
 from fretflow.experiments.rig.setup import DEGREE, GROWTH, MESHES_FAST
+from fretflow.pipeline.diagnose import reduced_problem
 from fretflow_trial.joint import specimens
 
 pytestmark = pytest.mark.fem
@@ -21,7 +21,7 @@ def compliance(folder, mesh):
     case = validate_case({"format": "fretflow-case/1", "name": "compliance", "mesh": mesh, "test": TEST,
                           "specimen": {"upper": SQUARE, "lower": SQUARE}})
     plain = case.model_copy(update={"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)})
-    problem = _reduced(plain, folder)
+    problem = reduced_problem(plain, folder)
     share = problem.interface.areas / problem.interface.areas.sum()
     flexible = problem.joint.quasi_static().flexibility
     return np.array([share @ flexible[k::3, k::3] @ share for k in (0, 2)])

@@ -6,9 +6,9 @@
 import sys
 
 from fretflow import cli
-from fretflow.cli import pipeline as cli_pipeline
 from fretflow.cli import run as cli_run
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.stage import Stage
 
 KIND = sys.argv[1]
@@ -45,6 +45,6 @@ def collective(context):
 if __name__ == "__main__":
     stages = (Stage("local", 1, lambda case: 0, (), local),
               Stage("reduce", 1, lambda case: 1, ("local",), collective, collective=True))
-    cli_pipeline.pipeline = lambda: stages
+    pipeline_stages.pipeline = lambda: stages
     cli_run._summarise = lambda case, results, home: None
     sys.exit(cli.execute(sys.argv[2:]))

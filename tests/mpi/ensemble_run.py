@@ -6,8 +6,8 @@
 import sys
 
 from fretflow import cli
-from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import NonConvergenceError
+from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.ranks import started_rank
 from fretflow.pipeline.stage import Stage
 
@@ -21,7 +21,7 @@ def work(context):
 
 
 # Workers unpickle the tasks' functions by name, and the pipeline that these look up is this one on every rank.
-cli_pipeline.pipeline = lambda: (Stage("mesh", 1, lambda case: case.title, (), work, collective=True),)
+pipeline_stages.pipeline = lambda: (Stage("mesh", 1, lambda case: case.title, (), work, collective=True),)
 
 if __name__ == "__main__":
     sys.exit(cli.execute(sys.argv[1:]))

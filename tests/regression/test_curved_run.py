@@ -10,8 +10,8 @@ import json
 import numpy as np
 import pytest
 from fretflow import cli
-from fretflow.cli.pipeline import complete_stages
 from fretflow.core.store import read_record
+from fretflow.pipeline.stages import complete_stages
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.fem.preload import Preload
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen

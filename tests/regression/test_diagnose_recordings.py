@@ -13,7 +13,7 @@ from fretflow.cli import app
 from fretflow.core.errors import InputError
 from fretflow.experiments.diagnose import diagnose
 from fretflow.experiments.rig.run import RigTools
-from fretflow.inference.verdict import Verdict, write_json
+from fretflow.inference.verdict import Verdict
 
 pytestmark = pytest.mark.real_data
 PUBLISHED = {"baseline.mass": 95.11, "baseline.damping": 203.5, "coulomb-friction.friction_limit": 20.39,
@@ -95,7 +95,8 @@ def test_the_command_writes_a_report_of_the_drive(recordings, tmp_path, capsys):
     assert "coulomb-friction" in capsys.readouterr().out
     assert (out / "case.toml").read_text().count("[effects.") == 2
     assert "<svg" in (out / "report.html").read_text()
-    again = write_json(tmp_path / "again.json", diagnosed(recordings / "drive_estimation"))
+    again = tmp_path / "again.json"
+    diagnosed(recordings / "drive_estimation").to_json(again)
     assert '"verdict": "named"' in again.read_text()
 
 

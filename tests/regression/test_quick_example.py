@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.case.config import load_case
-from fretflow.cli.pipeline import complete_stages
 from fretflow.core.store import read_record
 from fretflow.pipeline.response import ForcedResponse, LoopSeries
+from fretflow.pipeline.stages import complete_stages
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.fem.preload import Preload
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from fretflow import __version__, cli
 from fretflow.case.config import load_case
-from fretflow.cli import diagnose as cli_diagnose
-from fretflow.cli import pipeline as cli_pipeline
 from fretflow.cli.app import _limit_threads
 from fretflow.core.errors import AuditError, MeshError, NonConvergenceError
+from fretflow.pipeline import diagnose as pipeline_diagnose
+from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.stage import Stage
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "test1.toml")
@@ -56,7 +56,7 @@ def failing(monkeypatch):
             (context.folder / "state").touch()
             raise error
 
-        monkeypatch.setattr(cli_pipeline, "pipeline", lambda: (Stage("mesh", 1, lambda case: 0, (), fail),))
+        monkeypatch.setattr(pipeline_stages, "pipeline", lambda: (Stage("mesh", 1, lambda case: 0, (), fail),))
 
     return prepare
 
@@ -139,7 +139,7 @@ def test_a_full_disk_anywhere_is_one_line_that_names_the_file(capsys, monkeypatc
     def fails(*_arguments):
         raise OSError(code, os.strerror(code), "/full/cache/models")
 
-    monkeypatch.setattr(cli_diagnose, "_kept_models", fails)
+    monkeypatch.setattr(pipeline_diagnose, "kept_models", fails)
     (tmp_path / "recording.toml").write_text("")
     assert fretflow("diagnose", tmp_path, "--out", tmp_path / "out") == 2
     line = one_line(capsys)

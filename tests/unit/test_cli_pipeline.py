@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from fretflow.case.config import load_case
-from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import MeshError, StoreError
+from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.runner import Runner
 from fretflow.pipeline.stage import StageContext
@@ -22,7 +22,7 @@ STAGES = ["mesh", "reduce", "preload", "solve", "wear", "response", "render"]
 
 
 def keys_of(path):
-    return Runner(cli_pipeline.pipeline(), Path("unused"), Ranks(), None).keys(load_case(path))
+    return Runner(pipeline_stages.pipeline(), Path("unused"), Ranks(), None).keys(load_case(path))
 
 
 def changed(tmp_path, old, new):
@@ -36,11 +36,11 @@ def changed(tmp_path, old, new):
 
 
 def test_the_stages_stand_in_an_order_that_their_needs_allow():
-    names = [stage.name for stage in cli_pipeline.pipeline()]
+    names = [stage.name for stage in pipeline_stages.pipeline()]
     assert names == STAGES
-    for index, stage in enumerate(cli_pipeline.pipeline()):
+    for index, stage in enumerate(pipeline_stages.pipeline()):
         assert set(stage.needs) <= set(names[:index])
-    assert [stage.name for stage in cli_pipeline.pipeline() if stage.collective] == ["reduce"]
+    assert [stage.name for stage in pipeline_stages.pipeline() if stage.collective] == ["reduce"]
 
 
 @pytest.mark.parametrize(("old", "new", "first"), [
@@ -104,7 +104,7 @@ def test_the_five_tests_are_the_paper_s():
 def test_the_mesh_stage_reports_the_quality_of_both_meshes(tmp_path, side):
     path = tmp_path / "case.toml"
     path.write_text(QUICK.read_text().replace("[mesh]", f"[specimen.{side}]\nbody = 'round'\n[mesh]"))
-    figures = cli_pipeline.MESH.run(StageContext(load_case(path), tmp_path, {}, lambda share, text: None))
+    figures = pipeline_stages.MESH.run(StageContext(load_case(path), tmp_path, {}, lambda share, text: None))
     quality = {name: figures[f"{name}_min_scaled_jacobian"] for name in ("upper", "lower")}
     assert 0.7 < quality.pop(side) < 0.9  # of the angles outside of the core's corners, halved from 270 degrees
     assert next(iter(quality.values())) == pytest.approx(1.0, abs=1e-9)  # bricks
@@ -120,21 +120,21 @@ def test_a_full_disk_is_named_where_gmsh_only_fails_to_read_back(tmp_path, monke
     monkeypatch.setattr(fretflow_meshes, "run_mesh", fail)
     context = StageContext(load_case(QUICK), tmp_path, {}, lambda share, text: None)
     with pytest.raises(MeshError, match="could not read nodes"):
-        cli_pipeline.MESH.run(context)
+        pipeline_stages.MESH.run(context)
     usage = type("Usage", (), {"free": 0})
-    monkeypatch.setattr(cli_pipeline.shutil, "disk_usage", lambda path: usage)
+    monkeypatch.setattr(pipeline_stages.shutil, "disk_usage", lambda path: usage)
     with pytest.raises(StoreError, match="the disk is full"):
-        cli_pipeline.MESH.run(context)
+        pipeline_stages.MESH.run(context)
 
 
 def test_a_folder_without_a_run_or_with_a_truncated_result_is_refused(tmp_path):
     with pytest.raises(StoreError, match=r"holds no run \(run\.json"):
-        cli_pipeline.complete_stages(tmp_path)
+        pipeline_stages.complete_stages(tmp_path)
     stage = tmp_path / "mesh-1"
     stage.mkdir()
     (tmp_path / "run.json").write_text(json.dumps({"case": "x", "stages": {"mesh": "mesh-1"}}))
     with pytest.raises(StoreError, match=r"manifest\.json: missing or damaged"):
-        cli_pipeline.complete_stages(tmp_path)
+        pipeline_stages.complete_stages(tmp_path)
     os.truncate(tmp_path / "run.json", 5)
     with pytest.raises(StoreError, match="holds no run"):
-        cli_pipeline.complete_stages(tmp_path)
+        pipeline_stages.complete_stages(tmp_path)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.case.config import SlidingRegime
-from fretflow.cli import pipeline as cli_pipeline
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.comparison import CaseComparison, sliding_regime
 from fretflow.pipeline.stage import Stage
 
@@ -56,7 +56,7 @@ def paths(tmp_path, monkeypatch):
             raise InputError("third: has no mesh")
         return {}
 
-    monkeypatch.setattr(cli_pipeline, "pipeline", lambda: (Stage("mesh", 1, lambda case: case.title, (), work),))
+    monkeypatch.setattr(pipeline_stages, "pipeline", lambda: (Stage("mesh", 1, lambda case: case.title, (), work),))
     made = []
     for name in ("first", "second", "third", "fourth"):
         made.append(tmp_path / f"{name}.toml")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 from fretflow.case.config import validate_case
-from fretflow.cli.diagnose import MODELS, _kept_models, _reduced
 from fretflow.core.errors import StoreError
+from fretflow.pipeline.diagnose import MODELS, kept_models, reduced_problem
 from fretflow.pipeline.runner import Runner
 
 CASE = {"format": "fretflow-case/1", "name": "short", "test": {
@@ -15,7 +15,7 @@ CASE = {"format": "fretflow-case/1", "name": "short", "test": {
 
 def test_cache_of_the_user(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert _kept_models(tmp_path / "home") == tmp_path / "cache" / "fretflow" / MODELS
+    assert kept_models(tmp_path / "home") == tmp_path / "cache" / "fretflow" / MODELS
     assert not (tmp_path / "home").exists()
 
 
@@ -27,7 +27,7 @@ def test_without_a_cache_they_stay_beside_the_results(tmp_path, monkeypatch, how
     else:
         monkeypatch.setattr(os, "access", lambda path, mode: False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
-    assert _kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
+    assert kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
     assert (tmp_path / "home" / MODELS).is_dir()
 
 
@@ -37,7 +37,7 @@ def test_a_user_without_a_home_keeps_them_beside_the_results(tmp_path, monkeypat
 
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
-    assert _kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
+    assert kept_models(tmp_path / "home") == tmp_path / "home" / MODELS
 
 
 def test_a_cache_that_is_full_is_named_with_the_way_out(tmp_path, monkeypatch):
@@ -46,6 +46,6 @@ def test_a_cache_that_is_full_is_named_with_the_way_out(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Runner, "run", full)
     with pytest.raises(StoreError, match="XDG_CACHE_HOME") as found:
-        _reduced(validate_case(CASE), tmp_path)
+        reduced_problem(validate_case(CASE), tmp_path)
     assert str(tmp_path) in str(found.value)
     assert "--out" not in str(found.value)

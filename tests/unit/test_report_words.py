@@ -8,8 +8,8 @@ import math
 import re
 
 import pytest
+from fretflow.inference import words
 from fretflow.inference.verdict import Estimate
-from fretflow_post import report_words as words
 from hypothesis import given
 from hypothesis import strategies as st
 

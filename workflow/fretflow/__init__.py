@@ -1,8 +1,76 @@
-"""fretflow: vibration and fretting wear of structures held together by friction."""
+"""fretflow: vibration and fretting wear of structures held together by friction.
 
-from importlib.metadata import PackageNotFoundError, version
+``import fretflow as ff`` gives the names below; each is imported when it is first used, so that the import itself and
+the command line start at once. Everything is in SI. ``docs/architecture.md`` tells how the parts fit together, and
+``examples/`` shows them at work.
+"""
 
-try:
-    __version__ = version("fretflow")
-except PackageNotFoundError:  # running from a source tree that was never installed
-    __version__ = "0+unknown"
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fretflow.case.config import Case as Case
+    from fretflow.case.config import load_case as load_case
+    from fretflow.contact.interface import Interface as Interface
+    from fretflow.core import units as units
+    from fretflow.core.errors import AuditError as AuditError
+    from fretflow.core.errors import FretflowError as FretflowError
+    from fretflow.core.errors import InputError as InputError
+    from fretflow.core.errors import NonConvergenceError as NonConvergenceError
+    from fretflow.core.errors import RecordingError as RecordingError
+    from fretflow.core.provenance import own_version
+    from fretflow.effects.catalogue import catalogue as catalogue
+    from fretflow.effects.effect import Block as Block
+    from fretflow.effects.effect import Effect as Effect
+    from fretflow.effects.effect import parameter as parameter
+    from fretflow.inference.verdict import Diagnosis as Diagnosis
+    from fretflow.pipeline.diagnose import diagnose as diagnose
+    from fretflow.pipeline.results import RunResults as RunResults
+    from fretflow.pipeline.run import run as run
+    from fretflow.recordings.hysteresis import HysteresisLoop as HysteresisLoop
+    from fretflow.recordings.hysteresis import LoopReadings as LoopReadings
+    from fretflow.recordings.hysteresis import read_loop as read_loop
+    from fretflow.recordings.recording import read_recording as read_recording
+
+    __version__ = own_version()
+
+# What is public, by the module that it is in; the imports above tell type checkers and editors the same.
+_PUBLIC = {
+    "case.config": ("Case", "load_case"),
+    "contact.interface": ("Interface",),
+    "core": ("units",),
+    "core.errors": ("AuditError", "FretflowError", "InputError", "NonConvergenceError", "RecordingError"),
+    "effects.catalogue": ("catalogue",),
+    "effects.effect": ("Block", "Effect", "parameter"),
+    "inference.verdict": ("Diagnosis",),
+    "pipeline.diagnose": ("diagnose",),
+    "pipeline.results": ("RunResults",),
+    "pipeline.run": ("run",),
+    "recordings.hysteresis": ("HysteresisLoop", "LoopReadings", "read_loop"),
+    "recordings.recording": ("read_recording",),
+}
+_ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
+
+__all__ = [  # noqa: RUF022
+    "Case", "load_case", "Interface", "units", "AuditError", "FretflowError", "InputError", "NonConvergenceError",
+    "RecordingError", "catalogue", "Block", "Effect", "parameter", "Diagnosis", "diagnose", "RunResults", "run",
+    "HysteresisLoop", "LoopReadings", "read_loop", "read_recording",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from fretflow.core.provenance import own_version
+
+        value: Any = own_version()
+    elif name in _ROOM_OF:
+        room = f"{__name__}.{_ROOM_OF[name]}"
+        value = import_module(f"{room}.{name}") if name == "units" else getattr(import_module(room), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

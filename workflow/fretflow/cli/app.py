@@ -70,10 +70,9 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> No
     case
         case file
     """
-    from fretflow_post.curves import plot_modes
-
     from fretflow.case.config import load_case
     from fretflow.cli.report import Progress, show_files, show_modes
+    from fretflow.core.plugins import FIGURES, provided
     from fretflow.core.store import read_record
     from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 
@@ -83,7 +82,7 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> No
         folder = runner.run(parsed, "reduce", force)["reduce"].folder
     specimens = {side: read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")}
     show_modes(specimens)
-    show_files(plot_modes(out / parsed.name / "modes.png", *specimens.values()), "files")
+    show_files(provided(FIGURES, "modes")(out / parsed.name / "modes.png", *specimens.values()), "files")
 
 
 @app.command
@@ -122,8 +121,8 @@ def render(run: Path, /) -> None:
     run
         result folder of a case, for example runs/test1
     """
-    from fretflow.cli.pipeline import render_run
     from fretflow.cli.report import show_files
+    from fretflow.pipeline.stages import render_run
 
     show_files(render_run(run), "files")
 

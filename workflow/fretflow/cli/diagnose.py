@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from fretflow_post import report_words as words
-from fretflow_post.report import write_report
 from rich.console import Console
 from rich.markup import escape
 
 from fretflow.cli.report import Progress, new_table, show_files
-from fretflow.core.errors import InputError, StoreError
+from fretflow.core.errors import InputError
 from fretflow.core.store import write_csv, write_whole
-from fretflow.inference.verdict import Diagnosis, write_json
+from fretflow.inference import words
+from fretflow.inference.verdict import Diagnosis
+from fretflow.pipeline.diagnose import diagnose, made_folder
 from fretflow.recordings.schema import FILE, name_of
 
-if TYPE_CHECKING:
-    from fretflow.case.config import Case
-    from fretflow.solvers.periodic import PeriodicProblem
-
 HOME = Path("runs/diagnosis")
-MODELS = "models"  # folder of the reduced specimens, in the user's cache
 MOST_RANKED = 5
 
 
@@ -50,18 +42,13 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
     InputError
         If there is no such recording, or the results cannot be written.
     """
-    from fretflow.experiments.diagnose import diagnose
-    from fretflow.experiments.rig.run import RigTools
-    from fretflow.pipeline.ensemble import LocalPool
-
     if not recording.exists():
         raise InputError(f"{recording}: there is no such folder or file; give a folder with a {FILE}")
-    home = _folder(HOME / name_of(recording) if out is None else out)
-    models = _kept_models(home)
-    with Progress() as shown, LocalPool(len(os.sched_getaffinity(0))) as pool:
+    home = made_folder(HOME / name_of(recording) if out is None else out)
+    with Progress() as shown:
         shown.begin("diagnose")
-        found = diagnose(recording, fast, lambda share, text: shown.advance("diagnose", share, text),
-                         RigTools(lambda case: _reduced(case, models), pool))
+        found = diagnose(recording, fast=fast, home=home,
+                         progress=lambda share, text: shown.advance("diagnose", share, text))
     files = _write(found, home, json_file, case_file)
     console = Console(highlight=False)
     _show(console, found)
@@ -72,55 +59,15 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
     return files
 
 
-def _kept_models(home: Path) -> Path:
-    """Return the folder where reduced specimens are kept from one diagnosis to the next: in `home` without a cache."""
-    try:
-        kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fretflow" / MODELS
-        kept.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # the latter where the user has no home
-        return _folder(home / MODELS)
-    return kept if os.access(kept, os.W_OK) else _folder(home / MODELS)
-
-
-def _reduced(case: Case, models: Path) -> PeriodicProblem:
-    """Return the unworn problem of a case, its specimens meshed and reduced unless `models` has them."""
-    from fretflow.cli.pipeline import pipeline
-    from fretflow.pipeline.problem import make_problem
-    from fretflow.pipeline.ranks import Ranks
-    from fretflow.pipeline.runner import Runner, Silent
-
-    with tempfile.TemporaryDirectory(dir=models) as scratch:
-        runner = Runner(pipeline(), Path(scratch), Ranks(together=False), Silent())
-        kept = models / runner.keys(case)["reduce"]
-        if not kept.is_dir():
-            try:
-                made = runner.run(case, "reduce")["reduce"].folder
-            except StoreError as error:
-                raise StoreError(f"{models}: the reduced specimens cannot be kept there; free some space, or name "
-                                 "another folder by XDG_CACHE_HOME") from error
-            try:
-                made.rename(kept)
-            except OSError:
-                if not kept.is_dir():  # else another process was first
-                    raise
-        return make_problem(case, kept)
-
-
-def _folder(path: Path) -> Path:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
-    return path
-
-
 def _write(found: Diagnosis, home: Path, json_file: Path | None, case_file: Path | None) -> list[Path]:
     places = found.location.places
     columns: dict[str, Sequence[object]] = {
         "cut": [p.cut for p in places], "where": [p.where for p in places],
         "share": [p.share for p in places], "p_value_corrected": [p.p_value for p in places]}
-    files = [write_report(home / "report.html", found)]
-    files += [write_json(path, found) for path in _copies(home / "diagnosis.json", json_file)]
+    files = [found.to_html(home / "report.html")]
+    for path in _copies(home / "diagnosis.json", json_file):
+        found.to_json(path)
+        files.append(path)
     files.append(write_csv(home / "places.csv", columns))
     if found.case_file:
         for path in _copies(home / "case.toml", case_file):
@@ -132,7 +79,7 @@ def _write(found: Diagnosis, home: Path, json_file: Path | None, case_file: Path
 def _copies(own: Path, wanted: Path | None) -> list[Path]:
     if wanted is None or wanted.resolve() == own.resolve():
         return [own]
-    _folder(wanted.parent)
+    made_folder(wanted.parent)
     return [own, wanted]
 
 

@@ -11,6 +11,7 @@ from rich.markup import escape
 from fretflow.case.casefile import entries
 from fretflow.cli.report import new_table, show_files
 from fretflow.core.errors import InputError
+from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.units import format_quantity
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import ALL_KINDS, Effect
@@ -34,8 +35,6 @@ def show_effect(name: str, out: Path) -> Path:
     InputError
         If there is no such effect.
     """
-    from fretflow_post.effect_sheet import plot_effect
-
     known = catalogue()
     if name not in known:
         raise InputError(f"{name}: there is no such effect; `fretflow effects` lists them")
@@ -50,7 +49,7 @@ def show_effect(name: str, out: Path) -> Path:
         if text:
             console.print(f"{heading + ':':<12}{escape(text)}")
     console.print(_parameters(kind))
-    picture = plot_effect(out / f"{name}.png", name, kind())
+    picture: Path = provided(FIGURES, "effect")(out / f"{name}.png", name, kind())
     show_files([picture], "picture")
     return picture
 

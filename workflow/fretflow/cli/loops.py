@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fretflow_post.recorded_loops import plot_recorded_loops
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
@@ -17,6 +16,7 @@ from rich.table import Table
 
 from fretflow.cli.report import new_table, show_files
 from fretflow.core.errors import ConfigError, InputError, UnreliableRecordingError
+from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.store import write_csv, write_whole
 from fretflow.core.units import parse_quantity, readable_unit
 from fretflow.recordings.loopset import LoopSet
@@ -87,8 +87,8 @@ def show_loops(path: Path, options: Mapping[str, str | None], normal_load: str |
     files = []
     for found in sets:
         files.append(write_csv(home / f"{found.name}_readings.csv", _columns(found)))
-        files += plot_recorded_loops(home / f"{found.name}.png", recording.title, found.loops, found.readings,
-                                     found.index)
+        files += provided(FIGURES, "loops")(home / f"{found.name}.png", recording.title, found.loops, found.readings,
+                                            found.index)
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(json_file, json.dumps(_plain(recording, load, sets, notes), indent=1, allow_nan=False).encode())

@@ -8,9 +8,9 @@ from pathlib import Path
 from rich.console import Console
 
 from fretflow.case.config import Case, load_case
-from fretflow.cli.pipeline import complete_stages
 from fretflow.cli.report import Progress, new_table, show_files
 from fretflow.core.errors import InputError
+from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.units import parse_quantity
 from fretflow.pipeline.response_curves import (
     FOLDER,
@@ -22,6 +22,7 @@ from fretflow.pipeline.response_curves import (
     write_curves,
 )
 from fretflow.pipeline.stage import CASE_FILE
+from fretflow.pipeline.stages import complete_stages
 from fretflow.pipeline.summary import summarise, write_summary
 
 STATES = ("unworn", "worn")
@@ -91,8 +92,6 @@ def respond(case: Case, folders: Mapping[str, Path], home: Path, states: Sequenc
     NonConvergenceError
         Naming the frequency.
     """
-    from fretflow_post.response_curves import plot_curves
-
     start, stop = (quantity_of(name, text, "Hz") for name, text in zip(("--start", "--stop"), bounds, strict=True))
     given = [value for text in levels if (value := quantity_of("--excitation", text, "N")) is not None]
     excitations = sorted(set(given)) or [case.test.excitation_amplitude]
@@ -107,7 +106,7 @@ def respond(case: Case, folders: Mapping[str, Path], home: Path, states: Sequenc
                 STAGE, (done + share) / len(asked), text)))
             progress.note(STAGE, f"{one.name}: {len(curves[-1].curve.frequency)} points  {one.file}")
     show_peaks(curves)
-    files = [*write_curves(folder, curves, folders), *plot_curves(folder / "curves.png", curves)]
+    files = [*write_curves(folder, curves, folders), *provided(FIGURES, "response")(folder / "curves.png", curves)]
     if (home / SUMMARY).is_file():
         files.append(write_summary(home / SUMMARY, *summarise(case, folders)))
     show_files([*files, *(one.file for one in asked)], "curves and pictures")

@@ -5,17 +5,20 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fretflow.cli.errors import describe, say
-from fretflow.core.errors import InputError
+from fretflow.core.errors import EnsembleError, InputError, StoreError
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case
     from fretflow.pipeline.ensemble import Workers
     from fretflow.pipeline.runner import Runner, Watcher
     from fretflow.pipeline.stage import StageResult
+
+COMPARISON_FILE = "comparison.csv"
 
 
 def load(path: Path) -> Case:
@@ -47,9 +50,9 @@ def check_names(cases: Sequence[Case]) -> None:
 @contextmanager
 def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
     """Give rank 0 the runner; every other rank serves it here until the run is over, and exits."""
-    from fretflow.cli.pipeline import pipeline
     from fretflow.pipeline.ranks import Ranks
     from fretflow.pipeline.runner import Runner
+    from fretflow.pipeline.stages import pipeline
 
     ranks = Ranks()
     runner = Runner(pipeline(), out, ranks, watcher)
@@ -62,9 +65,16 @@ def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
         ranks.dismiss()
 
 
+@dataclass(frozen=True)
+class Ended:
+    """How a case ended: exit code 0 and no message if well."""
+
+    code: int = 0
+    message: str = ""
+
+
 def in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -> None:
     """Run cases one after the other in this process; one that fails does not stop the others."""
-    from fretflow.cli.ensemble import Ended, report
     from fretflow.cli.report import Progress
 
     progress, ends = Progress(), []
@@ -88,8 +98,8 @@ def in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) ->
 
 def at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
     """Run cases by several workers; one that fails does not stop the others."""
-    from fretflow.cli.ensemble import Ended, Task, report, run_at_once
     from fretflow.cli.report import show_ended
+    from fretflow.pipeline.run import Task, run_at_once
 
     ends = [Ended()] * len(cases)
     tasks = [Task(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
@@ -102,15 +112,41 @@ def at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, wo
         report(cases, out, ends)
 
 
+def report(cases: Sequence[Case], out: Path, ends: Sequence[Ended]) -> None:
+    """Show one table of all cases, keep it as a CSV file, and raise if any failed.
+
+    Raises
+    ------
+    EnsembleError
+        Naming the cases that failed.
+    """
+    from fretflow.cli.report import show_comparison, show_files
+    from fretflow.pipeline.comparison import CaseComparison, write_comparison
+    from fretflow.pipeline.run import compare_run
+
+    rows = [CaseComparison(case.name, failure=end.message) if end.message  # what is on disk may be of another run
+            else compare_run(case, out / case.name) for case, end in zip(cases, ends, strict=True)]
+    show_comparison(rows)
+    failed = [f"{row.name}: {row.failure}" for row in rows if row.failure]
+    if failed:
+        # also a case that a worker completed where this process does not see it
+        code = max(end.code or StoreError.exit_code for end, row in zip(ends, rows, strict=True) if row.failure)
+        summary = f"{len(failed)} of {len(cases)} cases failed; " + "; ".join(failed)
+    try:
+        show_files([write_comparison(out / COMPARISON_FILE, rows)], "table")
+    except StoreError:
+        if not failed:  # what failed says why, a full disk for example
+            raise
+    if failed:
+        raise EnsembleError(summary, code)
+
+
 def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
     from fretflow.cli.report import show_files, show_summary
-    from fretflow.pipeline.summary import summarise, write_summary
+    from fretflow.pipeline.run import SUMMARY, results_of
 
-    figures, trends = summarise(case, {name: result.folder for name, result in results.items()})
-    show_summary(case, figures, trends, results)
-    files = [write_summary(home / "summary.json", figures, trends)]
+    show_summary(case, *results_of(case, results, home).summarised, results)
+    files = [home / SUMMARY]
     for result in results.values():
-        files += [
-            result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))
-        ]
+        files += [result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))]
     show_files(files, "pictures and curves")

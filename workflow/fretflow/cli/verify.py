@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from fretflow.case.config import load_case
-from fretflow.cli.pipeline import complete_stages
 from fretflow.core.errors import FretflowError, InputError
 from fretflow.pipeline.stage import CASE_FILE
+from fretflow.pipeline.stages import complete_stages
 from fretflow.pipeline.verify import PeriodCheck, check_same_case, verdict, verify_run, write_checks
 
 FOLDER = "verify"

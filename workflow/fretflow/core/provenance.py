@@ -11,8 +11,6 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import fretflow
-
 SAMPLING_INTERVAL = 0.05  # s, between two looks at the memory
 
 # Module name (looked for among those loaded) and the distribution that states its version.
@@ -29,9 +27,17 @@ _WITNESSES = {
 }
 
 
+def own_version() -> str:
+    """Return the version of fretflow that is installed, "0+unknown" in a source tree that never was."""
+    try:
+        return version("fretflow")
+    except PackageNotFoundError:
+        return "0+unknown"
+
+
 def versions() -> dict[str, str]:
     """Return the versions of fretflow, Python and those libraries that this process has loaded."""
-    found = {"fretflow": fretflow.__version__, "python": platform.python_version()}
+    found = {"fretflow": own_version(), "python": platform.python_version()}
     for module, distribution in _WITNESSES.items():
         if module in sys.modules:
             found[module] = _version(module, distribution)
@@ -48,7 +54,7 @@ def _version(module: str, distribution: str) -> str:
 @cache
 def commit() -> str | None:
     """Return the git commit of the checkout that fretflow runs from, ``-dirty`` if edited; None outside."""
-    source = Path(fretflow.__file__).resolve().parent
+    source = Path(__file__).resolve().parents[1]
     if not any((parent / ".git").exists() for parent in source.parents):
         return None
     command = ["git", "-C", str(source), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]

@@ -9,18 +9,19 @@ from fretflow.experiments.driven.run import diagnose_driven
 from fretflow.experiments.rig.run import RigTools, diagnose_rig
 from fretflow.experiments.wear_series.run import diagnose_wear_series
 from fretflow.inference.verdict import Diagnosis
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.recording import Recording, read_recording
 from fretflow.recordings.schema import TestKind
-from fretflow.recordings.wear_series import is_wear_series, read_wear_series
+from fretflow.recordings.wear_series import WearSeries, is_wear_series, read_wear_series
 
 
-def diagnose(path: Path, fast: bool, progress: Callable[[float, str], None], tools: RigTools) -> Diagnosis:
+def diagnose(recording: Path | Recording | WearSeries, fast: bool, progress: Callable[[float, str], None],
+             tools: RigTools) -> Diagnosis:
     """Return what a recording shows that the model leaves out.
 
     Parameters
     ----------
-    path : Path
-        Folder of the recording, its ``recording.toml``, or a table of wear tests.
+    recording : Path, Recording or WearSeries
+        Folder of the recording, its ``recording.toml``, or a table of wear tests; or what was read of it.
     fast : bool
         Whether a screening is enough.
     progress : callable
@@ -36,9 +37,10 @@ def diagnose(path: Path, fast: bool, progress: Callable[[float, str], None], too
         If the baseline cannot be simulated.
     """
     progress(0.0, "reading")
-    if is_wear_series(path):
-        return diagnose_wear_series(read_wear_series(path), fast, progress)
-    recording = read_recording(path)
+    if isinstance(recording, Path):
+        recording = read_wear_series(recording) if is_wear_series(recording) else read_recording(recording)
+    if isinstance(recording, WearSeries):
+        return diagnose_wear_series(recording, fast, progress)
     if recording.kind is not TestKind.FRETTING_RIG:
         return diagnose_driven(recording, fast, progress)
     return diagnose_rig(recording, fast, progress, tools)

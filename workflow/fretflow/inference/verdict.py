@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.records import quantity, record
 from fretflow.core.store import write_whole
 
@@ -192,10 +193,16 @@ class Diagnosis:
     seconds: float = quantity("s", default=0.0)
     fast: bool = False
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the diagnosis in the exchange format."""
+    def to_json(self, path: Path | str | None = None) -> dict[str, Any]:
+        """Return the diagnosis in the exchange format, written to the file `path` if that is given.
+
+        Raises
+        ------
+        StoreError
+            If the file cannot be written.
+        """
         place, fit = self.location, self.held_out
-        return {
+        content = {
             "verdict": self.verdict.value, "effects": list(self.effects), "probability": _plain(self.probability),
             "ranking": [{"effects": list(one.effects), "probability": _plain(one.probability),
                          "explained": _plain(one.explained)} for one in self.ranking],
@@ -207,18 +214,32 @@ class Diagnosis:
             "fit": {} if fit is None else {"held_out": fit.what, "before": _plain(fit.before),
                                            "after": _plain(fit.after), "floor": _plain(fit.floor)},
             "separating_measurement": self.separating_measurement}
+        if path is not None:
+            write_whole(Path(path), (json.dumps(content, indent=1) + "\n").encode())
+        return content
 
+    def to_html(self, path: Path | str) -> Path:
+        """Write the report, one page that needs neither files nor a network, and return its path.
 
-def write_json(path: Path, diagnosis: Diagnosis) -> Path:
-    """Write `diagnosis` in the exchange format.
+        Raises
+        ------
+        StoreError
+            If the file cannot be written.
+        PlatformError
+            If no package that writes reports is installed.
+        """
+        page: Path = provided(FIGURES, "report")(Path(path), self)
+        return page
 
-    Raises
-    ------
-    StoreError
-        If the file cannot be written.
-    """
-    write_whole(path, (json.dumps(diagnosis.to_json(), indent=1) + "\n").encode())
-    return path
+    def plot(self) -> Any:
+        """Return a `matplotlib.figure.Figure` of the loops: measured, by the baseline and with the named effects.
+
+        Raises
+        ------
+        PlatformError
+            If no package that draws is installed.
+        """
+        return provided(FIGURES, "diagnosis")(self)
 
 
 def _plain(value: float) -> float | None:

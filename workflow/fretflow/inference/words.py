@@ -1,16 +1,180 @@
-"""Words that the diagnoses of all kinds of recordings share."""
+"""Numbers, units, names and verdicts in words, as reports and the command line write them."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
+from markupsafe import Markup, escape
+
+from fretflow.core.units import readable_unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Block
-from fretflow.inference.verdict import Verdict
+from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, Verdict
 
 EVERYTHING = "the same test at another amplitude, another normal load and another frequency"
 BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
+NOTHING = "–"
+CERTAIN = 0.9995  # a probability above it is written as more than 99.9 %
+FINENESS = 7.0  # of the last figure against an interval's half-width: rounding changes it by 7 % at most
+SMALLEST_P = 1e-12
+_LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
+_LEAST_POWER, _LARGEST_POWER = -4, 6  # of ten, of numbers that are written without one
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+KIND_WORDS = {
+    "fretting-rig": "fretting rig: the full model predicts motion, friction force and wear",
+    "imposed-displacement": "imposed displacement: the measured motion drives the contact model, which predicts the "
+                            "force",
+    "lumped": "lumped system: mass, spring and friction predict the motion or the force",
+    "wear-series": "wear series: one wear coefficient and the dissipated energy predict the worn volume of each test",
+}
+VERDICT_WORDS = {
+    Verdict.NONE: "No missing physics seen",
+    Verdict.NAMED: "Missing physics named",
+    Verdict.AMBIGUOUS: "One of several effects",
+    Verdict.UNKNOWN: "Not in the catalogue",
+}
+
+
+def pretty_unit(unit: str) -> str:
+    """Return `unit` as it is printed: ``um^2`` becomes ``µm²``, that of a ratio nothing."""
+    if unit == "1":
+        return ""
+    for plain, printed in (("um", "µm"), ("us", "µs"), ("uJ", "µJ"), ("^2", "²"), ("^3", "³"), ("*", "·")):
+        unit = unit.replace(plain, printed)
+    return unit
+
+
+def number(value: float, resolution: float | None = None) -> str:
+    """Return `value` rounded to `resolution`, or to three figures; with a power of ten if far from 1."""
+    if not math.isfinite(value):
+        return NOTHING
+    if value == 0.0:
+        return "0"
+    power = math.floor(math.log10(abs(value)))
+    resolution = resolution if resolution and math.isfinite(resolution) else 10.0 ** (power - 2)
+    if _LEAST_POWER <= power <= _LARGEST_POWER:
+        return _signed(f"{value:,.{_decimals(resolution)}f}")
+    return _signed(f"{value / 10.0**power:.{_decimals(resolution / 10.0**power)}f}·10{str(power).translate(_RAISED)}")
+
+
+def _decimals(resolution: float) -> int:
+    return min(9, max(0, -math.floor(math.log10(resolution) + 1e-9)))
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def percent(share: float) -> str:
+    """Return `share` of 1 in per cent; what is all but certain as a bound."""
+    if not math.isfinite(share):
+        return NOTHING
+    if CERTAIN <= share < 1.0:
+        return "> 99.9 %"
+    if 0.0 < share < 1.0 - CERTAIN:
+        return "< 0.1 %"
+    digits = 1 if 0.0 < share < 0.0095 or 0.99 < share < 1.0 else 0
+    return _signed(f"{100.0 * share:.{digits}f} %")
+
+
+def p_value(p: float) -> str:
+    """Return a p-value with two figures at most."""
+    if not math.isfinite(p):
+        return NOTHING
+    if p < SMALLEST_P:
+        return "< 10⁻¹²"
+    if p < 1e-3:
+        power = math.floor(math.log10(p))
+        return f"{p / 10.0**power:.0f}·10{str(power).translate(_RAISED)}"
+    return f"{p:.2g}"
+
+
+def duration(seconds: float) -> str:
+    """Return a wall time for people."""
+    if not math.isfinite(seconds) or seconds <= 0.0:
+        return ""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.1f} s"
+    return f"{seconds // 60:.0f} min {seconds % 60:02.0f} s" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def channel_words(channel: str) -> str:
+    """Return a channel's name for people."""
+    return channel.replace("_", " ")
+
+
+def cycles_words(cycles: tuple[int, int]) -> str:
+    """Return a range of cycles for people."""
+    first, last = cycles
+    return f"{first:,}" if first == last else f"{first:,} to {last:,}"
+
+
+def effect_title(name: str) -> str:
+    """Return what the catalogue calls effect `name`, or nothing where it has none of that name."""
+    kind = catalogue().get(name)
+    return kind.title if kind is not None else ""
+
+
+def equation(text: str) -> Markup:
+    """Return an equation in plain text as it is printed: ``mu_0^2`` with a Greek letter, an index and a power."""
+    printed = str(escape(text))
+    for plain, letter in _LETTERS.items():
+        printed = re.sub(rf"\b{plain}(?=\b|_)", letter, printed)
+    printed = re.sub(r"_inf\b", "_∞", printed)
+    printed = re.sub(r"(?<!\w)(\w{1,2})_([A-Za-z0-9∞]+)", r"\1<sub>\2</sub>", printed)
+    printed = re.sub(r"\^(-?[A-Za-z0-9]+)", lambda m: f"<sup>{_signed(m[1])}</sup>", printed)
+    return Markup(re.sub(r"(?<![A-Za-z])-", "−", printed))
+
+
+def together(effects: tuple[str, ...]) -> str:
+    """Return a set of effects in one phrase."""
+    return " + ".join(effects) if effects else "nothing added (baseline)"
+
+
+def leading(diagnosis: Diagnosis) -> Candidate | None:
+    """Return the most probable explanation that adds something, or None."""
+    return next((one for one in diagnosis.ranking if one.effects), None)
+
+
+def after_words(diagnosis: Diagnosis) -> str:
+    """Return what "after" was predicted with; the baseline with the named effects where that is not told."""
+    return diagnosis.after_model or " + ".join(("baseline", *diagnosis.effects))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate in the unit that engineers read it in."""
+
+    value: str
+    low: str
+    high: str
+    unit: str
+    relative: str  # half-width over the value
+
+
+def interval(estimate: Estimate) -> Interval:
+    """Return `estimate` rounded to a small part of its interval; a power of ten goes to the unit."""
+    largest = max((abs(v) for v in (estimate.low, estimate.value, estimate.high) if math.isfinite(v)), default=0.0)
+    unit, size = readable_unit(largest, estimate.unit)
+    printed, power = pretty_unit(unit), math.floor(math.log10(largest / size)) if largest > 0.0 else 0
+    if not _LEAST_POWER <= power <= _LARGEST_POWER:
+        printed, size = f"10{str(power).translate(_RAISED)} {printed}".rstrip(), size * 10.0**power
+    half = 0.5 * (estimate.high - estimate.low)
+    step = half / size / FINENESS if half > 0.0 and math.isfinite(half) else None
+    value, low, high = (number(v / size, step) for v in (estimate.value, estimate.low, estimate.high))
+    known = step is not None and math.isfinite(estimate.value) and estimate.value != 0.0
+    relative = f"± {abs(100.0 * half / estimate.value):.2g} %" if known else NOTHING
+    return Interval(value, low, high, printed, relative)
+
+
+def parameter_words(name: str) -> str:
+    """Return the last part of a parameter's name in words."""
+    return name.rpartition(".")[2].replace("_", " ")
 
 
 def blocks_of(effects: Iterable[str]) -> str:

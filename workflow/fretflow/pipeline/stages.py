@@ -1,4 +1,4 @@
-"""The pipeline: the stages of this package with the meshes before and the pictures after them."""
+"""The pipeline: all stages in their order, meshes and pictures as other packages provide them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fretflow.case.config import Case, load_case
 from fretflow.core.errors import MeshError, StoreError
+from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.pipeline import preload, reduce, response, solve, wear
 from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Figures, Manifest, Stage, StageContext
 
@@ -32,11 +33,9 @@ def _mesh_slice(case: Case) -> list[object]:
 
 
 def _mesh(context: StageContext) -> Figures:
-    from fretflow_meshes import run_mesh
-
     context.progress(0.0, "meshing the specimens")
     try:
-        upper, lower = run_mesh(context.case, context.folder)
+        upper, lower = provided(MESHES, "specimens")(context.case, context.folder)
     except MeshError as error:
         if shutil.disk_usage(context.folder).free > FULL:  # gmsh does not notice a full disk: it cannot read back
             raise
@@ -48,10 +47,8 @@ def _mesh(context: StageContext) -> Figures:
 
 
 def _render(context: StageContext) -> Figures:
-    from fretflow_post.render import render_run as draw
-
     context.progress(0.0, "drawing")
-    return {"files": len(draw(context.inputs, context.folder, context.case.output))}
+    return {"files": len(provided(FIGURES, "run")(context.inputs, context.folder, context.case.output))}
 
 
 MESH = Stage("mesh", 1, _mesh_slice, (), _mesh)
@@ -68,9 +65,9 @@ def render_run(home: Path) -> list[Path]:
     StoreError
         If there is no run, or a result file is missing or damaged.
     """
-    from fretflow_post.render import render_run as draw
-
-    return draw(complete_stages(home), home / PICTURES, load_case(home / CASE_FILE).output)
+    files: list[Path] = provided(FIGURES, "run")(complete_stages(home), home / PICTURES,
+                                                 load_case(home / CASE_FILE).output)
+    return files
 
 
 def complete_stages(home: Path) -> dict[str, Path]:

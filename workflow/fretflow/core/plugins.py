@@ -1,0 +1,54 @@
+"""What other packages provide, found by the entry points that they declare.
+
+fretflow computes without meshes of its own and without pictures. A package that makes either names its functions in
+its ``pyproject.toml``, and nothing here imports it by name::
+
+    [project.entry-points."fretflow.figures"]
+    run = "fretflow_post.render:render_run"
+
+Of ``fretflow.meshes``:
+
+- ``specimens``: ``(case, folder) -> (upper, lower)``, both `MeshSummary`; the meshes are written to `folder`.
+
+Of ``fretflow.figures``, where a file is a path that is written and returned:
+
+- ``run``: ``(folders, folder, output) -> files``, all pictures of a run's stages;
+- ``results``: ``(RunResults) -> Figure``, a run at a glance;
+- ``report``: ``(file, Diagnosis) -> file``, its page; ``diagnosis``: ``(Diagnosis) -> Figure``, its loops;
+- ``loops``: ``(file, title, LoopSet, RecordedReadings, index) -> files``;
+- ``modes``: ``(file, upper, lower) -> files``; ``response``: ``(file, curves) -> files``;
+- ``effect``: ``(file, id, Effect) -> file``.
+
+Effects of other packages are of the group ``fretflow.effects``, see `fretflow.effects.catalogue`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any
+
+from fretflow.core.errors import PlatformError
+
+MESHES = "fretflow.meshes"
+FIGURES = "fretflow.figures"
+
+
+def provided(group: str, name: str) -> Callable[..., Any]:
+    """Return the function that an installed package provides as `name` of the entry-point `group`.
+
+    Raises
+    ------
+    PlatformError
+        If no package does, or the one that does cannot be imported.
+    """
+    found = tuple(entry_points(group=group, name=name))
+    if not found:
+        raise PlatformError(f"{group}: no installed package provides {name!r}; install fretflow whole "
+                            "(`./fretflow --version` in a clone does)")
+    try:
+        function: Callable[..., Any] = found[0].load()
+    except (ImportError, AttributeError) as error:
+        raise PlatformError(f"{group}: {found[0].value} cannot be loaded ({error}); install its package again"
+                            ) from error
+    return function

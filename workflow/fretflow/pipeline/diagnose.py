@@ -1,0 +1,121 @@
+"""A diagnosis with all that it takes: meshes and reduction of specimens, kept from one to the next, and processes."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fretflow.core.errors import InputError, StoreError
+from fretflow.recordings.schema import FILE
+
+if TYPE_CHECKING:
+    from fretflow.case.config import Case
+    from fretflow.inference.verdict import Diagnosis
+    from fretflow.recordings.recording import Recording
+    from fretflow.recordings.wear_series import WearSeries
+    from fretflow.solvers.periodic import PeriodicProblem
+
+MODELS = "models"  # folder of the reduced specimens, in the user's cache
+
+
+def diagnose(recording: Recording | WearSeries | Path | str, *, fast: bool = False,
+             progress: Callable[[float, str], None] | None = None, home: Path | None = None) -> Diagnosis:
+    """Say whether the model explains a recording and, if not, where they part and which physics is left out.
+
+    Specimens are meshed and reduced for the recordings of a rig; what was reduced once is kept in the user's cache.
+    The processes have one core each, so a script that calls this needs ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    recording : Recording, WearSeries, Path or str
+        As `read_recording` returns it, or what that takes.
+    fast : bool
+        Look at fewer effects: in a minute or two.
+    progress : callable, optional
+        Takes the share that is done, 0 to 1, and what is being done.
+    home : Path, optional
+        Folder that the reduced specimens are kept in where the user has no cache; else a temporary one.
+
+    Returns
+    -------
+    Diagnosis
+        With ``verdict``, ``effects``, ``probability``, ``parameters`` (SI, 90 % intervals), ``location`` and more;
+        ``to_json``, ``to_html`` and ``plot`` show it.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be used.
+    NonConvergenceError
+        If the baseline cannot be simulated.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> found = ff.diagnose("my recording", fast=True)  # doctest: +SKIP
+    >>> found.verdict, found.effects, found.probability  # doctest: +SKIP
+    >>> found.to_html("report.html")  # doctest: +SKIP
+    """
+    from fretflow.experiments.diagnose import diagnose as experiment
+    from fretflow.experiments.rig.run import RigTools
+    from fretflow.pipeline.ensemble import LocalPool
+
+    given = Path(recording) if isinstance(recording, str) else recording
+    if isinstance(given, Path) and not given.exists():
+        raise InputError(f"{given}: there is no such folder or file; give a folder with a {FILE}")
+    with tempfile.TemporaryDirectory() as scratch, LocalPool(len(os.sched_getaffinity(0))) as pool:
+        models = kept_models(Path(scratch) if home is None else home)
+        return experiment(given, fast, progress or (lambda share, text: None),
+                          RigTools(lambda case: reduced_problem(case, models), pool))
+
+
+def kept_models(home: Path) -> Path:
+    """Return the folder where reduced specimens are kept from one diagnosis to the next: in `home` without a cache."""
+    try:
+        kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fretflow" / MODELS
+        kept.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # the latter where the user has no home
+        return made_folder(home / MODELS)
+    return kept if os.access(kept, os.W_OK) else made_folder(home / MODELS)
+
+
+def reduced_problem(case: Case, models: Path) -> PeriodicProblem:
+    """Return the unworn problem of a case, its specimens meshed and reduced unless `models` has them."""
+    from fretflow.pipeline.problem import make_problem
+    from fretflow.pipeline.ranks import Ranks
+    from fretflow.pipeline.runner import Runner, Silent
+    from fretflow.pipeline.stages import pipeline
+
+    with tempfile.TemporaryDirectory(dir=models) as scratch:
+        runner = Runner(pipeline(), Path(scratch), Ranks(together=False), Silent())
+        kept = models / runner.keys(case)["reduce"]
+        if not kept.is_dir():
+            try:
+                made = runner.run(case, "reduce")["reduce"].folder
+            except StoreError as error:
+                raise StoreError(f"{models}: the reduced specimens cannot be kept there; free some space, or name "
+                                 "another folder by XDG_CACHE_HOME") from error
+            try:
+                made.rename(kept)
+            except OSError:
+                if not kept.is_dir():  # else another process was first
+                    raise
+        return make_problem(case, kept)
+
+
+def made_folder(path: Path) -> Path:
+    """Make the folder `path` where there is none, and return it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
+    return path
