@@ -115,3 +115,11 @@ def test_no_id_stands_outside_the_effects_own_files():
             if "effects" not in file.parts:
                 assert not quoted.findall(file.read_text()), file
     assert quoted.search((Path(fretflow.__file__).parent / "effects" / "third_body.py").read_text())
+
+
+@pytest.mark.parametrize("kind", catalogue().values(), ids=list(catalogue()))
+def test_the_equation_is_there_for_pages_that_set_it(kind):
+    assert kind.formula
+    assert kind.formula.isascii()
+    assert kind.formula.count("{") == kind.formula.count("}")
+    assert kind.formula.count(r"\left") == kind.formula.count(r"\right")

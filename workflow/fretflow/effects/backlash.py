@@ -27,6 +27,7 @@ class Backlash(Effect):
     title: ClassVar[str] = "play between arm and holder"
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "k (|d| - g / 2) sign(d) where |d| > g / 2, else 0"
+    formula: ClassVar[str] = r"F = k \operatorname{sgn}(d)\,\max\left(|d| - \tfrac{g}{2},\ 0\right)"
     source: ClassVar[str] = ("dead zone in series with a spring: M. Nordin, P.-O. Gutman, Automatica 38 (2002), "
                              "controlling mechanical systems with backlash")
     first_order: ClassVar[bool] = False

@@ -19,6 +19,7 @@ class ChannelDelay(Effect):
     title: ClassVar[str] = "delay between the channels"
     block: ClassVar[Block] = Block.SENSOR
     equation: ClassVar[str] = "T_meas(t) = T(t - tau)"
+    formula: ClassVar[str] = r"T_\mathrm{meas}(t) = T(t - \tau)"
     source: ClassVar[str] = ("shift theorem of the Fourier series: A. V. Oppenheim, R. W. Schafer, Discrete-Time "
                              "Signal Processing, Prentice Hall (1989)")
     needs_time: ClassVar[bool] = True

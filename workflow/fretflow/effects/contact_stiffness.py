@@ -109,6 +109,7 @@ class ContactStiffness(Effect):
     title: ClassVar[str] = "asperity springs in series with the bodies"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "k_t (p / p_0)^m tangential, ratio times as much normal"
+    formula: ClassVar[str] = r"k_{c,t} = k_t \left(\frac{p}{p_0}\right)^m, \qquad k_{c,n} = r\,k_{c,t}"
     source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
                              "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
     acts_at: ClassVar[int] = 1

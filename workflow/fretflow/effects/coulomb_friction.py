@@ -24,6 +24,8 @@ class CoulombFriction(Effect):
     title: ClassVar[str] = "dry friction"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "F_c sign(v), at rest between -F_c and F_c"
+    formula: ClassVar[str] = (r"F = F_c \operatorname{sgn}(v)\ \text{ for } v \neq 0, \qquad "
+                              r"|F| \le F_c\ \text{ for } v = 0")
     source: ClassVar[str] = ("C. A. Coulomb, Theorie des machines simples (1785); presliding: P. R. Dahl, Aerospace "
                              "Corp. report TOR-158(3107-18) (1968)")
     observables: ClassVar[tuple[str, ...]] = ("force over the sign of the velocity", "force at standstill")

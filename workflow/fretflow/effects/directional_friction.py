@@ -23,6 +23,7 @@ class DirectionalFriction(Effect):
     title: ClassVar[str] = "friction that differs with the direction of sliding"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "mu (1 - d t_x), t the direction of the friction force"
+    formula: ClassVar[str] = r"\mu\,(1 - d\,t_x), \qquad \boldsymbol{t} \text{ the direction of the friction force}"
     source: ClassVar[str] = "A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset disc"
     told_by: ClassVar[str] = OTHER_LOAD
     observables: ClassVar[tuple[str, ...]] = ("mean of the friction force", "even harmonics")

@@ -33,6 +33,8 @@ class DistributedMicroSlip(Effect):
     title: ClassVar[str] = "distributed slip limits"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "slip limit s (1 - w + w (1 + b) q^b), q uniform in 0...1; rig: times 1 - c t_x"
+    formula: ClassVar[str] = (r"s(q) = s \left[1 - w + w (1 + b)\,q^b\right], \quad q \in [0, 1]; \qquad "
+                              r"\text{on the rig: times } 1 - c\,t_x")
     source: ClassVar[str] = ("W. D. Iwan, J. Appl. Mech. 33 (1966); power law of limits: D. J. Segalman, J. Appl. "
                              "Mech. 72 (2005)")
     observables: ClassVar[tuple[str, ...]] = ("knee of a loop between stick and plateau",

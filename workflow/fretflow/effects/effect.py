@@ -140,6 +140,7 @@ class Effect(Section):
     title: ClassVar[str]
     block: ClassVar[Block]
     equation: ClassVar[str]
+    formula: ClassVar[str] = ""  # the equation in LaTeX, for pages that set it
     source: ClassVar[str]  # of the equation, in the literature
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
     kinds: ClassVar[frozenset[Kind]] = RIG_ONLY

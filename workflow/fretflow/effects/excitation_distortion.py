@@ -23,6 +23,7 @@ class ExcitationDistortion(Effect):
     title: ClassVar[str] = "second and third harmonic of the drive"
     block: ClassVar[Block] = Block.EXCITATION
     equation: ClassVar[str] = "F (cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
+    formula: ClassVar[str] = r"F \left[\cos\omega t + a_2 \cos(2 \omega t + b_2) + a_3 \cos(3 \omega t + b_3)\right]"
     source: ClassVar[str] = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
     told_by: ClassVar[str] = "a record of the excitation force"
     told_from: ClassVar[Mapping[str, str]] = {

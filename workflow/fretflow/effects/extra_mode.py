@@ -22,6 +22,8 @@ class ExtraMode(Effect):
     title: ClassVar[str] = "one more resonance in the force path"
     block: ClassVar[Block] = Block.SENSOR
     equation: ClassVar[str] = "T_meas = H T, H = 1 - r + r / (1 - (w/w_0)^2 + 2 i zeta w/w_0)"
+    formula: ClassVar[str] = (r"T_\mathrm{meas} = H\,T, \qquad "
+                              r"H = 1 - r + \frac{r}{1 - (\omega / \omega_0)^2 + 2 i \zeta\,\omega / \omega_0}")
     source: ClassVar[str] = ("transfer function of one mode: D. J. Ewins, Modal Testing: Theory, Practice and "
                              "Application, 2nd ed., Research Studies Press (2000)")
     first_order: ClassVar[bool] = False

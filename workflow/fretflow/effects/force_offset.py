@@ -25,6 +25,7 @@ class ForceOffset(Effect):
     title: ClassVar[str] = "constant force"
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "F_0 besides all other forces"
+    formula: ClassVar[str] = r"F_0 = \text{const, besides all other forces}"
     source: ClassVar[str] = ("offset of the drive force: A. Janot, M. Gautier, M. Brunot, Data Set and Reference "
                              "Models of EMPS, Workshop on Nonlinear System Identification Benchmarks (2019)")
     told_by: ClassVar[str] = UNLOADED

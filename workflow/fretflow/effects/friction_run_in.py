@@ -27,6 +27,7 @@ class FrictionRunIn(Effect):
     title: ClassVar[str] = "friction that settles with the dissipated energy"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "mu = mu_inf - (mu_inf - mu_0) exp(-E / E_0)"
+    formula: ClassVar[str] = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,e^{-E / E_0}"
     source: ClassVar[str] = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
                              "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
     over_cycles: ClassVar[bool] = True

@@ -25,6 +25,8 @@ class InitialGap(Effect):
     title: ClassVar[str] = "tilt, crown or waviness of the unworn faces"
     block: ClassVar[Block] = Block.GEOMETRY
     equation: ClassVar[str] = "g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (x^2 + y^2) / 2 + z x^2, x, y in [-1, 1]"
+    formula: ClassVar[str] = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(x^2 + y^2) + z\,x^2, "
+                              r"\qquad x, y \in [-1, 1]")
     source: ClassVar[str] = "K. L. Johnson, Contact Mechanics (1985), section 4.1"
     told_by: ClassVar[str] = "maps of both faces before the test"
     observables: ClassVar[tuple[str, ...]] = ("wear map", "loops of the first cycles", "approach")

@@ -26,6 +26,7 @@ class LoadDependentFriction(Effect):
     title: ClassVar[str] = "friction that falls with the pressure"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "mu (p / p_0)^-b"
+    formula: ClassVar[str] = r"\mu \left(\frac{p}{p_0}\right)^{-b}"
     source: ClassVar[str] = ("F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids (1950); "
                              "J. F. Archard, Proc. R. Soc. A 243 (1957)")
     told_by: ClassVar[str] = OTHER_LOAD

@@ -24,6 +24,7 @@ class NormalLoadCoupling(Effect):
     title: ClassVar[str] = "normal load that follows the motion"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "N = N_0 + s x"
+    formula: ClassVar[str] = r"N = N_0 + s\,x"
     source: ClassVar[str] = ("C.-H. Menq, J. H. Griffin, J. Bielak, J. Sound Vib. 107 (1986), variable normal load; "
                              "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
     told_by: ClassVar[str] = "a record of the normal force over the loops"

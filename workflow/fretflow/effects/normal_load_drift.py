@@ -20,6 +20,7 @@ class NormalLoadDrift(Effect):
     title: ClassVar[str] = "normal load that falls over cycles"
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "N = N_0 (1 - a (1 - exp(-n / n_T)))"
+    formula: ClassVar[str] = r"N = N_0 \left[1 - a \left(1 - e^{-n / n_T}\right)\right]"
     source: ClassVar[str] = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
                              "vibration; here of first order in the cycles")
     over_cycles: ClassVar[bool] = True

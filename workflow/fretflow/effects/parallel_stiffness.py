@@ -26,6 +26,7 @@ class ParallelStiffness(Effect):
     title: ClassVar[str] = "spring beside the contact"
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "force on the arm -k x; T_meas = T + k x"
+    formula: ClassVar[str] = r"F_\mathrm{arm} = -k\,x, \qquad T_\mathrm{meas} = T + k\,x"
     source: ClassVar[str] = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), "
                              "640-643")
     told_from: ClassVar[Mapping[str, str]] = {

@@ -64,6 +64,8 @@ class ScarEdge(Effect):
     block: ClassVar[Block] = Block.GEOMETRY
     equation: ClassVar[str] = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^2, e = (|x| - (1 - w) X) / (w X) "
                                "kept within 0 and 1; T_meas = T - F")
+    formula: ClassVar[str] = (r"F = -\operatorname{sgn}(x)\,F_p \left(1 - e^{-h / h_s}\right) e^2, \qquad "
+                              r"e = \frac{|x| - (1 - w) X}{w X} \in [0, 1], \qquad T_\mathrm{meas} = T - F")
     source: ClassVar[str] = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
                              "802-816, wear-scar interaction; the shape of the rise is an assumption")
     over_cycles: ClassVar[bool] = True

@@ -20,6 +20,7 @@ class SensorDrift(Effect):
     title: ClassVar[str] = "drift of the force channel"
     block: ClassVar[Block] = Block.SENSOR
     equation: ClassVar[str] = "T_meas = T + d s, s from 0 to 1 over the test"
+    formula: ClassVar[str] = r"T_\mathrm{meas} = T + d\,s, \qquad s \text{ from 0 to 1 over the test}"
     source: ClassVar[str] = "instrumental drift: International Vocabulary of Metrology, JCGM 200 (2012), 4.21"
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = UNLOADED

@@ -22,6 +22,7 @@ class SensorInertia(Effect):
     title: ClassVar[str] = "mass between the contact and the force sensor"
     block: ClassVar[Block] = Block.SENSOR
     equation: ClassVar[str] = "T_meas = T + m a"
+    formula: ClassVar[str] = r"T_\mathrm{meas} = T + m\,a"
     source: ClassVar[str] = ("Newton's second law; mass cancellation: D. J. Ewins, Modal Testing: Theory, Practice and "
                              "Application, 2nd ed., Research Studies Press (2000)")
     needs_time: ClassVar[bool] = True

@@ -23,6 +23,7 @@ class SensorPathCompliance(Effect):
     title: ClassVar[str] = "compliance between the contact and the displacement sensor"
     block: ClassVar[Block] = Block.SENSOR
     equation: ClassVar[str] = "x_meas = x + c T"
+    formula: ClassVar[str] = r"x_\mathrm{meas} = x + c\,T"
     source: ClassVar[str] = ("springs in series; the compliance of the apparatus in measured fretting loops: S. "
                              "Fouvry, P. Kapsa, L. Vincent, Wear 185 (1995)")
     observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "peak-to-peak displacement")

@@ -35,6 +35,7 @@ class SupportNonlinearity(Effect):
     title: ClassVar[str] = "cubic spring of the support"
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "F = k_g x + k_3 x^3"
+    formula: ClassVar[str] = r"F = k_g x + k_3 x^3"
     source: ClassVar[str] = "G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz (1918)"
     observables: ClassVar[tuple[str, ...]] = ("displacement at other amplitudes and frequencies",
                                               "odd harmonics of the displacement")

@@ -84,6 +84,11 @@ class ThirdBody(Effect):
     block: ClassVar[Block] = Block.WEAR
     equation: ClassVar[str] = ("dh_d = phi dh - h_d dn / n_e(xi), n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
                                "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
+    formula: ClassVar[str] = (r"\begin{gathered} "
+                              r"\mathrm{d}h_d = \varphi\,\mathrm{d}h - \frac{h_d}{n_e(\xi)}\,\mathrm{d}n, \qquad "
+                              r"n_e(\xi) = n_e \left[\varepsilon + (1 - \varepsilon)(1 - \xi^2)\right] \\ "
+                              r"g = g_0 + h - h_d, \qquad \dot h \to \dot h\,e^{-h_d / h_0}, \qquad "
+                              r"\text{compliance } h_d / E_d \text{ per area} \end{gathered}")
     source: ClassVar[str] = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
                              "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
     over_cycles: ClassVar[bool] = True

@@ -50,6 +50,7 @@ class VelocityDependentFriction(Effect):
     title: ClassVar[str] = "friction that depends on the sliding speed"
     block: ClassVar[Block] = Block.CONTACT
     equation: ClassVar[str] = "mu (1 + a exp(-|v| / v_s))"
+    formula: ClassVar[str] = r"\mu \left(1 + a\,e^{-|v| / v_s}\right)"
     source: ClassVar[str] = ("exponential form of the Stribeck curve: L. C. Bo, D. Pavelescu, Wear 82 (1982); "
                              "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)")
     needs_time: ClassVar[bool] = True

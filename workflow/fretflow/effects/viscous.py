@@ -25,6 +25,7 @@ class Viscous(Effect):
     title: ClassVar[str] = "dashpot beside the contact"
     block: ClassVar[Block] = Block.RIG
     equation: ClassVar[str] = "force on the arm -c v; T_meas = T + c v"
+    formula: ClassVar[str] = r"F_\mathrm{arm} = -c\,v, \qquad T_\mathrm{meas} = T + c\,v"
     source: ClassVar[str] = "combined Coulomb and viscous friction: J. P. Den Hartog, Trans. ASME 53 (1931), APM-53-9"
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = OTHER_RATES

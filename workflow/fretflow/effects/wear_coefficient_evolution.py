@@ -22,6 +22,7 @@ class WearCoefficientEvolution(Effect):
     title: ClassVar[str] = "wear coefficient that changes over cycles"
     block: ClassVar[Block] = Block.WEAR
     equation: ClassVar[str] = "K_w(n) = K_w (x + (1 - x) exp(-n / n_K))"
+    formula: ClassVar[str] = r"K_w(n) = K_w \left[x + (1 - x)\,e^{-n / n_K}\right]"
     source: ClassVar[str] = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
     told_by: ClassVar[str] = OTHER_LENGTHS
     observables: ClassVar[tuple[str, ...]] = ("approach over cycles", "worn volume of tests of other lengths")

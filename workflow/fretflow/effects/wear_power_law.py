@@ -37,6 +37,8 @@ class WearPowerLaw(Effect):
     title: ClassVar[str] = "wear coefficient with powers of pressure, sliding and frequency"
     block: ClassVar[Block] = Block.WEAR
     equation: ClassVar[str] = "K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c"
+    formula: ClassVar[str] = (r"K_w \left(\frac{p}{p_0}\right)^a \left(\frac{s}{s_0}\right)^b "
+                              r"\left(\frac{f}{f_0}\right)^c")
     source: ClassVar[str] = ("S. Baydoun, S. Fouvry, S. Descartes, P. Arnaud, Wear 426-427 (2019) 676-693, weighted "
                              "friction energy")
     told_by: ClassVar[str] = "tests at other amplitudes and normal loads"

@@ -30,6 +30,8 @@ class WearThreshold(Effect):
     title: ClassVar[str] = "no wear below a frictional power density"
     block: ClassVar[Block] = Block.WEAR
     equation: ClassVar[str] = "K_w sum p |du| max(0, 1 - q_th / q), q frictional power per area"
+    formula: ClassVar[str] = (r"K_w \sum p\,|\mathrm{d}u|\,\max\left(0,\ 1 - \frac{q_\mathrm{th}}{q}\right), \qquad "
+                              r"q \text{ frictional power per area}")
     source: ClassVar[str] = ("S. Fouvry, T. Liskiewicz, Ph. Kapsa, S. Hannel, E. Sauger, Wear 255 (2003) 287-298, "
                              "energy wear approach with a threshold")
     told_by: ClassVar[str] = OTHER_LENGTHS
