@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import sys
 from collections.abc import Generator
@@ -67,3 +68,13 @@ def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest
         report.outcome = "failed"
         report.longrepr = f"{report.nodeid} was skipped as a whole; CI forbids that"
     return report
+
+
+@pytest.fixture(scope="session")
+def structures():
+    """Return small structures with friction joints: parallel sliders, and a lap of two beams."""
+    file = Path(__file__).parent / "analytic" / "lap_structures.py"
+    spec = importlib.util.spec_from_file_location("lap_structures", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -51,7 +51,7 @@ def read_matlab(path: Path) -> Table:
     UnsupportedRecordingError
         If no loops are found in it.
     """
-    found = list(_loops(_load(path), ""))
+    found = list(_loops(load_matlab(path), ""))
     if not found:
         raise UnsupportedRecordingError(f"{path}: no N x 2 array of displacement and force found in it; save one for "
                                         "each cycle count")
@@ -74,7 +74,14 @@ def read_matlab(path: Path) -> Table:
     return Table(path, columns, notes=notes)
 
 
-def _load(path: Path) -> dict[str, Any]:
+def load_matlab(path: Path) -> dict[str, Any]:
+    """Return the variables of a MATLAB file (versions 5 to 7.3); a sparse matrix of 7.3 as its columns and its `rows`.
+
+    Raises
+    ------
+    CorruptRecordingError
+        If the file is cut off or damaged.
+    """
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5
@@ -88,7 +95,8 @@ def _load(path: Path) -> dict[str, Any]:
 def _from_hdf5(file: h5py.File, item: h5py.Group | h5py.Dataset) -> Any:
     """Turn an item of a version 7.3 file into dicts, lists and arrays as MATLAB shows them."""
     if isinstance(item, h5py.Group):
-        return {name: _from_hdf5(file, child) for name, child in item.items()}
+        tall = {"rows": int(item.attrs["MATLAB_sparse"])} if "MATLAB_sparse" in item.attrs else {}
+        return {name: _from_hdf5(file, child) for name, child in item.items()} | tall
     if item.attrs.get("MATLAB_class") == b"char":
         return "".join(map(chr, np.ravel(item[()])))
     if item.dtype == h5py.ref_dtype:

@@ -1,0 +1,1 @@
+"""Nonlinear modes of structures with friction joints: frequency and damping over amplitude."""

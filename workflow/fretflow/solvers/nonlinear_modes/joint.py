@@ -1,0 +1,179 @@
+"""A structure with its bolted friction joint: preload, linear modes about it, and static loads in their shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.kernels.static import StaticContact, follow_loads
+from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.records import quantity, record
+from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-10  # of the bolts' forces, residual of a node
+RIGID_SPRING = 1e-9  # compliance over the structure's own, below which a node counts as rigid
+PRESSED = 1e-8  # of the largest contact force: below it a point touches without holding anything
+GAP_STEPS = 8  # in which the bolts are tightened where faces have to close first
+
+
+@record
+class LinearMode:
+    """A mode of the structure with all closed contact points stuck, M-normalised."""
+
+    frequency: float = quantity("Hz")
+    contact: Array = quantity("1/kg^0.5", "(3 m,), relative displacement of the contact")
+    modes: Array = quantity("1", "(N,), share of each mode of the closed joint, eta")
+
+
+@record
+class StaticHistory:
+    """Contact under S static loads, node order ``3 j + c``."""
+
+    displacement: Array = quantity("m", "(S, 3 m), springs included")
+    force: Array = quantity("N", "(S, 3 m)")
+    state: NDArray[np.int8] = quantity("1", "(S, m)")
+    slid: Array = quantity("m", "(S, 3 m), of the sliders alone")
+
+
+@record
+class BoltedJoint:
+    """A reduced structure, the friction of its faces, asperity springs in series, and the bolts' load.
+
+    The bolts are tightened with the friction that holds later.
+    """
+
+    structure: ReducedStructure
+    law: CoulombLaw
+    bolt_load: float = quantity("N")
+    gap: Array | None = quantity("m", "(m,), instead of the structure's", default=None)
+    springs: Array | None = quantity("m/N", "(3 m,), compliance; rigid by default", default=None)
+    bolt_shares: Array | None = quantity("1", "(m,), factor on the bolts' force at each contact point", default=None)
+    modal_damping: float = quantity("1", default=0.0)
+
+    def check(self) -> None:
+        """Check that something presses the faces together.
+
+        Raises
+        ------
+        InputError
+            If the structure says nothing of its preload, or the bolt load is not positive.
+        """
+        if self.structure.preload is None:
+            raise InputError("preload: is required, the force (n,) on every DOF per unit of bolt load; without it "
+                             "nothing presses the joint together")
+        if not self.bolt_load > 0.0:
+            raise InputError(f"bolt_load: must be positive, got {self.bolt_load}")
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """Return the node-order DOF of each DOF in component order (3 m,)."""
+        return np.arange(3 * self.structure.contacts).reshape(-1, 3).T.ravel()
+
+    @cached_property
+    def clearance(self) -> Array:
+        """Return the gap (m,) without load."""
+        return self.structure.gap if self.gap is None else self.gap
+
+    @cached_property
+    def compliance(self) -> Array:
+        """Return the compliance (3 m,) of the springs, m/N."""
+        return np.zeros(3 * self.structure.contacts) if self.springs is None else self.springs
+
+    @cached_property
+    def _series(self) -> Array:
+        """Return ``(1 + K D)^-1``, which turns forces on closed faces into those of sliders behind springs."""
+        k = self.structure.stiffness
+        return np.linalg.inv(np.eye(len(k)) + k * self.compliance)
+
+    @cached_property
+    def bolts(self) -> Array:
+        """Return the bolts' static load on the contact (3 m,) in N."""
+        if self.structure.preload is None:
+            raise InputError("preload: is required")
+        load = self.bolt_load * self.structure.preload[0]
+        return load if self.bolt_shares is None else load * np.repeat(self.bolt_shares, 3)
+
+    @cached_property
+    def _contact(self) -> StaticContact:
+        stiffness = self._series @ self.structure.stiffness
+        stiffness = np.ascontiguousarray(0.5 * (stiffness + stiffness.T)[np.ix_(self.order, self.order)])
+        m = self.structure.contacts
+        return StaticContact(stiffness, np.array(self.clearance, dtype=float),
+                             np.array(np.broadcast_to(self.law.friction_coefficient, m), dtype=float),
+                             np.array(np.broadcast_to(self.law.reference_force, m), dtype=float),
+                             self.law.exponent, self.law.asymmetry, float(np.mean(stiffness.diagonal())))
+
+    def follow(self, loads: Array, start: Array | None = None, states: NDArray[np.int8] | None = None) -> StaticHistory:
+        """Return the contact under each of the loads (S, 3 m) on u in turn, from sliders at `start` (3 m,) on.
+
+        Raises
+        ------
+        NonConvergenceError
+            If no state is found under one of them.
+        """
+        m, steps = self.structure.contacts, len(loads)
+        u, f = np.zeros((steps, 3 * m)), np.zeros((steps, 3 * m))
+        state = np.zeros((steps, m), dtype=np.int8)
+        begin = np.zeros(3 * m) if start is None else start[self.order]
+        first = np.zeros(m, dtype=np.int8) if states is None else states
+        under = np.ascontiguousarray((loads @ self._series.T)[:, self.order])
+        scale = float(np.abs(self.bolts).max())
+        made = follow_loads(self._contact, under, np.ascontiguousarray(begin), np.array(first), TOLERANCE * scale, u, f,
+                            state)
+        if made < steps:
+            raise NonConvergenceError(f"static contact: no equilibrium under load {made + 1} of {steps}; the joint "
+                                      "slides or opens as a whole, ask for smaller amplitudes")
+        slid, force = np.empty_like(u), np.empty_like(f)
+        slid[:, self.order], force[:, self.order] = u, f
+        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=state, slid=slid)
+
+    @cached_property
+    def preloaded(self) -> StaticHistory:
+        """Return the contact under the bolts alone, one load.
+
+        Raises
+        ------
+        InputError
+            If the bolts do not press any two points together.
+        """
+        steps = GAP_STEPS if np.any(self.clearance) else 1
+        try:
+            history = self.follow(np.outer(np.arange(1.0, steps + 1.0) / steps, self.bolts))
+        except NonConvergenceError as error:
+            raise InputError("preload: the bolts' forces find no path through the joint, no equilibrium presses its "
+                             "faces together; check their signs and that each bolt pulls both its ends") from error
+        if not float(history.force[-1, 2::3].max()) > PRESSED * float(np.abs(self.bolts).max()):
+            raise InputError("preload: the bolts' forces find no path through the joint, all faces are open; check "
+                             "their signs and those of the normal rows of contact_map")
+        return replace(history, **{name: getattr(history, name)[-1:]
+                                   for name in ("displacement", "force", "state", "slid")})
+
+    @cached_property
+    def closed(self) -> NDArray[np.bool_]:
+        """Return which points (m,) the bolts press together."""
+        pressing = self.preloaded.force[0, 2::3]
+        return np.asarray(pressing > PRESSED * float(pressing.max()))
+
+    def linear_modes(self, count: int) -> tuple[LinearMode, ...]:
+        """Return the first modes with all closed points stuck."""
+        k, m = assembled(self.structure)
+        contact = len(self.structure.stiffness)
+        soft = float(np.mean(1.0 / self.structure.stiffness.diagonal())) * RIGID_SPRING
+        stuck = np.repeat(self.closed, 3)
+        sprung = stuck & (self.compliance > soft)
+        own = np.arange(contact)[sprung]
+        k[own, own] += 1.0 / self.compliance[sprung]
+        free = np.r_[np.flatnonzero(~stuck | sprung), np.arange(contact, len(k))]
+        last = min(count, len(free)) - 1
+        values, vectors = eigh(k[np.ix_(free, free)], m[np.ix_(free, free)], subset_by_index=[0, last])
+        shapes = np.zeros((len(k), last + 1))
+        shapes[free] = vectors
+        return tuple(LinearMode(frequency=float(np.sqrt(max(value, 0.0))) / (2.0 * np.pi), contact=shape[:contact],
+                                modes=shape[contact:]) for value, shape in zip(values, shapes.T, strict=True))

@@ -1,0 +1,146 @@
+"""Frequency and damping of a mode over its amplitude, from static loads in the shape of the mode.
+
+A load ``a M phi`` is applied to the preloaded structure and taken through a cycle; the response's modal amplitude
+``x = phi^T M q`` gives ``omega^2 = a / x`` and the cycle's work D the damping ratio ``D / (2 pi a x)``
+(R. M. Lacayo, M. S. Allen, Mech. Syst. Signal Process. 118 (2019) 133-157; E. Jewell, M. S. Allen, I. Zare, M. Wall,
+J. Sound Vib. 479 (2020) 115376). Cycles follow each other as amplitudes fall, as in a decay; with Masing's rule one
+loading from rest stands for all of them.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.contact.kernels.static import SEPARATION, SLIP
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
+
+Array = NDArray[np.float64]
+
+STEPS = 12  # of load in half a cycle; chords lose 1 / STEPS^2 of a branch that is a parabola, which is given back
+APPROACH = 4  # of load from one cycle to the next
+
+
+class Loading(Enum):
+    """How the static load is applied."""
+
+    CYCLES = "whole cycles, amplitudes falling"
+    MASING = "one loading from rest, with Masing's rule"
+
+
+@record
+class ModalBackbone:
+    """Frequency and damping of one nonlinear mode at A amplitudes, falling or rising as they were asked for."""
+
+    amplitude: Array = quantity("m*kg^0.5", "(A,), mass-normalised modal amplitude")
+    frequency: Array = quantity("Hz", "(A,)")
+    damping: Array = quantity("1", "(A,), ratio; the structure's own included")
+    friction_damping: Array = quantity("1", "(A,), that of the joint")
+    outputs: Array = quantity("m", "(A, outputs), amplitude of each named output, with its sign")
+    output_names: tuple[str, ...] = ()
+    linear_frequency: float = quantity("Hz")
+    dissipated: Array = quantity("J", "(A,), by friction in a cycle")
+    sliding: NDArray[np.int64] = quantity("1", "(A,), contact points that slide")
+    open: NDArray[np.int64] = quantity("1", "(A,), contact points that open")
+
+
+@record
+class _Shape:
+    """The load in the shape of a mode: on u (3 m,) and on eta (N,), and what it gives without the joint's motion."""
+
+    contact: Array
+    modes: Array
+    compliance: float
+    outputs: Array  # (outputs, 3 m) on u
+    output_modes: Array  # (outputs,)
+
+    @classmethod
+    def of(cls, joint: BoltedJoint, mode: LinearMode) -> _Shape:
+        own = joint.structure
+        contact = own.boundary_mass @ mode.contact + own.coupling.T @ mode.modes
+        modes = own.coupling @ mode.contact + mode.modes
+        still = modes / own.eigenvalues
+        rows = list(own.outputs.values())
+        return cls(contact=contact, modes=modes, compliance=float(modes @ still),
+                   outputs=np.array([row[0] for row in rows]).reshape(len(rows), -1),
+                   output_modes=np.array([row[1] @ still for row in rows]))
+
+
+def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, loading: Loading = Loading.CYCLES,
+                          steps: int = STEPS) -> ModalBackbone:
+    """Return the backbone of `mode` about the modal `amplitudes` (A,), m kg^0.5; where it softens it reaches further.
+
+    Raises
+    ------
+    InputError
+        If an amplitude is not positive.
+    NonConvergenceError
+        If the joint slides as a whole under the largest.
+    """
+    amplitudes = np.atleast_1d(np.asarray(amplitudes, dtype=float))
+    if not (np.all(np.isfinite(amplitudes)) and np.all(amplitudes > 0.0)):
+        raise InputError("amplitudes: must be positive; at zero the mode is linear, LinearMode has its frequency")
+    falling = np.argsort(-amplitudes, kind="stable")
+    shape = _Shape.of(joint, mode)
+    loads = (2.0 * np.pi * mode.frequency)**2 * amplitudes[falling]
+    curve = _masing if loading is Loading.MASING else _cycles
+    values = curve(joint, shape, loads, steps)
+    back = np.argsort(falling)
+    x, work, outputs, sliding, opened = (value[back] for value in values)
+    load = loads[back]
+    damping = work / (2.0 * np.pi * load * x)
+    return ModalBackbone(
+        amplitude=x, frequency=np.sqrt(load / x) / (2.0 * np.pi), damping=damping + joint.modal_damping,
+        friction_damping=damping, outputs=outputs, output_names=tuple(joint.structure.outputs), dissipated=work,
+        linear_frequency=mode.frequency, sliding=sliding.astype(np.int64), open=opened.astype(np.int64))
+
+
+def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tuple[Array, ...]:
+    """Return amplitude, work, outputs, and numbers of sliding and open points, of a cycle at each falling load."""
+    fall, rise = 1.0 - 2.0 * np.arange(1, steps + 1) / steps, np.arange(1, APPROACH + 1) / APPROACH
+    path, last = [], 0.0
+    for k, load in enumerate(loads):
+        turned = load if k % 2 == 0 else -load  # from one end of a cycle to the other end of the next, as in a decay
+        path += [last + (turned - last) * rise, turned * fall, -turned * fall]
+        last = turned
+    level = np.concatenate(path)
+    x, out, history = _respond(joint, shape, level)
+    found = []
+    for start in range(APPROACH - 1, len(level), 2 * steps + APPROACH):
+        own, middle, stop = slice(start, start + 2 * steps + 1), start + steps, start + 2 * steps
+        work = float(np.sum(0.5 * (level[own][1:] + level[own][:-1]) * np.diff(x[own]))) / (1.0 - 1.0 / steps**2)
+        way = 0.5 * np.sign(level[start])
+        tips = [way * (0.5 * (values[start] + values[stop]) - values[middle]) for values in (x, out)]
+        found.append((tips[0], work, tips[1], *_busy(history.state[own])))
+    return tuple(np.array(column) for column in zip(*found, strict=True))
+
+
+def _masing(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tuple[Array, ...]:
+    """Return the same from one rising load; Masing's rule doubles it: ``D = 8 int a dx - 4 a x``."""
+    rising = loads[::-1]
+    share = np.arange(1, steps + 1) / steps
+    level = np.concatenate([low + (high - low) * share for low, high in zip(np.r_[0.0, rising], rising, strict=False)])
+    x, out, history = _respond(joint, shape, level)
+    before, below = np.r_[0.0, x[:-1]], np.r_[0.0, level[:-1]]
+    done = np.cumsum(0.5 * (level + below) * (x - before))
+    at = np.arange(steps - 1, len(level), steps)[::-1]
+    busy = np.array([_busy(history.state[:j + 1]) for j in at])
+    return x[at], 8.0 * done[at] - 4.0 * level[at] * x[at], out[at], busy[:, 0], busy[:, 1]
+
+
+def _respond(joint: BoltedJoint, shape: _Shape, level: Array) -> tuple[Array, Array, StaticHistory]:
+    """Return modal amplitude (S,) and outputs (S, outputs) under the loads `level` (S,), from the preload on."""
+    rest = joint.preloaded
+    history = joint.follow(joint.bolts + level[:, None] * shape.contact, rest.slid[0], rest.state[0])
+    moved = history.displacement - rest.displacement
+    return (moved @ shape.contact + shape.compliance * level,
+            moved @ shape.outputs.T + level[:, None] * shape.output_modes, history)
+
+
+def _busy(states: NDArray[np.int8]) -> tuple[int, int]:
+    """Return how many points slide and how many open in a cycle."""
+    return int(np.any(states == SLIP, axis=0).sum()), int(np.any(states == SEPARATION, axis=0).sum())
