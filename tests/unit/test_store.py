@@ -13,6 +13,7 @@ from enum import Enum, IntEnum
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from fretflow.core.errors import StoreError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_record
@@ -49,6 +50,16 @@ class Sample:
     other: float | None
     steps: int
     done: bool
+
+
+@record
+class Labelled:
+    cycles: NDArray[np.int64] = quantity("1", "(K,)", coordinate=True)
+    depth: NDArray[np.float64] = quantity("m", "(K, nodes), of both faces")
+    level: NDArray[np.int8] = quantity("1", "(K,)", codes=Level)
+    stiffness: NDArray[np.float64] = quantity("N/m", "(nodes, nodes)")
+    force: NDArray[np.float64] = quantity("N", "(nodes, 3)")
+    other: NDArray[np.float64] = quantity("N", "(nodes,), of another face")
 
 
 def a_sample(nodes=400):
@@ -161,3 +172,21 @@ def test_a_folder_that_is_none_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match="cannot be written"):
         write_record(tmp_path / "file" / "a.h5", Inner(mass=1.0))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_file_opens_in_xarray_with_named_dimensions_units_and_codes(tmp_path):
+    made = Labelled(cycles=np.array([0, 10, 500]), depth=np.arange(6.0).reshape(3, 2), level=np.full(3, 3, np.int8),
+                    stiffness=np.eye(2), force=np.ones((2, 3)), other=np.ones(4))
+    path = write_record(tmp_path / "a.h5", made)
+    with xr.open_dataset(path, engine="h5netcdf") as shown:
+        assert shown.depth.dims == ("cycles", "node")
+        assert shown.depth.sel(cycles=10).values.tolist() == [2.0, 3.0]
+        assert shown.depth.attrs["units"] == "m"
+        assert np.atleast_1d(shown.level.attrs["flag_values"]).tolist() == [3]
+        assert shown.level.attrs["flag_meanings"] == "high"
+        assert shown.force.sel(direction="y").dims == ("node",)
+        assert shown.stiffness.dims == ("node", "stiffness_1")  # no array has one dimension twice
+        assert shown.other.dims == ("other_0",)  # as many nodes as the others have not
+    again = read_record(path, Labelled)
+    assert again.depth.tolist() == made.depth.tolist()

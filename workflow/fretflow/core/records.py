@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from enum import IntEnum
 from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -16,9 +17,14 @@ T = TypeVar("T")
 _PLAIN = frozenset({float, int, bool, str, tuple, type(None)})  # most fields; told at once
 
 
-def quantity(unit: str, shape: str = "", **kwargs: Any) -> Any:
-    """Declare a record field with its unit and, for arrays, its shape in words such as ``"(nodes, 3)"``."""
-    return field(metadata={"unit": unit, "shape": shape}, **kwargs)
+def quantity(unit: str, shape: str = "", *, coordinate: bool = False, codes: type[IntEnum] | None = None,
+             **kwargs: Any) -> Any:
+    """Declare a record field with its unit and, for arrays, its shape in words such as ``"(nodes, 3), of the upper"``.
+
+    Result files name an array's dimensions by its shape. A one-dimensional `coordinate` gives its own name to its
+    dimension, along which it tells the others apart; `codes` say what integers mean.
+    """
+    return field(metadata={"unit": unit, "shape": shape, "coordinate": coordinate, "codes": codes}, **kwargs)
 
 
 def _freeze_arrays(self: Any) -> None:

@@ -1,13 +1,18 @@
-"""Records in HDF5: one file a record, units as attributes, written whole or not at all."""
+"""Records in HDF5: one file a record, written whole or not at all.
+
+Arrays have named dimensions, and ``units``, ``long_name`` and flags as attributes after the CF conventions, so that
+``xarray.open_dataset(file, engine="h5netcdf")`` shows them as they are.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import os
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -20,6 +25,11 @@ from fretflow.core.errors import StoreError
 
 T = TypeVar("T")
 FORMAT = "fretflow-record/1"
+# Names of dimensions by their symbol in the shape of a field; other symbols stand for themselves.
+DIMENSIONS = {"N": "sample", "nodes": "node", "contact nodes": "node", "3": "direction", "2": "pair", "K": "row",
+              "P": "point", "points": "point"}
+_SHAPE = re.compile(r"\(([^()]+)\)")
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."  # as netCDF-4 marks such a scale
 
 
 def write_record(path: Path, record: Any) -> Path:
@@ -116,9 +126,48 @@ def _write_group(group: h5py.Group, record: Any) -> None:
                 _write_dataset(place, name, np.asarray(item))
             continue
         dataset = _write_dataset(group, f.name, _plain_value(value))
-        for key in ("unit", "shape"):
+        for key, attribute in (("unit", "unit"), ("unit", "units"), ("shape", "shape")):
             if f.metadata.get(key):
-                dataset.attrs[key] = f.metadata[key]
+                dataset.attrs[attribute] = f.metadata[key]
+        if codes := f.metadata.get("codes"):
+            dataset.attrs["flag_values"] = np.array([int(code) for code in codes], dtype=dataset.dtype)
+            dataset.attrs["flag_meanings"] = " ".join(code.name.lower() for code in codes)
+    _name_dimensions(group, record)
+
+
+def _name_dimensions(group: h5py.Group, record: Any) -> None:
+    """Attach a dimension scale to each axis, named by the shape of its field, or by the coordinate that it has."""
+    arrays = {f: group[f.name] for f in fields(record) if isinstance(group.get(f.name), h5py.Dataset)
+              and group[f.name].ndim}
+    owners = {_symbols(f)[0]: f.name for f in arrays if f.metadata.get("coordinate")}
+    for name in owners.values():
+        group[name].make_scale(name)
+    for f, dataset in arrays.items():
+        symbols, used = _symbols(f), {f.name}
+        for axis, size in enumerate(dataset.shape if f.name not in owners.values() else ()):
+            symbol = symbols[axis] if len(symbols) == dataset.ndim else ""
+            scale = owners.get(symbol) or DIMENSIONS.get(symbol, re.sub(r"\W+", "_", symbol).strip("_"))
+            known = scale not in group or (group[scale].is_scale and group[scale].shape == (size,))
+            if not scale or scale in used or not known:  # a square matrix, or two sizes under one symbol
+                scale = f"{f.name}_{axis}"
+            if scale not in group:
+                _write_scale(group, scale, size)
+            dataset.dims[axis].attach_scale(group[scale])
+            used.add(scale)
+
+
+def _symbols(f: Field[Any]) -> tuple[str, ...]:
+    """Return the symbols of the axes in the shape of field `f`, none where it does not say them."""
+    found = _SHAPE.match(f.metadata.get("shape", ""))
+    return tuple(part.strip() for part in found[1].split(",") if part.strip()) if found else ()
+
+
+def _write_scale(group: h5py.Group, name: str, size: int) -> None:
+    """Write a dimension: of directions their names, else a netCDF dimension without a variable."""
+    if name == "direction":
+        group.create_dataset(name, data=np.array(["x", "y", "z"], dtype=h5py.string_dtype())).make_scale(name)
+    else:
+        group.create_dataset(name, data=np.zeros(size, dtype=np.float32)).make_scale(f"{_NO_VARIABLE}{size:10d}")
 
 
 def _plain_value(value: Any) -> Any:

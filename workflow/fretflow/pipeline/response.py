@@ -34,8 +34,8 @@ REFINEMENTS = 4  # halvings of the frequency step on both sides of the largest p
 class LoopSeries:
     """What is read off the hysteresis loops at several cycle counts; nan where a loop does not show it."""
 
-    cycles: NDArray[np.int64] = quantity("1", "(K,)")
-    regime: tuple[str, ...]
+    cycles: NDArray[np.int64] = quantity("1", "(K,)", coordinate=True)
+    regime: tuple[str, ...] = quantity("", "(K,)")
     friction_coefficient: NDArray[np.float64] = quantity("1", "(K,)")
     tangential_stiffness: NDArray[np.float64] = quantity("N/m", "(K,)")
     dissipated_energy: NDArray[np.float64] = quantity("J", "(K,), per cycle")
@@ -49,7 +49,7 @@ class ForcedResponse:
 
     cycles: int  # wear cycles before
     excitation: float = quantity("N")
-    frequency: NDArray[np.float64] = quantity("Hz", "(F,)")
+    frequency: NDArray[np.float64] = quantity("Hz", "(F,)", coordinate=True)
     amplitude: NDArray[np.float64] = quantity("m", "(F,), first harmonic of the moving mass")
     phase: NDArray[np.float64] = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
     peak_error: float = quantity("1", default=float("nan"))  # against the full solution at the largest point

@@ -88,7 +88,7 @@ class PeriodicSolution:
     frequency: float = quantity("Hz")
     displacement: NDArray[np.float64] = quantity("m", "(N, nodes, 3)")
     force: NDArray[np.float64] = quantity("N", "(N, nodes, 3)")
-    state: NDArray[np.int8] = quantity("1", "(N, nodes)")
+    state: NDArray[np.int8] = quantity("1", "(N, nodes)", codes=ContactState)
     rig_displacement: NDArray[np.float64] = quantity("m", "(N, 2), block and arm, x")
     upper_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
     lower_observation: NDArray[np.float64] = quantity("m", "(N, 3)")

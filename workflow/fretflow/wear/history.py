@@ -82,7 +82,7 @@ class WearHistory:
     cycles remember at each row, see `SlowState`.
     """
 
-    cycles: NDArray[np.int64] = quantity("1", "(K,)")
+    cycles: NDArray[np.int64] = quantity("1", "(K,)", coordinate=True)
     depth: NDArray[np.float64] = quantity("m", "(K, nodes)")
     rate: NDArray[np.float64] = quantity("m", "(K, nodes), depth per cycle")
     volume: NDArray[np.float64] = quantity("m^3", "(K,)")
