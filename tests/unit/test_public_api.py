@@ -4,6 +4,8 @@ What carries the weight: the names that the table of rooms gives are those that 
 """
 
 import ast
+import doctest
+import importlib
 import inspect
 import subprocess
 import sys
@@ -13,6 +15,23 @@ import fretflow as ff
 import pytest
 
 SOURCE = Path(ff.__file__)
+ROOT = Path(__file__).parents[2]
+USE = """
+import numpy as np
+import fretflow as ff
+
+loop = ff.HysteresisLoop(displacement=np.zeros(16), force=np.zeros(16))
+limit: float | None = ff.read_loop(loop, normal_load=60.0).friction_limit
+found = ff.diagnose(ff.read_recording("rec/"), fast=True)
+found.to_html("report.html")
+names: tuple[str, ...] = found.effects
+run = ff.run("case.toml", out="runs", until="wear")
+print(run.loops, run.summary["wear volume"].value, found.verdict, limit)
+try:
+    ff.load_case("case.toml")
+except ff.NonConvergenceError as error:
+    print(error.history)
+"""
 
 
 def test_type_checkers_see_the_names_that_there_are():
@@ -50,3 +69,24 @@ def test_no_package_is_imported_by_one_that_it_imports():
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else [
                 alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             assert not any(module.startswith(("fretflow_post", "fretflow_meshes")) for module in modules), file
+
+
+@pytest.mark.parametrize("room", sorted(ff._PUBLIC))
+def test_examples_in_docstrings_hold(room, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("FRETFLOW_EFFECTS", "")
+    found = doctest.testmod(importlib.import_module(f"fretflow.{room}"), optionflags=doctest.ELLIPSIS)
+    assert found.failed == 0
+
+
+def test_a_user_s_file_passes_strict_type_checks(tmp_path):
+    """As the nine lines that the package aims at use the names."""
+    file = tmp_path / "mine.py"
+    file.write_text(USE, encoding="utf-8")
+    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--config-file=",
+                           "--cache-dir", tmp_path, file], capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    assert done.returncode == 0, done.stdout
+    file.write_text(USE.replace("limit: float | None", "limit: str"), encoding="utf-8")
+    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--config-file=",
+                           "--cache-dir", tmp_path, file], capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    assert "[assignment]" in done.stdout  # the names have types, they are not Any

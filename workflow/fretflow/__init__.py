@@ -19,9 +19,12 @@ if TYPE_CHECKING:
     from fretflow.core.errors import NonConvergenceError as NonConvergenceError
     from fretflow.core.errors import RecordingError as RecordingError
     from fretflow.core.provenance import own_version
+    from fretflow.effects.catalogue import add_effects as add_effects
     from fretflow.effects.catalogue import catalogue as catalogue
+    from fretflow.effects.effect import ALL_KINDS as ALL_KINDS
     from fretflow.effects.effect import Block as Block
     from fretflow.effects.effect import Effect as Effect
+    from fretflow.effects.effect import Motion as Motion
     from fretflow.effects.effect import parameter as parameter
     from fretflow.inference.verdict import Diagnosis as Diagnosis
     from fretflow.pipeline.diagnose import diagnose as diagnose
@@ -40,8 +43,8 @@ _PUBLIC = {
     "contact.interface": ("Interface",),
     "core": ("units",),
     "core.errors": ("AuditError", "FretflowError", "InputError", "NonConvergenceError", "RecordingError"),
-    "effects.catalogue": ("catalogue",),
-    "effects.effect": ("Block", "Effect", "parameter"),
+    "effects.catalogue": ("add_effects", "catalogue"),
+    "effects.effect": ("ALL_KINDS", "Block", "Effect", "Motion", "parameter"),
     "inference.verdict": ("Diagnosis",),
     "pipeline.diagnose": ("diagnose",),
     "pipeline.results": ("RunResults",),
@@ -51,10 +54,10 @@ _PUBLIC = {
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
-__all__ = [  # noqa: RUF022
-    "Case", "load_case", "Interface", "units", "AuditError", "FretflowError", "InputError", "NonConvergenceError",
-    "RecordingError", "catalogue", "Block", "Effect", "parameter", "Diagnosis", "diagnose", "RunResults", "run",
-    "HysteresisLoop", "LoopReadings", "read_loop", "read_recording",
+__all__ = [
+    "ALL_KINDS", "AuditError", "Block", "Case", "Diagnosis", "Effect", "FretflowError", "HysteresisLoop", "InputError",
+    "Interface", "LoopReadings", "Motion", "NonConvergenceError", "RecordingError", "RunResults", "add_effects",
+    "catalogue", "diagnose", "load_case", "parameter", "read_loop", "read_recording", "run", "units",
 ]
 
 

@@ -75,14 +75,31 @@ class Case(Section):
         return self
 
 
-def load_case(path: Path) -> Case:
-    """Read and validate the case file at `path`.
+def load_case(path: Path | str) -> Case:
+    """Read and validate a case file.
+
+    Parameters
+    ----------
+    path : Path or str
+        A TOML file in which every physical number is text with its unit; ``fretflow init`` writes one.
+
+    Returns
+    -------
+    Case
+        In SI.
 
     Raises
     ------
     ConfigError
         Naming the file, the field and the way out.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> ff.load_case("examples/test1.toml").test.normal_load  # N
+    60.0
     """
+    path = Path(path)
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

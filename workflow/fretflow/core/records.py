@@ -9,11 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Any, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 T = TypeVar("T")
+Labelled = tuple[tuple[str, ...], Any, str]  # dimensions, values, unit
 _PLAIN = frozenset({float, int, bool, str, tuple, type(None)})  # most fields; told at once
 
 
@@ -68,3 +72,11 @@ def unit_of(cls: type[Any], name: str) -> str:
         if f.name == name:
             return str(f.metadata.get("unit", ""))
     raise KeyError(f"{cls.__name__} has no field {name}")
+
+
+def to_dataset(data: Mapping[str, Labelled], coordinates: Mapping[str, Labelled]) -> xr.Dataset:
+    """Return arrays with named dimensions, each with its unit as the attribute ``units``."""
+    import xarray as xr
+
+    return xr.Dataset(*({name: (dimensions, values, {"units": unit}) for name, (dimensions, values, unit)
+                         in each.items()} for each in (data, coordinates)))

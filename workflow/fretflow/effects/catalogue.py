@@ -40,6 +40,32 @@ def catalogue() -> Mapping[str, type[Effect]]:
     return _collect(os.environ.get(FOLDERS, ""))
 
 
+def add_effects(folder: Path | str) -> Mapping[str, type[Effect]]:
+    """Add the effects in the Python files of `folder` to the catalogue, for this process and those that it starts.
+
+    Returns
+    -------
+    mapping of str to type
+        The whole catalogue, by id.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be loaded, lacks what an effect has to say, or has an id that is taken.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> ff.add_effects("examples/own_effects")["friction-bump"].equation
+    'mu (1 + a exp(-(x / w)^2))'
+    """
+    before = os.environ.get(FOLDERS, "")
+    folders = os.pathsep.join(dict.fromkeys([*filter(None, before.split(os.pathsep)), str(Path(folder).resolve())]))
+    found = _collect(folders)  # which refuses what cannot be used
+    os.environ[FOLDERS] = folders
+    return found
+
+
 def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case") -> tuple[Effect, ...]:
     """Return the effects of a case's ``[effects.<id>]`` tables, sorted by id.
 

@@ -15,6 +15,7 @@ from fretflow.case.config import Case, load_case
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.core.plugins import FIGURES, provided
+from fretflow.core.records import Labelled, to_dataset
 from fretflow.core.store import read_record
 from fretflow.pipeline.response import ForcedResponse
 from fretflow.pipeline.stage import CASE_FILE
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
-Labelled = tuple[tuple[str, ...], Any, str]  # dimensions, values, unit
 SIDES = ("upper", "lower")
 
 
@@ -157,7 +157,7 @@ class RunResults(RunRecords):
                      "face_displacement": period.displacement[:, :, 0] @ weights,
                      "friction_force": period.friction_force}
             phase = np.arange(len(period.friction_force)) / len(period.friction_force)
-            loops.append(_dataset({name: (("phase",), values, "N" if "force" in name else "m")
+            loops.append(to_dataset({name: (("phase",), values, "N" if "force" in name else "m")
                                    for name, values in along.items()},
                                   {"phase": (("phase",), phase, "1"), "cycles": ((), cycles, "1")}))
         return xr.concat(loops, dim="cycles", join="outer", combine_attrs="override")
@@ -176,7 +176,7 @@ class RunResults(RunRecords):
         if self.has("wear"):
             rows = np.searchsorted(self.history.cycles, list(self.periods))
             maps["wear_depth"] = (list(self.history.depth[rows]), "m")
-        return _dataset({name: (("cycles", "node"), np.array(values), unit) for name, (values, unit) in maps.items()},
+        return to_dataset({name: (("cycles", "node"), np.array(values), unit) for name, (values, unit) in maps.items()},
                         {"cycles": (("cycles",), list(self.periods), "1"), **self._places})
 
     @cached_property
@@ -186,7 +186,7 @@ class RunResults(RunRecords):
         along = {"volume": "m^3", "dissipated_energy": "J", "sliding_distance": "m", "energy": "J", "approach": "m"}
         data: dict[str, Labelled] = {name: (("cycles",), getattr(history, name), unit) for name, unit in along.items()}
         data |= {name: (("cycles", "node"), getattr(history, name), "m") for name in ("depth", "rate")}
-        return _dataset(data, {"cycles": (("cycles",), history.cycles, "1"), **self._places})
+        return to_dataset(data, {"cycles": (("cycles",), history.cycles, "1"), **self._places})
 
     @cached_property
     def curves(self) -> dict[str, xr.Dataset]:
@@ -194,7 +194,7 @@ class RunResults(RunRecords):
 
         ``amplitude`` in m and ``phase`` in rad behind the force are of the moving mass's first harmonic.
         """
-        return {name: _dataset({"amplitude": (("frequency",), one.amplitude, "m"),
+        return {name: to_dataset({"amplitude": (("frequency",), one.amplitude, "m"),
                                 "phase": (("frequency",), one.phase, "rad")},
                                {"frequency": (("frequency",), one.frequency, "Hz"), "cycles": ((), one.cycles, "1")})
                 for name, one in zip(("unworn", "worn"), self.responses, strict=False)}
@@ -219,12 +219,3 @@ class RunResults(RunRecords):
     def plot(self) -> Any:
         """Return a `matplotlib.figure.Figure`: loops, the contact's last map, worn volume and responses."""
         return provided(FIGURES, "results")(self)
-
-
-def _dataset(data: Mapping[str, Labelled],
-             coordinates: Mapping[str, Labelled]) -> xr.Dataset:
-    import xarray as xr
-
-    labelled = ({name: (dims, values, {"units": unit}) for name, (dims, values, unit) in each.items()}
-                for each in (data, coordinates))
-    return xr.Dataset(*labelled)

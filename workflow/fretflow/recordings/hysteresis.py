@@ -78,13 +78,46 @@ class LoopReadings:
     peak_to_peak: float = quantity("m")
 
 
-def read_loop(loop: HysteresisLoop, normal_load: float | None, guide: HysteresisLoop | None = None) -> LoopReadings:
-    """Read a loop under `normal_load` (N), if it is known; `guide` is a smooth copy of a noisy loop.
+def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: HysteresisLoop | None = None
+              ) -> LoopReadings:
+    """Read friction, stiffness, energy and sliding off a loop.
+
+    Parameters
+    ----------
+    loop : HysteresisLoop
+        Displacement in m and force in N, (N,) each, in order of time.
+    normal_load : float, optional
+        In N; without it there is no friction coefficient.
+    guide : HysteresisLoop, optional
+        A smooth copy of a noisy loop, by which its parts are told.
+
+    Returns
+    -------
+    LoopReadings
+        In SI; None where the loop does not show it.
 
     Raises
     ------
     InputError
         If the load is not positive or the guide has another length.
+
+    Notes
+    -----
+    The stiffness is the slope of the stick portions after both reversals, the friction limit the mean absolute force
+    of both plateaus, the energy the area, as A. Fantetti et al., Tribol. Int. 138 (2019) 111-124 read them.
+
+    Examples
+    --------
+    A slider of 36 N behind a spring of 20 N/um, over strokes of 10 um to either side:
+
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> there = np.linspace(-10e-6, 10e-6, 200, endpoint=False)
+    >>> force = np.minimum(-36.0 + 20e6 * (there + 10e-6), 36.0)
+    >>> loop = ff.HysteresisLoop(displacement=np.append(there, -there), force=np.append(force, -force))
+    >>> readings = ff.read_loop(loop, normal_load=60.0)
+    >>> round(readings.friction_coefficient, 3), str(readings.regime)
+    (0.6, 'gross slip')
     """
     if normal_load is not None and not normal_load > 0.0:
         raise InputError(f"normal_load: must be positive, got {normal_load}")

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import quantity, record, to_dataset
 from fretflow.recordings.schema import DisplacementOf
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 PLATEAU = 0.9  # quantile of a centred force over a loop
@@ -67,6 +71,17 @@ class LoopSet:
             if values.shape != shape or shape[::2] != (len(self.cycles), len(self.phase)):
                 raise InputError(f"loops.{name}: shape {values.shape} where {len(self.cycles)} cycle counts and "
                                  f"{len(self.phase)} samples are due; give every channel the same")
+
+    @property
+    def arrays(self) -> xr.Dataset:
+        """Return the channels with dimensions (cycles, repeat, phase), a repeat that there is not being nan.
+
+        Coordinates are ``cycles``, ``phase`` in rad and ``frequency`` in Hz; each has its unit in ``attrs["units"]``.
+        """
+        return to_dataset(
+            {name: (("cycles", "repeat", "phase"), values, self.units[name]) for name, values in self.channels.items()},
+            {"cycles": (("cycles",), self.cycles, "1"), "phase": (("phase",), self.phase, "rad"),
+             "frequency": (("cycles",), self.frequency, "Hz")})
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:

@@ -78,7 +78,7 @@ class Recording:
         return self.test.kind
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path | str) -> Recording:
     """Read a recording: its folder or its ``recording.toml``.
 
     Raises
@@ -88,6 +88,7 @@ def read_recording(path: Path) -> Recording:
     ConfigError
         If ``recording.toml`` has a missing, unknown or impossible value.
     """
+    path = Path(path)
     toml = path / FILE if path.is_dir() else path
     file = load_recording_file(toml)
     folder, test = toml.parent, file.test
