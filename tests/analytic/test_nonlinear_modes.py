@@ -7,10 +7,13 @@ import pytest
 from fretflow.contact.coulomb import CoulombLaw
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint, follow_mode, periodic_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import Loading, quasi_static_backbone
+from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode, ring_down
 from fretflow.structure.reduction.contact_modes import reduce_structure
 
 TOTAL, LONGEST, MASS, GROUND = 4e4, 1e-4, 2.0, 3e4  # N/m of all sliders, m at which the last slips, kg, N/m
+FIRM = 1e6  # N/m, a spring beside which sliders damp lightly
 
 
 def joint_of(structure, friction=0.4, bolt_load=8e3, **more):
@@ -118,3 +121,102 @@ def test_amplitude_zero_missing_preload_and_gross_motion_are_told(structures):
         joint_of(replace(beam, preload=None))
     with pytest.raises(InputError, match="no path through the joint"):
         joint_of(replace(beam, preload=-beam.preload)).linear_modes(1)
+
+
+def sprung(beam):
+    """Return the beam's joint with asperities soft enough that many points share what slides."""
+    return joint_of(beam, springs=np.full(3 * beam.contacts, 2e-9 * beam.contacts / 25.0))
+
+
+def test_a_periodic_motion_agrees_with_static_loads_in_its_shape(structures):
+    joint = sprung(structures.lap_beam(61))
+    mode = joint.linear_modes(1)[0]
+    static = quasi_static_backbone(joint, mode, np.geomspace(1.5e-5, 8e-5, 6))
+    periodic = follow_mode(joint, mode, static.amplitude)
+    assert np.array([one.frequency for one in periodic]) == pytest.approx(static.frequency, rel=3e-3)
+    assert np.array([one.damping for one in periodic]) == pytest.approx(static.damping, rel=0.05)
+    assert np.array([one.outputs[0] for one in periodic]) == pytest.approx(np.abs(static.outputs[:, 0]), rel=5e-3)
+    for one in periodic:  # energy: what damping gives back in a period is what friction takes
+        given = 2.0 * np.pi * one.damping * (2.0 * np.pi * one.frequency * one.amplitude)**2
+        assert one.dissipated == pytest.approx(given, rel=1e-2)
+
+
+def test_a_small_periodic_motion_is_the_linear_mode(structures):
+    joint = sprung(structures.lap_beam(25))
+    for mode in joint.linear_modes(2):
+        found = periodic_mode(joint, mode, 1e-8)
+        assert found.frequency == pytest.approx(mode.frequency, rel=1e-3)  # the boundary's mass is left out
+        assert abs(found.damping) < 1e-9
+
+
+def test_energy_of_a_period_balances_to_round_off(structures):
+    joint = sprung(structures.lap_beam(25))
+    mode = joint.linear_modes(1)[0]
+    found = periodic_mode(joint, mode, 4e-5, tolerance=1e-10, harmonics=9)
+    massless = MasslessJoint.of(joint, found.modes.shape[1])
+    # the work of y on the contact over a period against that of contact forces, by the same trapezia
+    y, u = (np.vstack([values, values[:1]]) for values in (found.modes, found.history.displacement))
+    pull = massless.pulled(found.history)
+    pull = np.vstack([pull, pull[:1]])
+    force = np.vstack([found.history.force, found.history.force[:1]])
+    middle = [0.5 * (values[1:] + values[:-1]) for values in (y, pull, force)]
+    work = np.sum(massless.eigenvalues * middle[0] * np.diff(pull, axis=0))
+    lost = -np.sum(middle[2] * np.diff(u, axis=0))
+    assert work == pytest.approx(lost, rel=1e-8, abs=1e-8 * abs(lost))
+
+
+def test_a_decay_in_time_has_the_modes_frequency_and_damping(structures):
+    joint = sprung(structures.lap_beam(61))
+    mode = joint.linear_modes(1)[0]
+    decay = ring_down(joint, mode, 9e-5, 120, modes=3)
+    seen = instantaneous_mode(decay.time, decay.outputs[:, 0], mode.frequency)
+    curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60))
+    order = np.argsort(np.abs(curve.outputs[:, 0]))
+    inside = (seen.amplitude > 3e-5) & (seen.amplitude < 1.1e-4)
+    assert inside.sum() > 5
+    frequency, damping = (np.interp(seen.amplitude[inside], np.abs(curve.outputs[order, 0]), values[order])
+                          for values in (curve.frequency, curve.damping))
+    assert seen.frequency[inside] == pytest.approx(frequency, rel=5e-3)
+    assert np.mean(seen.damping[inside] / damping) == pytest.approx(1.0, abs=0.03)
+
+
+def newmark(mass, ground, stiffness, limits, amplitude, step, count):
+    """Return the decay of a mass on a spring and Jenkins sliders, by the average acceleration and their own mapping."""
+    x, v, anchored = amplitude, 0.0, np.zeros(len(stiffness))
+    found = np.zeros(count)
+
+    def forces(x, anchored):
+        stretch = np.clip(x - anchored, -limits / stiffness, limits / stiffness)
+        return float(stiffness @ stretch) + ground * x, x - stretch
+
+    force, anchored = forces(x, anchored)
+    a = -force / mass
+    for k in range(count):
+        found[k] = x
+        ahead = x + step * v + 0.25 * step**2 * a
+        after = ahead
+        for _ in range(6):  # a contraction by step^2 k / (4 m), some 1e-4
+            after = ahead - 0.25 * step**2 * forces(after, anchored)[0] / mass
+        force, anchored = forces(after, anchored)
+        new = -force / mass
+        v, x, a = v + 0.5 * step * (a + new), after, new
+    return found
+
+
+def test_backbone_of_sliders_is_that_of_a_decay_by_another_integrator(structures):
+    rng = np.random.default_rng(5)
+    stiffness, limits = rng.uniform(500.0, 1500.0, 40), rng.uniform(0.005, 0.1, 40)
+    joint = joint_of(structures.sliders(stiffness, limits, MASS, FIRM), 1.0, 1.0)
+    mode = joint.linear_modes(1)[0]
+    step = 1.0 / (400.0 * mode.frequency)
+    decay = newmark(MASS, FIRM, stiffness, limits, 8e-5, step, 400 * 100)
+    seen = instantaneous_mode(step * np.arange(len(decay)), decay, mode.frequency)
+    curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60) * np.sqrt(MASS))
+    inside = (seen.amplitude > 3.5e-5) & (seen.amplitude < 7e-5)
+    order = np.argsort(curve.amplitude)
+    frequency, damping = (np.interp(seen.amplitude[inside] * np.sqrt(MASS), curve.amplitude[order], values[order])
+                          for values in (curve.frequency, curve.damping))
+    assert inside.sum() > 4
+    assert seen.frequency[inside] == pytest.approx(frequency, rel=0.01)
+    assert seen.damping[inside] == pytest.approx(damping, rel=0.05)
+    assert np.mean(seen.damping[inside] / damping) == pytest.approx(1.0, abs=0.01)

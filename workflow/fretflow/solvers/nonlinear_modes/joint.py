@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.interface import Interface
 from fretflow.contact.kernels.static import StaticContact, follow_loads
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
@@ -56,6 +57,34 @@ class BoltedJoint:
     springs: Array | None = quantity("m/N", "(3 m,), compliance; rigid by default", default=None)
     bolt_shares: Array | None = quantity("1", "(m,), factor on the bolts' force at each contact point", default=None)
     modal_damping: float = quantity("1", default=0.0)
+    damping_slope: float = quantity("1/(m*kg^0.5)", "damping ratio over modal amplitude", default=0.0)
+
+    @property
+    def interface(self) -> Interface:
+        """Return the contact points in the plane of the faces, x along their longer side."""
+        points = self.structure.points - self.structure.points.mean(axis=0)
+        axes = np.linalg.svd(points, full_matrices=False)[2][:2]
+        axes *= np.where(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)] < 0.0, -1.0, 1.0)[:, None]
+        return Interface(nodes=points @ axes.T, areas=self.structure.areas, gap=self.clearance)
+
+    @property
+    def across(self) -> Array:
+        """Return the places (m, 2) of the contact points from the middle of the faces, over half their size."""
+        nodes = self.interface.nodes
+        half = 0.5 * (nodes.max(axis=0) - nodes.min(axis=0))
+        middle = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
+        flat = half <= 1e-9 * float(half.max())  # points in a row
+        return np.where(flat, 0.0, (nodes - middle) / np.where(flat, 1.0, half))
+
+    @property
+    def bolted_pressure(self) -> float:
+        """Return the mean pressure of the faces under the bolts in Pa."""
+        return float(np.abs(self.bolts[2::3]).sum() / self.structure.areas.sum())
+
+    def pressed(self, share: Array) -> BoltedJoint:
+        """Return the joint with each point's part of the bolts' force times `share` (m,), their sum kept."""
+        normal = np.abs(self.bolts[2::3])
+        return replace(self, bolt_shares=share * float(normal.sum() / (normal @ share)))
 
     def check(self) -> None:
         """Check that something presses the faces together.

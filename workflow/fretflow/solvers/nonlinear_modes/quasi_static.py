@@ -94,7 +94,8 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     load = loads[back]
     damping = work / (2.0 * np.pi * load * x)
     return ModalBackbone(
-        amplitude=x, frequency=np.sqrt(load / x) / (2.0 * np.pi), damping=damping + joint.modal_damping,
+        amplitude=x, frequency=np.sqrt(load / x) / (2.0 * np.pi),
+        damping=damping + joint.modal_damping + joint.damping_slope * x,
         friction_damping=damping, outputs=outputs, output_names=tuple(joint.structure.outputs), dissipated=work,
         linear_frequency=mode.frequency, sliding=sliding.astype(np.int64), open=opened.astype(np.int64))
 
