@@ -1,0 +1,9 @@
+"""
+First run
+=========
+
+A first run.
+"""
+import fretflow as ff
+
+print(ff.__all__)
