@@ -44,9 +44,10 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "filename_pattern": r"\.py$",
     "image_scrapers": ("matplotlib", "pages.shown_pictures"),
-    "ignore_repr_types": r"Figure|Path|list",
+    "ignore_repr_types": r"matplotlib|pathlib|list",
     "abort_on_example_error": True,
     "download_all_examples": False,
+    "show_signature": False,
     "min_reported_time": 1,
     "write_computation_times": False,
 }

@@ -40,7 +40,9 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 def make_pages(app: Sphinx) -> None:
-    """Write all pages of this module."""
+    """Write all pages of this module; runs of scripts begin afresh, and are then shared among them."""
+    for folder in ("tutorials", "gallery"):
+        shutil.rmtree(DOCS / folder / "runs", ignore_errors=True)
     write("cli.md", commands())
     write("case_keys.md", case_keys())
     write("recording_keys.md", recording_keys())
@@ -308,14 +310,15 @@ def public_names() -> str:
     """Return a section of reST for each kind of public name."""
     import fretflow
 
-    groups: dict[str, list[str]] = {"Functions": [], "Classes": [], "Modules": [], "Errors": []}
+    groups: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": [], "Modules": [], "Values": []}
     for name in fretflow.__all__:
         value = getattr(fretflow, name)
-        where = ("Modules" if isinstance(value, types.ModuleType) else "Functions" if not isinstance(value, type)
+        where = ("Modules" if isinstance(value, types.ModuleType) else "Values" if not callable(value)
+                 else "Functions" if not isinstance(value, type)
                  else "Errors" if issubclass(value, Exception) else "Classes")
         groups[where].append(name)
     directives = {"Functions": "autofunction", "Classes": "autoclass", "Modules": "automodule",
-                  "Errors": "autoexception"}
+                  "Errors": "autoexception", "Values": "autodata"}
     lines = []
     for title, names in groups.items():
         if names:
