@@ -7,15 +7,19 @@ import ast
 import doctest
 import importlib
 import inspect
+import re
 import subprocess
 import sys
+from enum import Enum
 from pathlib import Path
+from types import ModuleType
 
 import fretflow as ff
 import pytest
 
 SOURCE = Path(ff.__file__)
 ROOT = Path(__file__).parents[2]
+OF_NO_QUANTITY = {"ALL_KINDS", "Block", "add_effects"}
 USE = """
 import numpy as np
 import fretflow as ff
@@ -47,7 +51,16 @@ def test_type_checkers_see_the_names_that_there_are():
 def test_public_names_are_documented(name):
     value = getattr(ff, name)
     assert name in dir(ff)
-    assert inspect.getdoc(value)
+    text = inspect.getdoc(value)
+    assert text
+    if inspect.isfunction(value) or (inspect.isclass(value) and not issubclass(value, Exception | Enum)):
+        assert "Examples\n--------" in text
+    if inspect.isfunction(value) and name != "parameter":
+        assert "Returns\n-------" in text
+        assert "Raises\n------" in text
+    if name not in OF_NO_QUANTITY and not isinstance(value, ModuleType) and not (
+            inspect.isclass(value) and issubclass(value, Exception)):
+        assert {"m", "N", "Hz", "SI", "units"} & set(re.findall(r"\w+", text))
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -46,7 +46,15 @@ FORMAT = "fretflow-case/1"
 
 
 class Case(Section):
-    """A whole case file."""
+    """A whole case file, in SI; `load_case` reads one. A changed copy is made by ``model_copy``.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> case = ff.load_case("examples/quick.toml")
+    >>> case.test.excitation_frequency, case.contact.friction_coefficient  # Hz, 1
+    (100.0, 0.88)
+    """
 
     format: Literal["fretflow-case/1"] = Field(description="format of this file")
     name: str = Field(

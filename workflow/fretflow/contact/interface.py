@@ -14,6 +14,13 @@ class Interface:
     """Node pairs of the contact.
 
     The DOF order everywhere is x, y, z per node, node after node: DOF ``3 m + c`` is direction c of node m.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> ff.Interface(nodes=np.array([[0.0, 0.0], [1e-3, 0.0]]), areas=np.full(2, 1e-6), gap=np.zeros(2)).size
+    2
     """
 
     nodes: NDArray[np.float64] = quantity("m", "(nodes, 2)")

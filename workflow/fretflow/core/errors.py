@@ -74,6 +74,15 @@ class NonConvergenceError(FretflowError):
         Where the last good state is kept, if one was written.
     history_file : Path or None
         File that keeps the history, once a run has written it.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> try:
+    ...     raise ff.NonConvergenceError("no step helps", history=[1.0, 0.5])
+    ... except ff.FretflowError as error:
+    ...     print(error, error.history)
+    no step helps (1.0, 0.5)
     """
 
     exit_code = 3

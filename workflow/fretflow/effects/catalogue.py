@@ -32,10 +32,22 @@ REQUIRED = ("id", "title", "block", "equation", "source", "observables")
 def catalogue() -> Mapping[str, type[Effect]]:
     """Return all effects by id, sorted.
 
+    Returns
+    -------
+    mapping of str to type
+        Each a subclass of `Effect`, which tells its equation, source, parameters with units, and what it shows in.
+
     Raises
     ------
     InputError
         If a user's file cannot be loaded, or two effects share an id.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> viscous = ff.catalogue()["viscous"]
+    >>> viscous.title, viscous(damping="500 N*s/m").damping
+    ('dashpot beside the contact', 500.0)
     """
     return _collect(os.environ.get(FOLDERS, ""))
 

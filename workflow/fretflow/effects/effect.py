@@ -95,6 +95,14 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
     One that acts in the fretting rig only is not fitted where a measured motion drives the joint, nor is one that is
     `held` there, as the force tells only its ratio to another one.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> class Grip(ff.Effect):
+    ...     strength: float = ff.parameter(0.2, "a: rise of the friction", 0.05, 0.5, gt=-1.0)
+    >>> Grip().strength, Grip.priors()["strength"].high
+    (0.2, 0.5)
     """
     decades = low > 0.0 and high / low >= 10.0
     prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held)
@@ -134,7 +142,18 @@ class Sketch:
 
 
 class Effect(Section):
-    """One effect; subclasses set the class variables and override what they need."""
+    """One effect; subclasses set the class variables and override what they need.
+
+    Parameters are fields made by `parameter`, in SI, or given as text with a unit. ``docs/effects.md`` tells which
+    method acts where, `examples/own_effect.py` shows a whole one.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> delay = ff.catalogue()["channel-delay"]()
+    >>> delay.changed(delay=50e-6).delay  # s
+    5e-05
+    """
 
     id: ClassVar[str]
     title: ClassVar[str]

@@ -166,7 +166,18 @@ class ResidualLaw:
 
 @record
 class Diagnosis:
-    """All that a diagnosis found; what the report shows."""
+    """All that a diagnosis found; what the report shows. `diagnose` makes it.
+
+    Parameters are in SI with 90 % intervals. The verdict is ``none``, ``named``, ``ambiguous`` (one of ``effects``) or
+    ``unknown`` (nothing in the catalogue).
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> found = ff.diagnose("my recording")  # doctest: +SKIP
+    >>> {one.name: (one.value, one.unit) for one in found.parameters}  # doctest: +SKIP
+    >>> found.to_json()["location"]["block"]  # doctest: +SKIP
+    """
 
     title: str
     recording: str

@@ -35,8 +35,17 @@ SHORTEST_SLIDE = 0.02  # of the peak-to-peak displacement
 class HysteresisLoop:
     """One closed steady loop, in order of time.
 
-    Displacement is that of the upper side relative to the lower, force that of the upper specimen on the
-    lower, so that the loop encloses a positive dissipated energy.
+    Displacement (N,) in m is that of the upper side relative to the lower, force (N,) in N that of the upper specimen
+    on the lower, so that the loop encloses a positive dissipated energy.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> phase = 2.0 * np.pi * np.arange(64) / 64
+    >>> loop = ff.HysteresisLoop(displacement=5e-6 * np.cos(phase), force=20.0 * np.cos(phase + 0.4))
+    >>> round(ff.read_loop(loop).dissipated_energy * 1e6, 1)  # uJ: pi X F sin 0.4 = 122.3
+    122.1
     """
 
     displacement: Array = quantity("m", "(N,)")
@@ -66,7 +75,17 @@ class HysteresisLoop:
 
 @record
 class LoopReadings:
-    """What is read off a loop; None where the loop does not show it."""
+    """What is read off a loop, in SI; None where the loop does not show it. `read_loop` makes it.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> x = 1e-6 * np.cos(2.0 * np.pi * np.arange(64) / 64)
+    >>> readings = ff.read_loop(ff.HysteresisLoop(displacement=x, force=20e6 * x), normal_load=60.0)
+    >>> str(readings.regime), readings.friction_limit, round(readings.tangential_stiffness * 1e-6)  # -, N, N/um
+    ('stick', None, 20)
+    """
 
     regime: SlidingRegime
     friction_coefficient: float | None = quantity("1")  # None without a plateau or a normal load

@@ -81,12 +81,29 @@ class Recording:
 def read_recording(path: Path | str) -> Recording:
     """Read a recording: its folder or its ``recording.toml``.
 
+    Parameters
+    ----------
+    path : Path or str
+        See ``docs/recordings.md`` for what stands in the file.
+
+    Returns
+    -------
+    Recording
+        In SI and cleaned; ``loops``, ``series``, ``sweep``, ``frf`` and ``wear_depth`` are None where there is no such
+        block, ``notes`` says what had to be left out or mended, and ``loops.arrays`` is an `xarray.Dataset`.
+
     Raises
     ------
     RecordingError
         If a file is damaged, contradicts another or too little of it is usable.
     ConfigError
         If ``recording.toml`` has a missing, unknown or impossible value.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> recording = ff.read_recording("my recording")  # doctest: +SKIP
+    >>> recording.loops.arrays.friction_force.mean("repeat")  # N, by cycles and phase  # doctest: +SKIP
     """
     path = Path(path)
     toml = path / FILE if path.is_dir() else path

@@ -40,6 +40,15 @@ class Motion:
 
     `lean` is how far the joint is loaded at the first sample: 1 where it slides to positive x, -1 to negative, 0 at
     rest without force.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> t = np.arange(200) / 20e3
+    >>> x, v = 5e-6 * np.sin(628.0 * t), 3.14e-3 * np.cos(628.0 * t)
+    >>> ff.Motion(step=1 / 20e3, displacement=x, velocity=v, acceleration=-(628.0**2) * x).lean
+    0.0
     """
 
     step: float = quantity("s")
