@@ -8,6 +8,7 @@ import doctest
 import importlib
 import inspect
 import re
+import runpy
 import subprocess
 import sys
 from enum import Enum
@@ -103,3 +104,8 @@ def test_a_user_s_file_passes_strict_type_checks(tmp_path):
     done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--config-file=",
                            "--cache-dir", tmp_path, file], capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert "[assignment]" in done.stdout  # the names have types, they are not Any
+
+
+def test_the_picture_of_the_architecture_shows_the_house_as_it_is():
+    drawn = runpy.run_path(str(ROOT / "docs" / "draw_architecture.py"))["draw"]()
+    assert (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8") == drawn, "run docs/draw_architecture.py"
