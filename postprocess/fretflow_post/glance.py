@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from fretflow.core.units import readable_unit
 from fretflow.inference.verdict import Diagnosis
-from fretflow.inference.words import VERDICT_WORDS
+from fretflow.inference.words import VERDICT_WORDS, together
 from fretflow.pipeline.results import RunResults
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -88,7 +88,8 @@ def plot_diagnosis(diagnosis: Diagnosis) -> Figure:
     some = np.linspace(0, len(every) - 1, min(MOST_LOOPS, len(every))).round().astype(int)
     shown = [every[k] for k in np.unique(some)]
     with style.styled():
-        headline = " + ".join((VERDICT_WORDS[diagnosis.verdict], *diagnosis.effects))
+        named = f": {together(diagnosis.effects)}" if diagnosis.effects else ""
+        headline = VERDICT_WORDS[diagnosis.verdict] + named
         figure = style.new_figure(diagnosis.title or diagnosis.recording, headline)
         columns = min(3, max(1, len(shown)))
         grid = figure.add_gridspec(max(1, -(-len(shown) // columns)), columns, left=0.07, right=0.97, bottom=0.08,
