@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from dataclasses import replace
 
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -50,7 +49,7 @@ def row(nodes: int, harmonics: int, force: float) -> tuple[str, ...]:
     size = 3 * nodes * (2 * harmonics + 1)
     head = (str(harmonics), str(size))
     try:
-        near = solver.solve(replace(problem, excitation=NEARBY * force))
+        near = solver.solve(problem.vary(amplitude=NEARBY * force))
         cold, found = timed(lambda: solver.solve(problem))
         warm, _ = timed(lambda: solver.solve(problem, near))
     except NonConvergenceError as error:

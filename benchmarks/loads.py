@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import replace
 
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -32,7 +31,7 @@ def row(solver: QuasiStaticSolver, nodes: int, force: float) -> tuple[str, ...]:
     given = problem(nodes, force, PeriodicMethod.QUASI_STATIC)
     try:
         cold, found = timed(lambda: solver.solve(given))
-        near = solver.solve(replace(given, excitation=NEARBY * force))
+        near = solver.solve(given.vary(amplitude=NEARBY * force))
         warm, again = timed(lambda: solver.solve(given, near))
     except NonConvergenceError as error:
         return f"{force:g}", str(error), "", "", "", ""

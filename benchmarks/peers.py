@@ -47,7 +47,7 @@ def peer_python() -> Path:
 
 def write_problem(problem, penalty: float, path: Path, repeats: int) -> None:
     """Write the bodies' matrices in N and um, contact DOFs first, then block, arm and the rest."""
-    joint = problem.joint
+    joint = problem.structure
     bodies = {"upper": _on_rig(joint.upper, joint.rig), "lower": _clamped(joint.lower)}
     matrices = {f"{name}_{letter}": MICROMETRE * matrix for name, body in bodies.items()
                 for letter, matrix in (("M", body.mass), ("C", body.damping), ("K", body.stiffness))}

@@ -5,7 +5,7 @@ import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.records import quantity, record
 from fretflow.effects.model import EffectModel
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.cycle import CycleResponse
@@ -53,7 +53,7 @@ class Dragged:
         self.wear_factor, self.opening_share = self.model.wear_factor, self.model.opening_share
 
     def normal_flexibility(self, slow):
-        return self.model.problem(slow).joint.flexibility[2::3, 2::3]
+        return self.model.problem(slow).structure.flexibility[2::3, 2::3]
 
     def gap(self, slow):
         return self.model.problem(slow).interface.gap
@@ -75,7 +75,7 @@ def make_face_problem(place, areas, flexibility, gap=None, **changes):
     """Return the problem of bodies with the same `flexibility` (nodes, nodes), m/N, in all three directions."""
     joint = QuasiStaticJoint.from_stiffness(np.linalg.inv(np.kron(flexibility, np.eye(3))), RIG)
     gap = np.zeros(len(areas)) if gap is None else gap
-    return PeriodicProblem(**{
+    return rig_problem(**{
         "joint": joint, "interface": Interface(nodes=place, areas=areas, gap=gap), "friction_coefficient": 0.7,
         "frequency": 100.0, "excitation": 60.0, "normal_load": 60.0, **changes})
 

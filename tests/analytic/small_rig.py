@@ -9,8 +9,8 @@ import numpy as np
 from fretflow.contact.interface import Interface
 from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.observation import Observation, Piece
+from fretflow.pipeline.problem import rig_problem
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -51,7 +51,7 @@ def rig(observation: Observation) -> RigModel:
     dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
     stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
     face = Interface(nodes=POINTS, areas=np.full(9, 1e-6 / 9), gap=np.zeros(9))
-    problem = PeriodicProblem(
+    problem = rig_problem(
         joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
                                               LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
         interface=face, friction_coefficient=0.8, frequency=100.0, excitation=65.0, normal_load=60.0)

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.case.config import Solver
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import NonConvergenceError
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.fourier import synthesis_matrix
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone, BackboneSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -28,7 +29,7 @@ NODES = len(DATA["x"])
 
 def problem(force, frequency=100.0, mu=MU):
     interface = Interface(nodes=1e-3 * DATA["x"][:, :2], areas=np.full(NODES, 1e-6 / NODES), gap=np.zeros(NODES))
-    return PeriodicProblem(joint=JOINT, interface=interface, friction_coefficient=mu, frequency=frequency,
+    return rig_problem(joint=JOINT, interface=interface, friction_coefficient=mu, frequency=frequency,
                            excitation=force, normal_load=LOAD)
 
 
@@ -57,7 +58,7 @@ def test_a_sliding_contact_moves_as_the_full_one(force, frequency):
 
 
 def test_a_friction_that_depends_on_the_load_is_in_the_backbone():
-    given = replace(problem(75.0), friction_exponent=0.2)
+    given = replace(problem(75.0), law=Coulomb(MU, exponent=0.2))
     full = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given)
     found = BackboneSolver.of(given, 25, 128)
     assert found.backbone.limit.sum() == pytest.approx(np.abs(full.friction_force).max(), rel=0.01)
@@ -96,6 +97,6 @@ def test_a_stuck_contact_is_a_spring():
 
 
 def test_no_period_is_told_with_its_history():
-    wild = BackboneSolver(JOINT, Backbone(np.array([np.nan]), np.array([1.0])), 5, 32)
+    wild = BackboneSolver(Backbone(np.array([np.nan]), np.array([1.0])), 5, 32)
     with pytest.raises((NonConvergenceError, np.linalg.LinAlgError)):
         wild.solve(problem(53.0))

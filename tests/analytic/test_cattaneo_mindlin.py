@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.march import ContactMarch, Rest
 from fretflow.solvers.quasi_static.sample import SEPARATION, STICK, ContactSystem
 
 G, MU = 75e9, 0.5
@@ -64,7 +64,8 @@ class Sphere:
         stiffness = np.linalg.inv(flexibility)
         system = ContactSystem.build(0.5 * (stiffness + stiffness.T), np.sum(self.points**2, axis=1) / (2 * RADIUS),
                                      np.asarray(MU), self.load)
-        self.march = ContactMarch(system, flexibility)
+        self.flexibility = flexibility
+        self.march = ContactMarch(system, rest=Rest.under(flexibility, self.load))
         self.march.solver.tolerance = 1e-9 * self.load / self.size
 
     def displacement(self, q):
@@ -96,12 +97,13 @@ def pushed(fineness, nu):
     """Return the sphere, its preload, and the Errors of one push without a way back."""
     sphere = Sphere(fineness, nu)
     preload = state = sphere.march.preloaded()
-    rows, before, n = [], 0.0, sphere.size
+    system = sphere.march.system
+    rows, before = [], system.pull
     for q in LEVELS:
-        arm = sphere.displacement(q)
-        state = sphere.march.solver.solve(arm, state.displacement, state, before)
-        before = arm
-        x, y = state.force[:n], state.force[n:2 * n]
+        pull = system.pull + system.coupling[:, 0] * sphere.displacement(q)
+        state = sphere.march.solver.solve(pull, state.displacement, state, before)
+        before = pull
+        x, y = state.force[0::3], state.force[1::3]
         exact = sphere.traction(q)
         rows.append((-x.sum() / (MU * sphere.load) - q,
                      (sphere.radius(state.state == STICK) - CONTACT * (1 - q)**(1 / 3)) / sphere.side,
@@ -114,8 +116,9 @@ def test_the_preload_is_that_of_hertz():
     for fineness in (5, 7, 10):
         sphere, preload, _ = pushed(fineness, 0.0)
         assert abs(sphere.radius(preload.state != SEPARATION) - CONTACT) < 0.5 * sphere.side
-        assert -preload.approach == pytest.approx(CONTACT**2 / RADIUS, rel=0.05 / fineness**2)
-        assert preload.force[2 * sphere.size:].max() / sphere.side**2 == pytest.approx(sphere.peak, rel=0.005)
+        approach = preload.displacement[2] - sphere.flexibility[2] @ preload.force
+        assert -approach == pytest.approx(CONTACT**2 / RADIUS, rel=0.05 / fineness**2)
+        assert preload.force[2::3].max() / sphere.side**2 == pytest.approx(sphere.peak, rel=0.005)
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.29])
@@ -140,8 +143,10 @@ def test_the_first_stiffness_is_mindlins():
     for nu in (0.0, 0.29):
         sphere, preload, _ = pushed(10, nu)
         arm = 0.01 * sphere.travel * 2 / 3
-        state = sphere.march.solver.solve(arm, preload.displacement, preload, 0.0)
-        stiffness = -state.force[:sphere.size].sum() / arm
+        system = sphere.march.system
+        pull = system.pull + system.coupling[:, 0] * arm
+        state = sphere.march.solver.solve(pull, preload.displacement, preload, system.pull)
+        stiffness = -state.force[0::3].sum() / arm
         assert stiffness == pytest.approx(4 * G * CONTACT / (2 - nu), rel=0.01)
 
 
@@ -159,8 +164,8 @@ def loops():
     for fineness in (4, 5, 7):
         sphere = Sphere(fineness, 0.0)
         arm = sphere.displacement(0.9) * np.cos(2 * np.pi * np.arange(32) / 32)
-        march = sphere.march.period(arm, np.zeros((32, 0)), sphere.march.preloaded(), None, 1e-9)
-        found[fineness] = sphere, arm, -march.trajectory.friction
+        march = sphere.march.period(arm[:, None], np.zeros((32, 1, 0)), sphere.march.preloaded(), None, 1e-9)
+        found[fineness] = sphere, arm, -march.history.force[:, 0::3].sum(axis=1)
     return found
 
 

@@ -12,7 +12,7 @@ from fretflow.solvers.fourier import to_complex
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.structure.two_mass_rig.condensed import condensed
-from fretflow.structure.two_mass_rig.joint import Joint
+from fretflow.structure.two_mass_rig.joint import Joint, rig_loads
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 NODES, MODES = 4, 3
@@ -59,7 +59,7 @@ def far(found, expected):
 def test_stiffness_and_load_are_the_dense_ones(joint, frequency):
     dense, found = (model.dynamic_stiffness if model is joint else model.relative
                     for model in (joint, condensed(joint)))
-    dense, found = dense(frequency, 15, *LOADS), found(frequency, 15, *LOADS)
+    dense, found = dense(frequency, rig_loads(15, *LOADS)), found(frequency, rig_loads(15, *LOADS))
     u = np.random.default_rng(0).normal(size=(31, 3 * NODES))
     product = found.apply(to_complex(u))
     for k, z in enumerate(dense.stiffness):
@@ -71,24 +71,26 @@ def test_stiffness_and_load_are_the_dense_ones(joint, frequency):
 def test_motion_is_the_dense_one(joint):
     """Of a displacement that goes with forces which the rig can bear: any."""
     u = to_complex(1e-6 * np.random.default_rng(0).normal(size=(7, 3 * NODES)))
-    dense, found = (model.motion_amplitudes(100.0, u, *LOADS) for model in (joint, condensed(joint)))
+    loads = rig_loads(len(u) - 1, *LOADS)
+    dense, found = (model.motion_amplitudes(100.0, u, loads) for model in (joint, condensed(joint)))
     for name in ("rig", "upper_observation", "lower_observation"):
         assert far(getattr(found, name), getattr(dense, name)) < 1e-9, name
 
 
 def test_the_massless_joint_is_condensed_exactly(joint):
     given = joint.quasi_static()
-    dense, found = given.dynamic_stiffness(100.0, 3, *LOADS), condensed(given).relative(100.0, 3, *LOADS)
+    loads = rig_loads(3, *LOADS)
+    dense, found = (solve(100.0, loads) for solve in (given.dynamic_stiffness, condensed(given).relative))
     u = to_complex(np.random.default_rng(0).normal(size=(7, 3 * NODES)))
     assert far(found.apply(u), np.einsum("kij,kj->ki", dense.stiffness, u)) < 1e-13
-    motions = [model.motion_amplitudes(100.0, 1e-6 * u, *LOADS) for model in (given, condensed(given))]
+    motions = [model.motion_amplitudes(100.0, 1e-6 * u, loads) for model in (given, condensed(given))]
     assert far(motions[1].upper_observation, motions[0].upper_observation) < 1e-12
     assert condensed(given).reaches(1e6, 100)
 
 
 def test_the_first_harmonics_alone(joint):
     given = condensed(joint)
-    whole, part = given.relative(100.0, 7, *LOADS).up_to(3), given.relative(100.0, 3, *LOADS)
+    whole, part = given.relative(100.0, rig_loads(7, *LOADS)).up_to(3), given.relative(100.0, rig_loads(3, *LOADS))
     u = to_complex(np.random.default_rng(0).normal(size=(7, 3 * NODES)))
     assert far(whole.apply(u), part.apply(u)) < 1e-13
     assert np.array_equal(whole.load, part.load)

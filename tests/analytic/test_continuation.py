@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.continuation import follow as continuation
 from fretflow.solvers.continuation.curve import (
     CHANNELS,
@@ -23,12 +24,10 @@ from fretflow.solvers.continuation.curve import (
     turns,
 )
 from fretflow.solvers.continuation.follow import Sweep, respond
-from fretflow.solvers.continuation.model import arm_rates
 from fretflow.solvers.continuation.points import Trail
-from fretflow.solvers.continuation.system import ArmSystem
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.continuation.system import ContinuationSystem
 from fretflow.solvers.quasi_static.backbone import Backbone
-from fretflow.solvers.quasi_static.solver import ArmEquations
+from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.optimize import brentq
@@ -41,7 +40,7 @@ STIFFNESS, LOAD = 1.5e6, 60.0
 def problem(force, mu):
     joint = QuasiStaticJoint.from_stiffness(np.diag([STIFFNESS, STIFFNESS, 2e6]), RIG)
     interface = Interface(nodes=np.zeros((1, 2)), areas=np.ones(1), gap=np.zeros(1))
-    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=mu, frequency=100.0,
+    return rig_problem(joint=joint, interface=interface, friction_coefficient=mu, frequency=100.0,
                            excitation=force, normal_load=LOAD)
 
 
@@ -100,7 +99,7 @@ def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
     rig = LumpedRig(moving_mass=mass, arm_mass=1e-6, ground_stiffness=0.0, hinge_stiffness=1e13,
                     ground_damping=2 * zeta * np.sqrt(STIFFNESS * mass), hinge_damping=0.0)
     given = problem(2.0, 100.0)
-    oscillator = replace(given, joint=replace(given.joint, rig=rig))
+    oscillator = replace(given, structure=replace(given.structure, rig=rig))
     sweep = Sweep(start=50.0, stop=75.0, harmonics=3, samples=16, fine_harmonics=3, fine_samples=24, tolerance=1e-7,
                   directions=(SweepDirection.UP,))
     peak = read_peak(respond(oscillator, sweep, lambda direction, frequency: None))
@@ -110,15 +109,15 @@ def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
 
 
 def test_the_load_is_raised_step_by_step_where_rest_leads_nowhere(monkeypatch):
-    solve, asked = ArmSystem.at_frequency, []
+    solve, asked = ContinuationSystem.at_frequency, []
 
     def fail_first(system, omega, arm, start, known=None):
-        asked.append(system.problem.excitation)
+        asked.append(system.problem.excitation.amplitude)
         if len(asked) == 1:
             raise NonConvergenceError("no", [1.0])
         return solve(system, omega, arm, start, known)
 
-    monkeypatch.setattr(ArmSystem, "at_frequency", fail_first)
+    monkeypatch.setattr(ContinuationSystem, "at_frequency", fail_first)
     sweep = Sweep(start=55.0, stop=57.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64,
                   directions=(SweepDirection.UP,))
     found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
@@ -129,22 +128,22 @@ def test_the_load_is_raised_step_by_step_where_rest_leads_nowhere(monkeypatch):
 
 
 def respond_directly(sweep, frequency):
-    system = ArmSystem(problem(20.0, 0.3), sweep.harmonics, sweep.samples, 1e-8, 20)
+    system = ContinuationSystem(problem(20.0, 0.3), sweep.harmonics, sweep.samples, 1e-8, 20)
     omega = 2 * np.pi * frequency
     point = system.at_frequency(omega, system.guess(omega), system.march.preloaded())
-    return 2.0 * np.fft.rfft(system.block_motion(point))[1] / sweep.samples
+    return 2.0 * np.fft.rfft(system.motion(point)[:, 0])[1] / sweep.samples
 
 
 def gap_between(monkeypatch, low, high):
     """Make every point between two frequencies fail."""
-    solve = ArmSystem.correct
+    solve = ContinuationSystem.correct
 
     def fail_between(system, plane, start, known=None):
         if low < plane.unknowns[-1] / (2 * np.pi) < high:
             raise NonConvergenceError(f"no period at {plane.unknowns[-1] / (2 * np.pi):.6g} Hz", [1.0])
         return solve(system, plane, start, known)
 
-    monkeypatch.setattr(ArmSystem, "correct", fail_between)
+    monkeypatch.setattr(ContinuationSystem, "correct", fail_between)
 
 
 SHORT = Sweep(start=85.0, stop=110.0, harmonics=3, samples=16, fine_harmonics=3, fine_samples=16, tolerance=1e-7,
@@ -178,10 +177,10 @@ def test_the_defect_of_a_model_is_corrected_to_the_true_root_whatever_the_model(
     omega, results = 2 * np.pi * 55.0, []
     for share in (1.0, 1.3):
         backbone = Backbone(np.array([share * STIFFNESS]), np.array([share * 0.3 * LOAD]))
-        system = ArmSystem(problem(20.0, 0.3), 15, 64, 1e-8, 20, backbone)
+        system = ContinuationSystem(problem(20.0, 0.3), 15, 64, 1e-8, 20, backbone)
         point = system.at_frequency(omega, system.guess(omega), system.march.preloaded())
         assert point.norm <= 1e-8
-        results.append(point.arm)
+        results.append(point.seen)
     np.testing.assert_allclose(results[1], results[0], rtol=0.0, atol=1e-6 * np.linalg.norm(results[0]))
 
 
@@ -192,7 +191,7 @@ def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(mon
     flexibility[0, 5] = flexibility[5, 0] = 4e-7  # friction at the first node tilts the second one down
     joint = QuasiStaticJoint.from_stiffness(np.linalg.inv(flexibility), RIG)
     interface = Interface(nodes=np.zeros((3, 2)), areas=np.ones(3), gap=np.array([0.0, 4.7e-5, 1e-3]))
-    crowned = PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.5, frequency=100.0,
+    crowned = rig_problem(joint=joint, interface=interface, friction_coefficient=0.5, frequency=100.0,
                               excitation=25.0, normal_load=LOAD)
     sweep = Sweep(start=45.0, stop=47.0, harmonics=11, samples=48, fine_harmonics=11, fine_samples=48,
                   directions=(SweepDirection.UP,))
@@ -200,7 +199,7 @@ def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(mon
     monkeypatch.setattr(continuation.Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
     found = respond(crowned, sweep, lambda direction, frequency: None)
     assert [nodes.tolist() for nodes in rows] == [[True, False, False], [True, True, False]]
-    monkeypatch.setattr(continuation, "candidate_nodes", lambda problem, joint, start: np.ones(3, dtype=bool))
+    monkeypatch.setattr(continuation, "candidate_nodes", lambda problem, start: np.ones(3, dtype=bool))
     whole = respond(crowned, sweep, lambda direction, frequency: None)
     assert len(rows) == 3
     np.testing.assert_allclose(np.interp(46.0, found.frequency, np.abs(found.first_harmonic[:, 2])),
@@ -270,13 +269,15 @@ def test_a_sliding_node_is_the_jenkins_element_marched_in_time():
 def test_derivative_by_the_frequency_is_that_of_central_differences(omega):
     rng = np.random.default_rng(7)
     arm = rng.normal(size=19)
-    matrix, load = arm_rates(RIG, omega, 53.0, 9)
     h = 1e-4 * omega
-    plus, minus = (ArmEquations.build(RIG, omega + s, 53.0, 9, 40) for s in (h, -h))
+    loads = np.zeros((10, 2), dtype=complex)
+    loads[1, 0] = 53.0
+    plus, here, minus = (InternalEquations.build(RIG, np.array([1]), omega + s, loads, 40) for s in (h, 0.0, -h))
+    matrix, load = here.rates()
     expected = (plus.impedance - minus.impedance) / (2 * h)
     np.testing.assert_allclose(matrix @ arm, expected @ arm, rtol=1e-5, atol=1e-6 * np.abs(expected @ arm).max())
     np.testing.assert_allclose(load, (plus.load - minus.load) / (2 * h), rtol=1e-5, atol=1e-9)
-    system = ArmSystem(problem(20.0, 0.3), 9, 64, 1e-9, 20)
+    system = ContinuationSystem(problem(20.0, 0.3), 9, 64, 1e-9, 20)
     motion = 1e-5 * arm / np.arange(1, 20)
     rest = system.march.preloaded()
     point = system.evaluate(np.append(motion, omega), rest, None, 1e-6)

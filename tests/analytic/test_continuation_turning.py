@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 from fretflow.contact.interface import Interface
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.continuation.curve import SweepDirection, read_peak
 from fretflow.solvers.continuation.follow import Sweep, respond
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -28,7 +28,7 @@ def problem():
     flexibility[0, 5] = flexibility[5, 0] = COUPLED
     joint = QuasiStaticJoint.from_stiffness(np.linalg.inv(flexibility), RIG)
     interface = Interface(nodes=np.zeros((2, 2)), areas=np.ones(2), gap=np.array([0.0, GAP]))
-    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=1e3, frequency=100.0,
+    return rig_problem(joint=joint, interface=interface, friction_coefficient=1e3, frequency=100.0,
                            excitation=FORCE, normal_load=LOAD)
 
 

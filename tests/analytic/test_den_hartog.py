@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.solvers.time_integration import integrate
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -143,7 +143,7 @@ def problem(ratio, limit, spring=None, damping=0.0):
     """One node on the rig, its hinge out of the way; a rigid contact is a million times stiffer than the rig."""
     rig = LumpedRig.from_modes(10.0, 0.5, NATURAL, 2e5, damping)
     spring = 1e6 * STIFFNESS if spring is None else spring
-    return PeriodicProblem(
+    return rig_problem(
         joint=QuasiStaticJoint.from_stiffness(spring * np.eye(3), rig), frequency=ratio * NATURAL,
         interface=Interface(nodes=np.zeros((1, 2)), areas=np.array([1e-6]), gap=np.zeros(1)),
         excitation=FORCE, friction_coefficient=limit / LOAD, normal_load=LOAD)

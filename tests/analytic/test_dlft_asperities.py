@@ -14,10 +14,10 @@ from fretflow.effects.contact_stiffness import ContactStiffness
 from fretflow.effects.load_dependent_friction import LoadDependentFriction
 from fretflow.effects.model import EffectModel
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.dlft.solver import Variant, build_equations, solve_equations
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.compliant import CompliantJoint
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, rig_loads
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
@@ -29,7 +29,7 @@ def problem():
     dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
     stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
     face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=8e-8 * np.arange(9.0))
-    return PeriodicProblem(joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T), RIG), interface=face,
+    return rig_problem(joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T), RIG), interface=face,
                            friction_coefficient=0.8, frequency=100.0, excitation=70.0, normal_load=60.0)
 
 
@@ -55,14 +55,14 @@ def test_the_jacobian_is_exact_with_asperities_and_friction_by_pressure():
 
 
 def test_springs_are_in_series_at_every_harmonic():
-    bare, springs = problem().joint, 1e-9 * np.arange(1.0, 28.0)
+    bare, springs = problem().structure, 1e-9 * np.arange(1.0, 28.0)
     one = CompliantJoint(joint=bare, springs=springs)
-    given = (100.0, 3, 70.0, 60.0)
+    given = (100.0, rig_loads(3, 70.0, 60.0))
     own, condensed = one.dynamic_stiffness(*given), one.quasi_static().dynamic_stiffness(*given)
     assert own.stiffness == pytest.approx(condensed.stiffness, rel=1e-9, abs=1e-9 * np.abs(own.stiffness).max())
     assert own.load == pytest.approx(condensed.load, rel=1e-9, abs=1e-9 * np.abs(own.load).max())
     moved = 1e-6 * np.random.default_rng(2).normal(size=own.load.shape).astype(complex)
-    series, same = (joint.motion_amplitudes(100.0, moved, 70.0, 60.0) for joint in (one, one.quasi_static()))
+    series, same = (joint.motion_amplitudes(100.0, moved, given[1]) for joint in (one, one.quasi_static()))
     assert series.rig == pytest.approx(same.rig, rel=1e-8, abs=1e-15)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.interface import Interface
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.dlft.solver import DlftSolver
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -26,7 +26,7 @@ def closed_form(force):
 
 def amplitude(force, harmonics, samples=512):
     rig = LumpedRig.from_modes(10.0, 0.5, NATURAL, 2e5, 0.0)  # hinge, contact and dashpots out of the way
-    problem = PeriodicProblem(
+    problem = rig_problem(
         joint=QuasiStaticJoint.from_stiffness(1e11 * np.eye(3), rig), frequency=FREQUENCY, excitation=force,
         interface=Interface(nodes=np.zeros((1, 2)), areas=np.array([1e-6]), gap=np.zeros(1)),
         friction_coefficient=MU, normal_load=LOAD)

@@ -6,7 +6,7 @@ is asserted before the Jacobian is compared, so that no branch of the return map
 
 import numpy as np
 import pytest
-from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.coulomb import Coulomb
 from fretflow.solvers.dlft.equations import DlftEquations
 from fretflow.solvers.dlft.stiffness import DenseStiffness
 from fretflow.solvers.fourier import to_complex, to_real
@@ -61,7 +61,7 @@ def equations_and_point(drives, seed, gap=None):
                            zip(shifted, to_complex(drive), load, strict=True)])
     equations = DlftEquations(stiffness=DenseStiffness(stiffness), load=load,
                               gap=np.zeros(nodes) if gap is None else gap,
-                              law=CoulombLaw(friction_coefficient=0.5), penalty=PENALTY, samples=SAMPLES)
+                              law=Coulomb(friction_coefficient=0.5), penalty=PENALTY, samples=SAMPLES)
     return equations, to_real(amplitudes)
 
 

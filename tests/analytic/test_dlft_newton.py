@@ -12,10 +12,10 @@ import pytest
 from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import AuditError, InputError, NonConvergenceError
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.dlft import solver as dlft
 from fretflow.solvers.dlft.equations import DlftEquations
 from fretflow.solvers.newton import _line_search, gmres, solve_newton
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -30,7 +30,7 @@ def problem():
     joint = QuasiStaticJoint.from_stiffness(stiffness, LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
     gap = np.array([0.0, 0.0, 0.0, 1e-7, 1e-3])
     interface = Interface(nodes=np.zeros((NODES, 2)), areas=np.full(NODES, 2e-7), gap=gap)
-    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
+    return rig_problem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
                            excitation=60.0, normal_load=60.0)
 
 
@@ -104,7 +104,7 @@ def test_motion_of_the_rig_balances_the_forces_in_time(problem):
     friction = np.fft.rfft(found.friction_force)[:4] / 64
     for h in (1, 2, 3):
         load = np.array([60.0 if h == 1 else 0.0, -friction[h]])
-        impedance = problem.joint.rig.impedance(np.array([h * problem.omega]))[0]
+        impedance = problem.structure.rig.impedance(np.array([h * problem.omega]))[0]
         assert impedance @ amplitudes[h] == pytest.approx(load, abs=1e-6)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.contact.coulomb import CoulombLaw, audit_contact, return_mapping
+from fretflow.contact.coulomb import Coulomb, audit_contact, return_mapping
 from fretflow.core.errors import AuditError, InputError
 from fretflow.solvers.dlft.march import friction_derivative, periodic_friction
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
@@ -132,4 +132,4 @@ def test_the_audit_names_each_violation(change, word):
 @pytest.mark.parametrize("mu", [-0.1, np.nan, np.array([0.5, -0.5])])
 def test_impossible_friction_is_refused(mu):
     with pytest.raises(InputError, match="friction_coefficient"):
-        CoulombLaw(friction_coefficient=np.asarray(mu))
+        Coulomb(friction_coefficient=np.asarray(mu))

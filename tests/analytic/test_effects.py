@@ -19,7 +19,7 @@ from fretflow.effects.cycle import respond
 from fretflow.effects.derivative import effect_direction
 from fretflow.effects.effect import Effect, Kind
 from fretflow.effects.model import EffectModel
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.solvers.sensitivity import sensitivities
 from fretflow.structure.sensors import Signals
@@ -41,7 +41,7 @@ def baseline():
     dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
     stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
     face = Interface(nodes=1e-3 * DATA["x"][FEW, :2], areas=np.full(9, 1e-6 / 9), gap=2e-8 * np.arange(9.0))
-    return PeriodicProblem(joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T), RIG), interface=face,
+    return rig_problem(joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T), RIG), interface=face,
                            friction_coefficient=0.88, frequency=100.0, excitation=70.0, normal_load=60.0)
 
 

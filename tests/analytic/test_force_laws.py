@@ -10,7 +10,7 @@ from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
 from fretflow.effects.backlash import Backlash
 from fretflow.effects.model import EffectModel
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.force_laws import ROUND, ArmSupport, BlockPull, HingePlay
@@ -60,7 +60,7 @@ def test_a_rig_marched_in_small_steps_is_that_of_the_implicit_march():
 def test_a_period_is_found_across_the_play_of_a_stiff_hinge(play):
     """Arm and block are unknowns together: the arm alone does not tell where in the play the block is."""
     joint = QuasiStaticJoint.from_stiffness(np.diag([20e6, 20e6, 40e6]), RIG)
-    bare = PeriodicProblem(joint=joint, interface=Interface(nodes=np.zeros((1, 2)), areas=np.full(1, 1e-6),
+    bare = rig_problem(joint=joint, interface=Interface(nodes=np.zeros((1, 2)), areas=np.full(1, 1e-6),
                            gap=np.zeros(1)), friction_coefficient=0.8, frequency=100.0, excitation=70.0,
                            normal_load=60.0)
     model = EffectModel.build(bare, [Backlash().changed(play=play)])
@@ -68,7 +68,7 @@ def test_a_period_is_found_across_the_play_of_a_stiff_hinge(play):
     found = QuasiStaticSolver(Solver(harmonics=40, samples=256, estimate_error=False)).solve(problem)
     assert len(found.residual_history) < 12
     drive = 70.0 * np.cos(2.0 * np.pi * np.arange(2048) / 2048)
-    marched = jenkins_rig_motion(RIG, problem.rig_forces, 20e6, 48.0, drive.tolist(), 100.0)[::8]
+    marched = jenkins_rig_motion(RIG, problem.boundary.forces, 20e6, 48.0, drive.tolist(), 100.0)[::8]
     for own, other in zip(found.rig_displacement.T, marched.T, strict=True):
         assert np.sqrt(np.mean((own - other)**2)) < 0.01 * np.ptp(other)
     assert np.ptp(np.diff(found.rig_displacement, axis=1)) > play

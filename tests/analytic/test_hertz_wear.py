@@ -11,20 +11,17 @@ the cap cut off by the plane, less what the elastic deflection u under p = P / (
 (deflection under uniform pressure: K. L. Johnson, Contact Mechanics, 1985, section 3.4 (a)).
 """
 
-from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from fretflow.case.config import Solver, WearScheme
-from fretflow.contact.coulomb import CoulombLaw
 from fretflow.contact.interface import Interface
 from fretflow.core.records import quantity, record
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.solvers.quasi_static.march import frictionless_preload
-from fretflow.solvers.quasi_static.sample import ContactSystem
+from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers.quasi_static.march import press_frictionless
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -84,7 +81,7 @@ class Worn(NamedTuple):
 @cache
 def worn(scheme):
     """Return the wear of the vibrating joint, each period solved on the rig."""
-    problem = PeriodicProblem(
+    problem = rig_problem(
         joint=joint(), interface=Interface(nodes=PLACE, areas=AREAS, gap=CROWN), friction_coefficient=MU,
         frequency=100.0, excitation=20.0, normal_load=LOAD)
     model = PeriodicCycle(QuasiStaticSolver(Solver(harmonics=7, samples=64, estimate_error=False)), problem)
@@ -183,16 +180,14 @@ class Dragged(WearAlone):
         self.place, self.areas = grid(count, side), np.full((2 * count + 1)**2, side**2)
         self.crown = np.sum(self.place**2, axis=1) / (2 * RADIUS)
         self.flexibility = love(self.place, side)
-        self.system = ContactSystem(stiffness=np.zeros((0, 0)), gap=self.crown, load=LOAD, penalty=1.0,
-                                    law=CoulombLaw(friction_coefficient=np.zeros(0)))
 
     def normal_flexibility(self, slow):
         return self.flexibility
 
     def cycle(self, slow, start):
         depth = slow.depth
-        force, approach, closed = frictionless_preload(replace(self.system, gap=self.crown + depth),
-                                                       self.flexibility)
+        force, approach, closed = press_frictionless(self.crown + depth, self.flexibility,
+                                                     np.ones((len(depth), 1)), np.array([LOAD]))
         pressure = force / self.areas
         opening = np.maximum(self.crown + depth + approach + self.flexibility @ force, 0.0)
         return CycleResponse(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fretflow.core.errors import InputError
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.structure.two_mass_rig.joint import Joint, QuasiStaticJoint
+from fretflow.structure.two_mass_rig.joint import Joint, QuasiStaticJoint, rig_loads
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.linalg import eigh
 
@@ -120,9 +120,9 @@ def whole_system(rig, upper, lower, springs):
 
 def condensed_solution(joint):
     springs = contact_springs()
-    z = joint.dynamic_stiffness(FREQUENCY, HARMONICS, EXCITATION, LOAD)
+    z = joint.dynamic_stiffness(FREQUENCY, rig_loads(HARMONICS, EXCITATION, LOAD))
     u = np.array([np.linalg.solve(zk + springs, gk) for zk, gk in zip(z.stiffness, z.load, strict=True)])
-    return u, joint.motion_amplitudes(FREQUENCY, u, EXCITATION, LOAD)
+    return u, joint.motion_amplitudes(FREQUENCY, u, rig_loads(HARMONICS, EXCITATION, LOAD))
 
 
 def close(a, b, tolerance):
@@ -147,14 +147,14 @@ def test_the_exact_condensation_is_the_whole_system(rig):
 def test_higher_harmonics_see_their_own_frequency(rig):
     """The stiffness of harmonic 3 at f is that of harmonic 1 at 3 f."""
     joint, _, _ = make(rig, density=1e-3)
-    high = joint.dynamic_stiffness(FREQUENCY, 3, EXCITATION, LOAD).stiffness[3]
-    assert close(high, joint.dynamic_stiffness(3 * FREQUENCY, 1, EXCITATION, LOAD).stiffness[1], 1e-12)
+    high = joint.dynamic_stiffness(FREQUENCY, rig_loads(3, EXCITATION, LOAD)).stiffness[3]
+    assert close(high, joint.dynamic_stiffness(3 * FREQUENCY, rig_loads(1, EXCITATION, LOAD)).stiffness[1], 1e-12)
 
 
 def test_vertical_rigid_motion_is_free_at_rest_and_passes_the_normal_load_whole(rig):
     joint, _, _ = make(rig, density=1e-3)
     for each in (joint, joint.quasi_static()):
-        z = each.dynamic_stiffness(FREQUENCY, 1, EXCITATION, LOAD)
+        z = each.dynamic_stiffness(FREQUENCY, rig_loads(1, EXCITATION, LOAD))
         lift = np.tile([0.0, 0.0, 1.0], CONTACT)
         assert np.abs(z.stiffness[0] @ lift).max() < 1e-8 * np.abs(z.stiffness[0]).max()
         assert lift @ z.load[0] == pytest.approx(-LOAD, rel=1e-9)
@@ -186,7 +186,7 @@ def test_bare_stiffness_gives_the_same_contact_equations(rig):
     joint, _, _ = make(rig, density=1e-3)
     whole = joint.quasi_static()
     bare = QuasiStaticJoint.from_stiffness(whole.stiffness, whole.rig)
-    a, b = (j.dynamic_stiffness(FREQUENCY, 2, EXCITATION, LOAD) for j in (whole, bare))
+    a, b = (j.dynamic_stiffness(FREQUENCY, rig_loads(2, EXCITATION, LOAD)) for j in (whole, bare))
     assert close(a.stiffness, b.stiffness, 1e-12)
     assert close(a.load, b.load, 1e-12)
     assert close(bare.flexibility, whole.flexibility, 1e-9)

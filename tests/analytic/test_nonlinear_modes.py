@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint, follow_mode, periodic_mode
@@ -19,7 +19,7 @@ FIRM = 1e6  # N/m, a spring beside which sliders damp lightly
 def joint_of(structure, friction=0.4, bolt_load=8e3, **more):
     """Return a structure's joint under Coulomb friction."""
     return BoltedJoint(structure=reduce_structure(structure), bolt_load=bolt_load,
-                       law=CoulombLaw(friction_coefficient=np.array(friction)), **more)
+                       law=Coulomb(friction_coefficient=np.array(friction)), **more)
 
 
 @pytest.fixture

@@ -12,17 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.case.config import Solver
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import AuditError, NonConvergenceError
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.audit import audit_period
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.periodic import NormalLoad
 from fretflow.solvers.quasi_static import solver as quasi_static
-from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.sample import ContactSystem
-from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, _ArmNewton, press
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.solvers.quasi_static.march import ContactMarch, Rest
+from fretflow.solvers.quasi_static.sample import ContactSystem, SampleState
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, _InternalNewton, press
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, change_rig
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
@@ -36,7 +38,7 @@ DOME = 4e-7 * np.sum((DATA["x"][:, :2] / 0.5)**2, axis=1)  # m; opens the corner
 def problem(force, gap=None, mu=MU):
     interface = Interface(nodes=1e-3 * DATA["x"][:, :2], areas=np.full(NODES, 1e-6 / NODES),
                           gap=np.zeros(NODES) if gap is None else gap)
-    return PeriodicProblem(joint=JOINT, interface=interface, friction_coefficient=mu, frequency=100.0,
+    return rig_problem(joint=JOINT, interface=interface, friction_coefficient=mu, frequency=100.0,
                            excitation=force, normal_load=LOAD)
 
 
@@ -73,7 +75,8 @@ def test_every_sample_obeys_the_contact_laws(force, domed):
     ("penetration", "displacement", (1.0, 1.0, 1.0), -1e-9)])
 def test_a_period_that_breaks_the_contact_law_at_one_sample_is_refused(law, channel, factor, shift):
     """With all that friction may depend on a period keeps its own law; spoiled at one sliding node it does not."""
-    whole = replace(problem(75.0), friction_exponent=0.1, friction_asymmetry=0.2, load_slope=2e5)
+    whole = replace(problem(75.0), law=Coulomb(MU, exponent=0.1, asymmetry=0.2),
+                    structure=change_rig(JOINT, load_slope=2e5))
     found = QuasiStaticSolver(Solver(harmonics=15, samples=64, estimate_error=False)).solve(whole)
     audit_period(whole, found, 1e-7)
     values = getattr(found, channel).copy()
@@ -82,7 +85,7 @@ def test_a_period_that_breaks_the_contact_law_at_one_sample_is_refused(law, chan
     with pytest.raises(AuditError, match=law):
         audit_period(whole, replace(found, **{channel: values}), 1e-7)
     with pytest.raises(AuditError, match="cone"):
-        audit_period(replace(whole, friction_asymmetry=0.0), found, 1e-7)
+        audit_period(replace(whole, law=replace(whole.law, asymmetry=0.0)), found, 1e-7)
 
 
 def test_the_solver_audits_its_periods(monkeypatch):
@@ -137,6 +140,11 @@ def test_a_joint_that_sticks_is_the_linear_joint():
     assert amplitudes[1] == pytest.approx(expected, rel=2e-3)
 
 
+def friction(march):
+    """Return the x force on the upper nodes of a marched period, (N,)."""
+    return march.history.force[:, 0::3].sum(axis=1)
+
+
 @pytest.mark.parametrize("stroke", [2.2e-6, 8e-6])
 def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
     """In partial slip, where the contact remembers, and in gross slip, where it forgets."""
@@ -148,14 +156,15 @@ def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
     direction = np.random.default_rng(3).normal(size=len(arm)) * 1e-6
 
     def march(coefficients):
-        marching = ContactMarch(system, JOINT.flexibility)
-        return marching.period(synthesis @ coefficients, synthesis, marching.preloaded(), None, 1e-12)
+        marching = ContactMarch(system, rest=Rest.under(JOINT.flexibility, LOAD))
+        return marching.period((synthesis @ coefficients)[:, None], synthesis[:, None], marching.preloaded(), None,
+                               1e-12)
 
     found = march(arm)
     h = 1e-6
-    plus, minus = (march(arm + s * h * direction).trajectory.friction for s in (1, -1))
+    plus, minus = (friction(march(arm + s * h * direction)) for s in (1, -1))
     differences = (plus - minus) / (2 * h)
-    assert found.tangent @ direction == pytest.approx(differences, rel=1e-5, abs=1e-5 * np.abs(differences).max())
+    assert found.tangent[:, 0] @ direction == pytest.approx(differences, rel=1e-5, abs=1e-5 * np.abs(differences).max())
 
 
 @pytest.mark.parametrize("stroke", [3.4e-6, 3.8e-6, 4.2e-6])
@@ -168,14 +177,14 @@ def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
     direction = synthesis @ np.random.default_rng(3).normal(size=2 * harmonics + 1)
 
     def march(position, directions, before=None, repeat=0.0):
-        marching = ContactMarch(system, JOINT.flexibility)
-        start, near = (marching.preloaded(), None) if before is None else (before.sample(-1), before)
-        return marching.period(position, directions, start, near, 1e-12, repeat)
+        marching = ContactMarch(system, rest=Rest.under(JOINT.flexibility, LOAD))
+        start, near = (marching.preloaded(), None) if before is None else (SampleState.of(before), before)
+        return marching.period(position[:, None], directions[:, None], start, near, 1e-12, repeat)
 
-    plus, minus = (march(arm + h * direction, np.zeros((samples, 0))).trajectory.friction for h in (1e-12, -1e-12))
+    plus, minus = (friction(march(arm + h * direction, np.zeros((samples, 0)))) for h in (1e-12, -1e-12))
     differences = (plus - minus) / 2e-12
-    settled = march(arm, np.zeros((samples, 0))).trajectory
-    found = march(arm, direction[:, None], settled, repeat=1e-4).tangent[:, 0]
+    settled = march(arm, np.zeros((samples, 0))).history
+    found = march(arm, direction[:, None], settled, repeat=1e-4).tangent[:, 0, 0]
     assert found == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
 
 
@@ -184,30 +193,36 @@ def test_a_period_is_the_same_with_what_another_taught_of_the_memory(stroke):
     """How a period's end follows its start is kept from motion to motion; only the periods needed may differ."""
     system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
     motion = synthesis_matrix(5, 64)[:, [1, 2, 5]] @ np.array([0.5, 0.02, 0.05])
-    none = np.zeros((64, 0))
+    none = np.zeros((64, 1, 0))
 
     def march(marching, amplitude):
-        return marching.period(amplitude * motion, none, marching.preloaded(), None, 1e-12)
+        return marching.period(amplitude * motion[:, None], none, marching.preloaded(), None, 1e-12)
 
-    fresh, taught = ContactMarch(system, JOINT.flexibility), ContactMarch(system, JOINT.flexibility)
+    fresh, taught = (ContactMarch(system, rest=Rest.under(JOINT.flexibility, LOAD)) for _ in range(2))
     march(taught, 0.98 * stroke)
     expected, found = march(fresh, stroke), march(taught, stroke)
-    assert found.trajectory.friction == pytest.approx(expected.trajectory.friction, abs=1e-8 * LOAD)
+    assert friction(found) == pytest.approx(friction(expected), abs=1e-8 * LOAD)
 
 
 def test_a_load_pressed_on_against_friction_shears_the_faces_within_their_limit():
     """No lateral slip, hence no lateral motion at all, where every node sticks; no net friction force either."""
-    given = replace(problem(53.0), frictional_preload=True)
+    given = replace(problem(53.0), preload=NormalLoad(LOAD, frictional=True))
     pressed, smooth = press(given), press(problem(53.0))
-    normal, friction = pressed.force[2 * NODES:], pressed.force[:2 * NODES].reshape(2, NODES)
+    normal, tangential = pressed.force[2::3], pressed.force.reshape(NODES, 3).T[:2]
     assert normal.sum() == pytest.approx(LOAD, rel=1e-10)
-    assert np.all(np.hypot(*friction) < MU * normal)
-    assert np.abs(friction.sum(axis=1)).max() < 1e-9 * LOAD
-    assert np.hypot(*friction).sum() > 0.1 * LOAD
+    assert np.all(np.hypot(*tangential) < MU * normal)
+    assert np.abs(tangential.sum(axis=1)).max() < 1e-9 * LOAD
+    assert np.hypot(*tangential).sum() > 0.1 * LOAD
     assert np.all(pressed.displacement == 0.0)
-    assert np.any(np.abs(smooth.displacement[:2 * NODES]) > 1e-8)
+    assert np.any(np.abs(smooth.displacement.reshape(NODES, 3)[:, :2]) > 1e-8)
     # held laterally, the bodies are stiffer
-    assert abs(pressed.approach) < abs(smooth.approach)
+    assert abs(approach(given, pressed)) < abs(approach(given, smooth))
+
+
+def approach(given, pressed):
+    """Return how far the arm has come, m."""
+    boundary = given.boundary
+    return boundary.free_motion(np.zeros((1, 2)), pressed.displacement[None], given.loads_at(np.zeros(1)))[0, 0]
 
 
 def test_a_warm_start_finds_the_same_period():
@@ -230,7 +245,7 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
     """Where steps with a former tangent end in a dead end, the period is the one that is found without them."""
     found = solution(53.0)
 
-    search, ended = _ArmNewton._searched, []
+    search, ended = _InternalNewton._searched, []
 
     def dead_end(newton, now, tangent, lagged_below, shortest):
         if lagged_below and now.norm < lagged_below:
@@ -238,7 +253,7 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
             raise NonConvergenceError("a dead end", [now.norm])
         return search(newton, now, tangent, lagged_below, shortest)
 
-    monkeypatch.setattr(_ArmNewton, "_searched", dead_end)
+    monkeypatch.setattr(_InternalNewton, "_searched", dead_end)
     solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
     again = solver.solve(problem(53.0))
     assert ended

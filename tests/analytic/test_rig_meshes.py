@@ -23,7 +23,7 @@ def compliance(folder, mesh):
     plain = case.model_copy(update={"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)})
     problem = reduced_problem(plain, folder)
     share = problem.interface.areas / problem.interface.areas.sum()
-    flexible = problem.joint.quasi_static().flexibility
+    flexible = problem.structure.quasi_static().flexibility
     return np.array([share @ flexible[k::3, k::3] @ share for k in (0, 2)])
 
 

@@ -87,7 +87,7 @@ def test_a_start_without_a_simulation_is_left_out(recorded, monkeypatch):
         return simulate(model, hypothesis, near)
 
     monkeypatch.setattr(RigModel, "simulate", failing)
-    stuck = replace(fitter.rig, problem=replace(fitter.rig.problem, friction_coefficient=50.0))
+    stuck = replace(fitter.rig, problem=fitter.rig.problem.vary(friction_coefficient=50.0))
     for models in ((stuck, fitter.rig), (fitter.rig, stuck)):
         assert first_simulation(models)[0] is fitter.rig
     with pytest.raises(NonConvergenceError, match="too much friction"):
@@ -96,7 +96,7 @@ def test_a_start_without_a_simulation_is_left_out(recorded, monkeypatch):
 
 def test_the_reading_whose_displacement_is_nearest_is_the_start(recorded):
     fitter, _ = recorded()
-    other = replace(fitter.rig, problem=replace(fitter.rig.problem, friction_coefficient=0.7))
+    other = replace(fitter.rig, problem=fitter.rig.problem.vary(friction_coefficient=0.7))
     assert first_simulation([other, fitter.rig])[0] is fitter.rig
 
 
@@ -121,7 +121,7 @@ def test_correction_at_a_fit_is_kept_where_it_lessens_the_misfit(recorded):
     assert fit.chi_squared > found.expected * SLACK
     assert found.fits[none].chi_squared < 1e-6 * fit.chi_squared
     assert found.fitter_of(none) is not plain
-    fit, found = looked(replace(seen, problem=replace(seen.problem, friction_coefficient=0.7)))
+    fit, found = looked(replace(seen, problem=seen.problem.vary(friction_coefficient=0.7)))
     assert found.fits[none] is fit
     assert found.fitter_of(none) is plain
 

@@ -57,7 +57,7 @@ def test_the_force_is_that_of_a_potential():
 def test_the_peak_grows_with_the_depth(winkler):
     problem = winkler()
     for depth in (1e-7, 5e-7, 2e-6):
-        force = EFFECT.period(problem, scar(depth, 6e-6)).rig_forces[-1]
+        force = EFFECT.period(problem, scar(depth, 6e-6)).boundary.forces[-1]
         assert at(force, np.array([-6e-6]))[0][0] == pytest.approx(15.0 * (1.0 - np.exp(-depth / 5e-7)), rel=1e-12)
         assert at(force, np.array([3.59e-6]))[0][0] == 0.0  # a width of 0.4 before the end
     assert EFFECT.period(problem, scar(0.0, 6e-6)) is problem
@@ -85,12 +85,12 @@ def test_a_solved_period_loses_no_energy_to_it(winkler, depth):
     velocity = time_derivative(found.rig_displacement, problem.omega)
     step = 1.0 / (100.0 * len(velocity))
     drive = 75.0 * np.cos(2.0 * np.pi * np.arange(len(velocity)) / len(velocity)) @ velocity[:, 0] * step
-    damping = np.einsum("ji,ik,jk->", velocity, problem.joint.rig.damping, velocity) * step
+    damping = np.einsum("ji,ik,jk->", velocity, problem.structure.rig.damping, velocity) * step
     friction = found.friction_force @ velocity[:, 1] * step
     assert abs(drive - damping - friction) < 1e-4 * drive
     assert friction == pytest.approx(respond(found, problem.interface).dissipated_energy, rel=1e-2)
     if depth:
-        force, _ = at(problem.rig_forces[-1], found.rig_displacement[:, 1])
+        force, _ = at(problem.boundary.forces[-1], found.rig_displacement[:, 1])
         assert np.abs(force).max() > 5.0
         assert np.abs(force * velocity[:, 1]).sum() * step > 0.05 * drive  # what a one-way force would have taken
 

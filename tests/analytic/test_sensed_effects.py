@@ -5,7 +5,6 @@ with the shifted function, the slope of a leaning loop is read by the reader of 
 nodes is summed by a plain march.
 """
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,8 +22,8 @@ from fretflow.effects.sensor_drift import SensorDrift
 from fretflow.effects.sensor_inertia import SensorInertia
 from fretflow.effects.sensor_path_compliance import SensorPathCompliance
 from fretflow.effects.viscous import Viscous
+from fretflow.pipeline.problem import rig_problem
 from fretflow.recordings.hysteresis import HysteresisLoop, read_loop
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -138,7 +137,7 @@ def bare():
     joint = QuasiStaticJoint.from_stiffness(np.kron(np.eye(nodes), stiffness),
                                             LumpedRig.from_modes(10.0, 0.5, 40.0, 900.0, 0.02))
     areas = 1e-6 / nodes * np.linspace(0.8, 1.2, nodes)
-    return PeriodicProblem(joint=joint, interface=Interface(nodes=np.zeros((nodes, 2)), areas=areas,
+    return rig_problem(joint=joint, interface=Interface(nodes=np.zeros((nodes, 2)), areas=areas,
                            gap=np.zeros(nodes)), friction_coefficient=0.8, frequency=100.0, excitation=60.0,
                            normal_load=60.0)
 
@@ -168,7 +167,7 @@ def test_a_lean_makes_the_directions_differ_beside_what_already_does(bare):
     """With all nodes sliding, the two plateaus are mu N (1 + c) and mu N (1 - c); two differences add."""
     for effects, c in (([DistributedMicroSlip(spread=0.9, power=1.5, lean=0.06)], 0.06),
                        ([DirectionalFriction(difference=0.03), DistributedMicroSlip(spread=0.5, lean=0.02)], 0.05)):
-        model = EffectModel.build(replace(bare, excitation=90.0), effects)
+        model = EffectModel.build(bare.vary(amplitude=90.0), effects)
         found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
             model.problem(model.initial()))
         plateaus = np.sort(np.abs([found.friction_force.max(), found.friction_force.min()]))

@@ -16,12 +16,12 @@ from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.effects.cycle import respond
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers import direction as along
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex
-from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.solvers.quasi_static.march import ContactMarch, PeriodHistory
-from fretflow.solvers.quasi_static.sample import ContactSystem
-from fretflow.solvers.quasi_static.solver import ArmEquations, QuasiStaticSolver
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.sample import ContactSystem, PeriodHistory, SampleState
+from fretflow.solvers.quasi_static.solver import InternalEquations, QuasiStaticSolver
 from fretflow.solvers.sensitivity import sensitivities
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -59,7 +59,7 @@ def with_flexibility(flexibility, model=None):
 @cache
 def problem(force, domed, mu=0.88):
     interface = Interface(nodes=1e-3 * DATA["x"][EVERY_OTHER, :2], areas=AREAS, gap=DOME if domed else TILT)
-    return PeriodicProblem(joint=joint(), interface=interface, friction_coefficient=mu, frequency=100.0,
+    return rig_problem(joint=joint(), interface=interface, friction_coefficient=mu, frequency=100.0,
                            excitation=force, normal_load=60.0)
 
 
@@ -71,48 +71,51 @@ def solution(force, domed, mu=0.88):
 
 def solve_again(given, start):
     """Solve from `start` to round-off: differences of loosely converged periods would show their looseness."""
-    model, synthesis = given.joint, synthesis_matrix(HARMONICS, SAMPLES)
-    equations = ArmEquations.build(model.rig, given.omega, given.excitation, HARMONICS, SAMPLES)
+    model, synthesis = given.structure, synthesis_matrix(HARMONICS, SAMPLES)
+    equations = InternalEquations.of(given, HARMONICS, SAMPLES)
     march = ContactMarch(ContactSystem.build(model.stiffness, given.interface.gap, given.friction_coefficient,
-                                             given.normal_load), model.flexibility)
-    approach = start.displacement[:, 0, 2] - start.force.reshape(SAMPLES, -1) @ model.flexibility[2]
-    u, f = (a.transpose(0, 2, 1).reshape(SAMPLES, -1) for a in (start.displacement, start.force))
-    near = PeriodHistory(start.rig_displacement[:, 1], u, f, approach, start.state)
-    arm = equations.analysis @ near.arm
+                                             given.normal_load))
+    u, f = (a.reshape(SAMPLES, -1).copy() for a in (start.displacement, start.force))
+    near = PeriodHistory(start.internal[:, 1:].copy(), u, f, start.state.copy())
+    arm = equations.analysis @ near.position[:, 0]
     for turn in range(10):
-        period = march.period(synthesis @ arm, synthesis, near.sample(-1), near, 1e-14)
-        near = period.trajectory
-        residual = equations.impedance @ arm - equations.load - equations.analysis @ near.friction
-        if turn > 2 and np.linalg.norm(residual) < 1e-13 * given.excitation:
+        period = march.period((synthesis @ arm)[:, None], synthesis[:, None], SampleState.of(near), near, 1e-14)
+        near = period.history
+        friction = near.force[:, 0::3].sum(axis=1)
+        residual = equations.impedance @ arm - equations.load - equations.analysis @ friction
+        if turn > 2 and np.linalg.norm(residual) < 1e-13 * given.excitation.amplitude:
             break
-        arm = arm - np.linalg.solve(equations.impedance - equations.analysis @ period.tangent, residual)
+        arm = arm - np.linalg.solve(equations.impedance - equations.analysis @ period.tangent[:, 0], residual)
     else:
         pytest.fail(f"residual {np.linalg.norm(residual)} N")
-    u, f = (a.reshape(SAMPLES, 3, NODES).transpose(0, 2, 1) for a in (near.displacement, near.force))
-    upper, lower = model.observe(np.column_stack([synthesis @ arm, near.approach]), f.reshape(SAMPLES, -1))
-    return replace(start, displacement=u, force=f, state=near.state, friction_force=-near.friction,
-                   rig_displacement=np.column_stack([equations.block_motion(arm), synthesis @ arm]),
-                   upper_observation=upper, lower_observation=lower)
+    u, f = (a.reshape(SAMPLES, NODES, 3) for a in (near.displacement, near.force))
+    approach = u[:, 0, 2] - near.force @ model.flexibility[2]
+    upper, lower = model.observe(np.column_stack([synthesis @ arm, approach]), near.force)
+    block = synthesis @ equations.free_other(arm)
+    return replace(start, displacement=u, force=f, state=near.state, friction_force=-friction,
+                   internal=np.column_stack([block, synthesis @ arm]),
+                   outputs={"block": block, "arm": synthesis @ arm, "upper": upper, "lower": lower})
 
 
 def perturbations(given):
     """Return for each direction how the problem changes by e units of it, and a unit of its size."""
-    model, face = given.joint, given.interface
+    model, face = given.structure, given.interface
     changes = [
-        (along.friction(), lambda e: replace(given, friction_coefficient=0.88 + e), 0.88),
-        (along.friction(WEIGHTS), lambda e: replace(given, friction_coefficient=0.88 + e * WEIGHTS), 0.88),
-        (along.normal_load(), lambda e: replace(given, normal_load=60.0 + e), 60.0),
+        (along.friction(), lambda e: given.vary(friction_coefficient=0.88 + e), 0.88),
+        (along.friction(WEIGHTS), lambda e: given.vary(friction_coefficient=0.88 + e * WEIGHTS), 0.88),
+        (along.normal_load(), lambda e: given.vary(normal_load=60.0 + e), 60.0),
         (along.gap(WEIGHTS), lambda e: replace(given, interface=replace(face, gap=face.gap + e * WEIGHTS)), 1e-5),
         (along.compliance(SPRINGS), lambda e: replace(
-            given, joint=with_flexibility(model.flexibility + e * np.diag(SPRINGS), model)), 50.0),
+            given, structure=with_flexibility(model.flexibility + e * np.diag(SPRINGS), model)), 50.0),
         (along.flexibility(model.flexibility), lambda e: replace(
-            given, joint=with_flexibility((1.0 + e) * model.flexibility, model)), 3.0),
-        (along.excitation(), lambda e: replace(given, excitation=given.excitation + e), given.excitation),
-        (along.frequency(), lambda e: replace(given, frequency=100.0 + e), 100.0)]
+            given, structure=with_flexibility((1.0 + e) * model.flexibility, model)), 3.0),
+        (along.excitation(), lambda e: given.vary(amplitude=given.excitation.amplitude + e),
+         given.excitation.amplitude),
+        (along.frequency(), lambda e: given.vary(frequency=100.0 + e), 100.0)]
     for part, slightness in PARTS.items():  # how much more of it is needed for a like change
         size = getattr(RIG, part) * slightness
         changes.append((getattr(along, part)(), lambda e, part=part: replace(
-            given, joint=replace(model, rig=replace(RIG, **{part: getattr(RIG, part) + e}))), size))
+            given, structure=replace(model, rig=replace(RIG, **{part: getattr(RIG, part) + e}))), size))
     return changes
 
 
@@ -179,7 +182,7 @@ def test_homogeneous_in_forces_and_lengths(case):
     degree = dict.fromkeys((*FORCES, *LENGTHS, "upper_observation", "lower_observation", "mean_pressure"), 1.0)
     degree |= dict.fromkeys(("dissipated_energy", "pressure_sliding"), 2.0)
     for name, (change, value, scale) in weighted(given, found, directions,
-                                                 [given.excitation, given.normal_load, 1.0, 1.0]).items():
+                                                 [given.excitation.amplitude, given.normal_load, 1.0, 1.0]).items():
         assert change == pytest.approx(degree[name] * value, abs=1e-8 * scale), name
 
 
@@ -192,8 +195,8 @@ def test_homogeneous_in_forces_and_stiffnesses(case):
     """Scaling all forces, springs, dashpots, masses and the contact's stiffness leaves every motion as it is."""
     given, found = problem(*case), solution(*case)
     rig, sizes = rig_directions()
-    directions = [*rig, along.excitation(), along.normal_load(), along.flexibility(given.joint.flexibility)]
-    weights = [*sizes, given.excitation, given.normal_load, -1.0]
+    directions = [*rig, along.excitation(), along.normal_load(), along.flexibility(given.structure.flexibility)]
+    weights = [*sizes, given.excitation.amplitude, given.normal_load, -1.0]
     for name, (change, value, scale) in weighted(given, found, directions, weights).items():
         if name not in ("upper_observation", "lower_observation"):  # their compliance is not scaled
             expected = 0.0 if name in LENGTHS else 1.0
@@ -216,7 +219,7 @@ def test_a_joint_that_sticks_is_the_linear_joint():
     """With X = (Z + k)^-1 F, each derivative is -(Z + k)^-1 dZ X, in closed form."""
     given, found = problem(30.0, False, 50.0), solution(30.0, False, 50.0)
     assert np.all(found.state == ContactState.STICK)
-    stiffness = given.joint.motion[:, 0] @ given.joint.stiffness @ given.joint.motion[:, 0]
+    stiffness = given.structure.motion[:, 0] @ given.structure.stiffness @ given.structure.motion[:, 0]
     omega = 2.0 * np.pi * 100.0
     linear = RIG.impedance(np.array([omega]))[0] + np.diag([0.0, stiffness])
     motion = np.linalg.solve(linear, [30.0, 0.0])
@@ -226,7 +229,7 @@ def test_a_joint_that_sticks_is_the_linear_joint():
                (along.hinge_stiffness(), np.array([[1.0, -1.0], [-1.0, 1.0]])),
                (along.hinge_damping(), 1j * omega * np.array([[1.0, -1.0], [-1.0, 1.0]])),
                (along.frequency(), 2.0 * np.pi * (1j * RIG.damping - 2.0 * omega * RIG.mass)),
-               (along.flexibility(given.joint.flexibility), -stiffness * np.diag([0.0, 1.0]))]
+               (along.flexibility(given.structure.flexibility), -stiffness * np.diag([0.0, 1.0]))]
     exact = sensitivities(given, found, [direction for direction, _ in changes], HARMONICS)
     for i, (_, change) in enumerate(changes):
         amplitudes = to_complex(analysis_matrix(HARMONICS, SAMPLES) @ exact.rig_displacement[i])

@@ -231,7 +231,7 @@ def test_asperities_feel_the_load_and_the_gap_that_other_effects_leave(winkler):
     asperities = make("contact-stiffness", stiffness=40e6, exponent=0.5, reference_pressure=60e6)
     late = replace(SlowState.unworn(9), cycles=1e9)
     lighter = EffectModel.build(problem, [asperities, make("normal-load-drift", loss=0.5)]).problem(late)
-    springs = lighter.joint.flexibility - problem.joint.flexibility
+    springs = lighter.structure.flexibility - problem.structure.flexibility
     expected = np.repeat(1.0 / (40e12 * np.sqrt(0.5) * problem.interface.areas), 3)
     np.testing.assert_allclose(np.diag(springs)[0::3], expected[0::3], rtol=1e-9)
     tilt = make("initial-gap", tilt_x=3e-7)
@@ -239,7 +239,7 @@ def test_asperities_feel_the_load_and_the_gap_that_other_effects_leave(winkler):
     found, own = (EffectModel.build(*given).problem(late) for given in ((problem, [asperities, tilt]),
                                                                          (tilted, [asperities])))
     np.testing.assert_allclose(found.interface.gap, own.interface.gap, rtol=1e-12)
-    np.testing.assert_allclose(found.joint.flexibility, own.joint.flexibility, rtol=1e-12)
+    np.testing.assert_allclose(found.structure.flexibility, own.structure.flexibility, rtol=1e-12)
 
 
 def test_stiffening_springs_end_as_those_of_the_stiffer_contact(winkler):
@@ -248,24 +248,25 @@ def test_stiffening_springs_end_as_those_of_the_stiffer_contact(winkler):
     effect = make("contact-stiffness-evolution", stiffness=40e6, exponent=0.0, gain=1.5, energy=20.0)
     slow = replace(SlowState.unworn(9), energy=20.0)
     grown = 40e6 * (1.0 + 1.5 * (1.0 - np.exp(-1.0)))
-    own, other = (one.period(problem, slow).joint for one in (effect, soft.changed(stiffness=grown)))
+    own, other = (one.period(problem, slow).structure for one in (effect, soft.changed(stiffness=grown)))
     np.testing.assert_allclose(own.flexibility, other.flexibility, rtol=1e-12)
     # all nodes moved together along x: bulk and asperities in series, k = 1 / (1/100 + 1/k_c) N/um
     together = own.stiffness[0::3, 0::3].sum()
     assert together == pytest.approx(1.0 / (1.0 / 100e6 + 1.0 / grown), rel=1e-9)
-    start = effect.period(problem, replace(slow, energy=0.0)).joint
-    np.testing.assert_allclose(start.flexibility, soft.period(problem, slow).joint.flexibility, rtol=1e-12)
+    start = effect.period(problem, replace(slow, energy=0.0)).structure
+    np.testing.assert_allclose(start.flexibility, soft.period(problem, slow).structure.flexibility, rtol=1e-12)
 
 
 def data_of(problem):
     """Return what a period depends on, as one vector; forces at some motion."""
     motion = 1e-5 * np.stack([np.linspace(-1.0, 1.0, 7), np.linspace(1.1, -0.9, 7)], axis=1)
-    forces = [np.ravel(force(motion, 30.0 * motion).force) for force in problem.rig_forces]
-    factors = [np.ravel(factor(motion[:, 1], 30.0 * motion[:, 1]).factor) for factor in problem.motion_factors]
+    forces = [np.ravel(force(motion, 30.0 * motion).force) for force in problem.boundary.forces]
+    factors = [np.ravel(factor(motion[:, 1], 30.0 * motion[:, 1]).factor) for factor in problem.law.motion_factors]
     return np.concatenate([
-        np.ravel(problem.friction_coefficient), problem.interface.gap, problem.joint.quasi_static().flexibility.ravel(),
-        [problem.normal_load, problem.load_slope, problem.friction_exponent, problem.friction_asymmetry,
-         problem.excitation, len(forces), len(problem.overtones)], *forces, *factors])
+        np.ravel(problem.friction_coefficient), problem.interface.gap, problem.boundary.flexibility.ravel(),
+        problem.boundary.free_coupling.ravel(),
+        [problem.normal_load, problem.law.exponent, problem.law.asymmetry, problem.excitation.amplitude, len(forces),
+         len(problem.excitation.overtones)], *forces, *factors])
 
 
 @pytest.mark.parametrize("name", [name for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds])

@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import FactorAndSlopes
-from fretflow.solvers.continuation.system import ArmSystem
+from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers.continuation.system import ContinuationSystem
 from fretflow.solvers.fourier import time_derivative
-from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.solvers.quasi_static.march import ContactMarch, PeriodHistory
-from fretflow.solvers.quasi_static.sample import STICK, Instant, SampleSolver, SampleState
-from fretflow.solvers.stability import RIG_STATES, Around, floquet_multipliers, is_stable, monodromy_matrix
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.sample import STICK, PeriodHistory, SampleSolver, SampleState
+from fretflow.solvers.stability import Around, floquet_multipliers, is_stable, monodromy_matrix
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, change_rig
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STIFFNESS = 2e6  # N/m
+RIG_STATES = 5  # block and arm position, their velocities, and the friction force
 
 
 def rig(ground_damping=60.0):
@@ -34,9 +35,9 @@ def converged(force, frequency, samples, rig_, nodes=1, gap=None, mu=0.6):
     joint = QuasiStaticJoint.from_stiffness(stiffness, rig_)
     interface = Interface(nodes=np.zeros((nodes, 2)), areas=np.ones(nodes),
                           gap=np.zeros(nodes) if gap is None else gap)
-    problem = PeriodicProblem(joint=joint, interface=interface, friction_coefficient=mu, frequency=frequency,
+    problem = rig_problem(joint=joint, interface=interface, friction_coefficient=mu, frequency=frequency,
                               excitation=force, normal_load=60.0)
-    system = ArmSystem(problem, min(15, samples // 4), samples, 1e-9, 30)
+    system = ContinuationSystem(problem, min(15, samples // 4), samples, 1e-9, 30)
     omega = 2 * np.pi * frequency
     guess = system.guess(omega) if force > 1.0 else 1e-9 * np.ones(2 * system.harmonics + 1)
     return system, system.at_frequency(omega, guess, system.march.preloaded())
@@ -48,8 +49,8 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
     errors = []
     for samples in (128, 256):
         system, point = converged(1.0, frequency, samples, own)
-        assert np.all(point.trajectory.state == STICK)
-        found = floquet_multipliers(own, system.march.system, point.trajectory, frequency)
+        assert np.all(point.history.state == STICK)
+        found = floquet_multipliers(own, system.march.system, point.history, frequency)
         stiffness = own.stiffness + np.diag([0.0, STIFFNESS])
         companion = np.block([[np.zeros((2, 2)), np.eye(2)],
                               [-np.linalg.solve(own.mass, stiffness), -np.linalg.solve(own.mass, own.damping)]])
@@ -62,19 +63,24 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
     assert errors[1] < 0.27 * errors[0] < 0.05  # second order in the samples
 
 
+def pull(contact, arm):
+    """Return the pull (3 n,) at a position (1,) of the arm."""
+    return contact.pull + contact.coupling @ arm
+
+
 @pytest.mark.parametrize(("force", "nodes"), [(60.0, 1), (45.0, 3)])
 def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
     own, frequency, samples = rig(), 45.0, 96
     system, point = converged(force, frequency, samples, own, nodes)
-    period, contact = point.trajectory, system.march.system
+    period, contact = point.history, system.march.system
     # begin where nodes stick that slip later: there the contact remembers
     stuck = np.all(period.state == STICK, axis=1) & np.all(np.roll(period.state, 1, axis=0) == STICK, axis=1)
     assert 0 < np.sum(stuck) < samples
     first = int(np.argmax(stuck))
-    period = PeriodHistory(*(np.roll(values, -first, axis=0) for values in vars(period).values()))
+    period = PeriodHistory(*(np.roll(values, -first, axis=0) for values in period))
     n, h = contact.size, 1.0 / (frequency * samples)
     moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
-    memory = np.concatenate([moving, n + moving])
+    memory = np.concatenate([3 * moving, 3 * moving + 1])
     inert = own.mass * 4.0 / h**2 + own.damping * 2.0 / h
 
     def march(perturbation):
@@ -82,20 +88,21 @@ def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
         solver = SampleSolver(contact)
         solver.tolerance = 1e-13 * contact.load
         x, v, phi = perturbation[:2].copy(), perturbation[2:4].copy(), perturbation[4]
-        before = period.sample(-1)
-        before = SampleState(before.displacement.copy(), before.force, before.approach, before.state)
+        before = SampleState.of(period)
+        before = SampleState(before.displacement.copy(), before.force, before.state)
         before.displacement[memory] += perturbation[RIG_STATES:]
         for j in range(samples):
             after, x1 = before, x.copy()
             push = inert @ x + 4.0 / h * own.mass @ v - own.stiffness @ x
             for _ in range(40):
-                after = solver.solve(period.arm[j] + x1[1], before.displacement, period.sample(j), period.arm[j - 1])
-                new = after.force[:n].sum() - period.force[j, :n].sum()
+                after = solver.solve(pull(contact, period.position[j] + x1[1]), before.displacement,
+                                     SampleState.of(period, j), pull(contact, period.position[j - 1]))
+                new = after.force[0::3].sum() - period.force[j, 0::3].sum()
                 residual = (inert + own.stiffness) @ x1 - push - np.array([0.0, phi + new])
                 if np.abs(residual).max() < 1e-12:
                     break
-                _, slope = solver.tangent(after, before.displacement, np.zeros((3 * n, 1)), np.ones(1))
-                x1 -= np.linalg.solve(inert + own.stiffness - np.diag([0.0, slope[0]]), residual)
+                _, slope = solver.tangent(after, before.displacement, np.zeros((3 * n, 1)), np.ones((1, 1)))
+                x1 -= np.linalg.solve(inert + own.stiffness - np.diag([0.0, slope[0, 0]]), residual)
             x, v, phi, before = x1, 2.0 / h * (x1 - x) - v, new, after
         return np.concatenate([x, v, [phi], (before.displacement - period.displacement[-1])[memory]])
 
@@ -113,11 +120,12 @@ def test_forces_on_the_rig_take_part():
     """A negative dashpot given as a force is one of the rig's own; a spring likewise."""
     samples, frequency = 96, 45.0
     system, point = converged(60.0, frequency, samples, rig(60.0))
-    contact, period = system.march.system, point.trajectory
+    contact, period = system.march.system, point.history
     more = np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([[100.0, 0.0], [0.0, 0.0]])
-    around = Around.nothing(contact.load, samples)
-    forced = replace(around, force_by_position=np.broadcast_to(more[0], (samples, 2, 2)),
-                     force_by_velocity=np.broadcast_to(more[1], (samples, 2, 2)))
+    around = Around.nothing(samples)
+    forced = replace(around, forces=around.forces._replace(
+        by_displacement=np.broadcast_to(more[0], (samples, 2, 2)),
+        by_velocity=np.broadcast_to(more[1], (samples, 2, 2))))
     found = monodromy_matrix(rig(60.0), contact, period, frequency, forced)
     own = monodromy_matrix(rig(-40.0), contact, period, frequency)
     np.testing.assert_allclose(found, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
@@ -138,22 +146,24 @@ def test_friction_and_load_that_follow_the_motion_take_part():
     """Against differences of marches in which both follow the perturbed motion."""
     own, frequency, samples = rig(), 45.0, 96
     system, point = converged(60.0, frequency, samples, own)
-    problem = replace(system.problem, motion_factors=(Weakening(),), load_slope=4e4, frequency=frequency)
-    contact, period = system.march.system, point.trajectory
-    motion = np.column_stack([system.block_motion(point), period.arm])
-    speed = time_derivative(period.arm, problem.omega)
+    problem = replace(
+        system.problem, law=replace(system.problem.law, motion_factors=(Weakening(),)),
+        structure=change_rig(system.problem.structure, load_slope=4e4)).vary(frequency=frequency)
+    motion = system.motion(point)
+    speed = time_derivative(motion[:, 1], problem.omega)
     # a period of its own under these laws: the arm's motion as it is, the contact marched until it repeats
-    march = ContactMarch.of(problem)
-    period = march.period(period.arm, np.zeros((samples, 0)), march.preloaded(), None, 1e-13).trajectory
-    n, h = contact.size, 1.0 / (frequency * samples)
+    march = ContactMarch.of(problem, np.array([1]))
+    period = march.period(motion[:, 1:], np.zeros((samples, 1, 0)), march.preloaded(), None, 1e-13).history
+    contact = march.system
+    h = 1.0 / (frequency * samples)
     moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
-    memory = np.concatenate([moving, n + moving])
+    memory = np.concatenate([3 * moving, 3 * moving + 1])
     inert = own.mass * 4.0 / h**2 + own.damping * 2.0 / h
 
     def differences(perturbation):
         x, v, phi = perturbation[:2].copy(), perturbation[2:4].copy(), perturbation[4]
-        before = period.sample(-1)
-        before = SampleState(before.displacement.copy(), before.force, before.approach, before.state)
+        before = SampleState.of(period)
+        before = SampleState(before.displacement.copy(), before.force, before.state)
         before.displacement[memory] += perturbation[RIG_STATES:]
         solver = SampleSolver(contact)
         solver.tolerance = 1e-14 * contact.load
@@ -163,10 +173,11 @@ def test_friction_and_load_that_follow_the_motion_take_part():
             for _ in range(60):
                 x1 = np.linalg.solve(inert + own.stiffness, push + np.array([0.0, new]))
                 v1 = 2.0 / h * (x1 - x) - v
-                arm = period.arm[j] + x1[1]
-                at = Instant(contact.load + 4e4 * arm, Weakening()(arm, speed[j] + v1[1]).factor)
-                after = solver.solve(arm, before.displacement, period.sample(j), period.arm[j - 1], at)
-                last, new = new, after.force[:n].sum() - period.force[j, :n].sum()
+                arm = period.position[j] + x1[1]
+                factor = Weakening()(arm, speed[j] + v1[1]).factor[0]
+                after = solver.solve(pull(contact, arm), before.displacement, SampleState.of(period, j),
+                                     pull(contact, period.position[j - 1]), factor)
+                last, new = new, after.force[0::3].sum() - period.force[j, 0::3].sum()
                 if abs(new - last) < 1e-13:
                     break
             x, v, phi, before = x1, v1, new, after
@@ -179,7 +190,7 @@ def test_friction_and_load_that_follow_the_motion_take_part():
     found = 0.5 * (differences(direction) - differences(-direction))
     size = np.abs(matrix) @ np.abs(direction)
     assert np.all(np.abs(found - expected) < 1e-5 * size + 1e-9 * np.abs(scales))
-    plain = monodromy_matrix(own, contact, period, frequency)
+    plain = monodromy_matrix(own, system.march.system, period, frequency)
     assert np.abs((plain - matrix) @ direction / size).max() > 1e-3  # they matter
 
 
@@ -188,5 +199,5 @@ def test_sliding_damps():
     moduli = {}
     for force in (1.0, 60.0):
         system, point = converged(force, 45.0, 96, own)
-        moduli[force] = np.abs(floquet_multipliers(own, system.march.system, point.trajectory, 45.0)[0])
+        moduli[force] = np.abs(floquet_multipliers(own, system.march.system, point.history, 45.0)[0])
     assert moduli[60.0] < 0.9 * moduli[1.0] < 0.9

@@ -13,7 +13,7 @@ import pytest
 from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
 from fretflow.solvers.time_integration import integrate, settle
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -30,7 +30,7 @@ SLIDING = (53.0, 60.0, 75.0)
 def problem(force, joint=PAIR, mu=0.88):
     nodes = len(joint.stiffness) // 3
     interface = Interface(nodes=np.zeros((nodes, 2)), areas=np.full(nodes, 1e-6 / nodes), gap=np.zeros(nodes))
-    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=mu, frequency=100.0,
+    return rig_problem(joint=joint, interface=interface, friction_coefficient=mu, frequency=100.0,
                            excitation=force, normal_load=60.0)
 
 

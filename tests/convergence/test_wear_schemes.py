@@ -14,7 +14,7 @@ from fretflow.case.config import Solver, WearScheme
 from fretflow.contact.interface import Interface
 from fretflow.core.records import quantity, record
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -148,7 +148,7 @@ def test_halving_the_jump_of_a_vibrating_joint_hardly_changes_the_volume():
     """At 53 N, where the stroke follows the contact: each period is solved on the rig, and slip and load vary in it."""
     ridges, data = Ridges(), np.load(DATA)
     rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
-    problem = PeriodicProblem(
+    problem = rig_problem(
         joint=QuasiStaticJoint.from_stiffness(1e3 * data["K"], rig), frequency=100.0, excitation=53.0,
         interface=Interface(nodes=1e-3 * data["x"][:, :2], areas=ridges.areas, gap=ridges.gap),
         friction_coefficient=MU, normal_load=LOAD)

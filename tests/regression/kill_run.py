@@ -7,10 +7,10 @@ from fretflow.case.config import Solver, validate_case
 from fretflow.contact.interface import Interface
 from fretflow.core.store import write_record
 from fretflow.effects.cycle import PeriodicCycle
+from fretflow.pipeline.problem import rig_problem
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.runner import Runner
 from fretflow.pipeline.stage import Stage
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -32,7 +32,7 @@ def problem():
     dofs = (3 * kept[:, None] + np.arange(3)).ravel()
     stiffness = np.linalg.inv(np.linalg.inv(data["K"] * 1e3)[np.ix_(dofs, dofs)])
     share = np.where(np.abs(centred[kept]) == 3, 0.25, 0.5)
-    return PeriodicProblem(
+    return rig_problem(
         joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
                                               LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),
         interface=Interface(nodes=position[kept], areas=share.prod(axis=1) * 1e-6, gap=np.zeros(len(kept))),

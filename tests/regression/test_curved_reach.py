@@ -10,7 +10,7 @@ import pytest
 from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static import candidate_nodes as reach
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -28,7 +28,7 @@ def problem(force=75.0):
     joint = QuasiStaticJoint(stiffness=bare.stiffness, flexibility=bare.flexibility, motion=bare.motion, rig=RIG,
                              upper_compliance=0.3 * bare.flexibility[:3], lower_compliance=bare.flexibility[-3:])
     crown = Interface(nodes=PLACE, areas=np.full(49, 1e-6 / 49), gap=np.sum(PLACE**2, axis=1) / 0.08)
-    return PeriodicProblem(joint=joint, interface=crown, friction_coefficient=0.88, frequency=100.0,
+    return rig_problem(joint=joint, interface=crown, friction_coefficient=0.88, frequency=100.0,
                            excitation=force, normal_load=60.0)
 
 
@@ -36,9 +36,9 @@ def solve(monkeypatch, margin, first=None):
     """Solve with another margin, or with the nodes `first` at first; return the sizes of the contacts solved."""
     sizes = []
 
-    def count(whole, joint, nodes):
+    def count(whole, nodes):
         sizes.append(int(nodes.sum()))
-        return restrict(whole, joint, nodes)
+        return restrict(whole, nodes)
 
     restrict = reach.restrict
     monkeypatch.setattr(reach, "MARGIN", margin)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.contact.coulomb import CoulombLaw, return_mapping
+from fretflow.contact.coulomb import Coulomb, return_mapping
 from fretflow.solvers.dlft.equations import DlftEquations
 from fretflow.solvers.dlft.solver import solve_equations
 from fretflow.solvers.dlft.stiffness import DenseStiffness
@@ -32,7 +32,7 @@ def equations_of(case):
     load = np.zeros((HARMONICS + 1, len(k)), dtype=complex)
     load[0], load[1] = p @ data["F0"], p @ (data["Fc"] - 1j * data["Fs"])
     return DlftEquations(stiffness=DenseStiffness(stiffness), load=load, gap=np.zeros(case["N"]), samples=128,
-                         law=CoulombLaw(friction_coefficient=0.3), penalty=case["eps"])
+                         law=Coulomb(friction_coefficient=0.3), penalty=case["eps"])
 
 
 def solved(case):

@@ -14,10 +14,10 @@ from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import NonConvergenceError
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.dlft import solver as dlft
 from fretflow.solvers.dlft.solver import DlftSolver
 from fretflow.solvers.newton import solve_newton
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -33,7 +33,7 @@ def problem(force):
     joint = QuasiStaticJoint.from_stiffness(1e3 * data["K"], rig)
     areas = np.ones(nodes) * 1e-6 / nodes  # the references state the plain mean over the nodes
     interface = Interface(nodes=1e-3 * data["x"][:, :2], areas=areas, gap=np.zeros(nodes))
-    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
+    return rig_problem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
                            excitation=force, normal_load=60.0)
 
 
@@ -139,7 +139,7 @@ def test_the_transition_to_gross_slip_is_solved_without_raising_the_load(force, 
     found = solution(force, 3)
     motion, pressing = (np.fft.rfft(a.reshape(128, -1), axis=0)[:4] / 64 for a in (found.displacement, found.force))
     motion[0], pressing[0] = 0.5 * motion[0], 0.5 * pressing[0]
-    dense = given.joint.dynamic_stiffness(given.frequency, 3, force, given.normal_load)
+    dense = given.structure.dynamic_stiffness(given.frequency, given.loads(3))
     balance = np.einsum("kij,kj->ki", dense.stiffness, motion) - dense.load
     assert pressing == pytest.approx(balance, abs=1e-7)
     below, above = (np.ptp(mean_sliding(solution(beside, 3))) for beside in (38.0, 38.7))

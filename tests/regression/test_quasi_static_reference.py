@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -32,7 +32,7 @@ def problem(force, springs):
     in_series = np.linalg.inv(np.linalg.inv(stiffness) + np.diag(compliance))
     joint = QuasiStaticJoint.from_stiffness(in_series, LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
     interface = Interface(nodes=1e-3 * data["x"][:, :2], areas=areas, gap=np.zeros(len(areas)))
-    return PeriodicProblem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
+    return rig_problem(joint=joint, interface=interface, friction_coefficient=0.88, frequency=100.0,
                            excitation=force, normal_load=60.0), compliance
 
 

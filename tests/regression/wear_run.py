@@ -11,10 +11,10 @@ from fretflow.case.config import Solver, validate_case
 from fretflow.contact.interface import Interface
 from fretflow.core.store import write_record
 from fretflow.effects.cycle import PeriodicCycle
+from fretflow.pipeline.problem import rig_problem
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.runner import Runner
 from fretflow.pipeline.stage import Stage
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -43,7 +43,7 @@ def problem():
     areas = np.outer(share, share)[np.searchsorted(side, data["x"][:, 0] * 1e-3 - 1e-12),
                                    np.searchsorted(side, data["x"][:, 1] * 1e-3 - 1e-12)]
     rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
-    return PeriodicProblem(
+    return rig_problem(
         joint=QuasiStaticJoint.from_stiffness(data["K"] * 1e3, rig),
         interface=Interface(nodes=data["x"][:, :2] * 1e-3, areas=areas, gap=np.zeros(len(areas))),
         friction_coefficient=0.88, frequency=100.0, excitation=75.0, normal_load=60.0)

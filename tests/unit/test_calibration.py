@@ -114,7 +114,7 @@ def test_the_worn_volume_depends_on_coefficient_times_cycles_alone(nine_nodes):
 
 def test_the_settled_face_carries_the_load_evenly(nine_nodes):
     problem, _ = nine_nodes
-    flexibility, areas = problem.joint.quasi_static().flexibility[2::3, 2::3], problem.interface.areas
+    flexibility, areas = problem.structure.quasi_static().flexibility[2::3, 2::3], problem.interface.areas
     gap = 1e-6 * np.linspace(0.0, 1.0, len(areas))
     depth = settled_face(flexibility, areas, gap, 60.0)
     assert depth.min() == 0.0
@@ -176,12 +176,13 @@ def test_a_rough_model_leads_to_the_parameters_of_the_exact_one():
 def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
     problem, solver = nine_nodes
     hidden = np.array([14.0, 0.5, 40.0, 2500.0, 0.01])
-    conditions = [CalibrationTest(f"{force:g} N", dataclasses.replace(problem, excitation=force), 1.0, 0.01)
+    conditions = [CalibrationTest(f"{force:g} N", problem.vary(amplitude=force), 1.0, 0.01)
                   for force in (60.0, 75.0)]
 
     def seen(condition):
-        joint = dataclasses.replace(problem.joint, rig=LumpedRig.from_modes(*hidden))
-        return sliding_distance(solver.solve(dataclasses.replace(condition.problem, joint=joint)), problem.interface)
+        joint = dataclasses.replace(problem.structure, rig=LumpedRig.from_modes(*hidden))
+        found = solver.solve(dataclasses.replace(condition.problem, structure=joint))
+        return sliding_distance(found, problem.interface)
 
     modes = tuple(PRIOR_FACTORS)[2:4]
     model = CalibratedRig(conditions, modes, solver, 0.0, lambda text: None)

@@ -39,7 +39,7 @@ class Heavier(Effect):
         return cls().changed(weight=0.0)
 
     def period(self, problem, slow):
-        return replace(problem, normal_load=problem.normal_load + self.weight)
+        return problem.vary(normal_load=problem.normal_load + self.weight)
 
     def sketch(self):
         return Sketch("weight in N", "load in N", {{"": (np.arange(3.0), np.arange(3.0))}})

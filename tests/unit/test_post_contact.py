@@ -80,6 +80,6 @@ def period_with(state):
     samples, nodes = state.shape
     return PeriodicSolution(
         method="test", frequency=100.0, displacement=np.zeros((samples, nodes, 3)),
-        force=np.zeros((samples, nodes, 3)), state=state, rig_displacement=np.zeros((samples, 2)),
-        upper_observation=np.zeros((samples, 3)), lower_observation=np.zeros((samples, 3)),
+        force=np.zeros((samples, nodes, 3)), state=state, internal=np.zeros((samples, 2)),
+        outputs={},
         friction_force=np.zeros(samples), residual_history=(0.0,), error_estimate=0.0)

@@ -63,8 +63,8 @@ def two_node_period():
     observed[:, 0] = [1.0, 2.0, 3.0, 4.0]
     return PeriodicSolution(
         method="test", frequency=100.0, displacement=motion, force=np.zeros((4, 2, 3)),
-        state=np.zeros((4, 2), dtype=np.int8), rig_displacement=np.zeros((4, 2)), upper_observation=observed,
-        lower_observation=np.full((4, 3), 0.5), friction_force=np.array([5.0, 6.0, -5.0, -6.0]),
+        state=np.zeros((4, 2), dtype=np.int8), internal=np.zeros((4, 2)),
+        outputs={"upper": observed, "lower": np.full((4, 3), 0.5)}, friction_force=np.array([5.0, 6.0, -5.0, -6.0]),
         residual_history=(0.0,), error_estimate=0.0)
 
 

@@ -83,7 +83,7 @@ def steady_period(nodes, areas, swing=6e-6):
     seen = np.column_stack([1.3 * swing * np.sin(tau - 0.4), np.zeros((64, 2))])
     return PeriodicSolution(
         method="test", frequency=100.0, displacement=motion, force=force, state=state.astype(np.int8),
-        rig_displacement=np.zeros((64, 2)), upper_observation=seen, lower_observation=np.zeros((64, 3)),
+        internal=np.zeros((64, 2)), outputs={"upper": seen, "lower": np.zeros((64, 3))},
         friction_force=force[:, :, 0].sum(axis=1), residual_history=(0.0,), error_estimate=0.0)
 
 

@@ -19,9 +19,9 @@ from fretflow.core.errors import InputError
 from fretflow.core.store import read_record, write_record
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline import response_curves as stage
+from fretflow.pipeline.problem import rig_problem
 from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
 from fretflow.solvers.continuation.curve import ResponseCurve, SweepDirection, read_peak
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -30,7 +30,7 @@ from matplotlib.image import imread
 
 NODES, CYCLES = 2, 5000
 FLEXIBILITY = np.kron(2e-7 * np.eye(NODES) + 5e-8, np.eye(3))
-PROBLEM = PeriodicProblem(
+PROBLEM = rig_problem(
     joint=QuasiStaticJoint.from_stiffness(np.linalg.inv(FLEXIBILITY),
                                           LumpedRig.from_modes(10.0, 0.5, 40.0, 900.0, 0.05)),
     interface=Interface(nodes=np.zeros((NODES, 2)), areas=np.full(NODES, 5e-7), gap=np.zeros(NODES)),
@@ -102,7 +102,7 @@ def test_a_point_of_a_curve_is_the_period_that_the_solver_finds(home):
     curve: ResponseCurve = read_record(path, stage.RunCurve).curve
     own = curve.along(SweepDirection.UP)
     for k in own[[1, len(own) // 2, -2]]:
-        problem = PeriodicProblem(**{**vars(PROBLEM), "frequency": float(curve.frequency[k])})
+        problem = PROBLEM.vary(frequency=float(curve.frequency[k]))
         samples = int(curve.samples[k])
         settings = Solver(harmonics=11, samples=samples, tolerance=1e-7, estimate_error=False)
         block = QuasiStaticSolver(settings).solve(problem).rig_displacement[:, 0]
@@ -113,7 +113,7 @@ def test_a_point_of_a_curve_is_the_period_that_the_solver_finds(home):
 def test_a_curve_is_made_once_for_its_load(home, monkeypatch):
     made = []
     follow = stage.respond
-    monkeypatch.setattr(stage, "respond", lambda problem, sweep, note: made.append(problem.excitation)
+    monkeypatch.setattr(stage, "respond", lambda problem, sweep, note: made.append(problem.excitation.amplitude)
                         or follow(problem, sweep, note))
     ask = ["response", str(home), "--unworn", "--stop", "41 Hz", "--start", "39 Hz"]
     assert cli.execute([*ask, "--excitation", "90 N"]) == 0

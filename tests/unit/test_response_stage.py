@@ -12,16 +12,17 @@ from fretflow.case.config import Solver, validate_case
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.pipeline import response, response_curves
+from fretflow.pipeline.problem import rig_problem
 from fretflow.pipeline.response import first_harmonic, forced_response, read_loops
-from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.solvers.quasi_static.backbone import BackboneSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, change_rig
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RESONANCE, DAMPING, STATIC = 137.0, 0.02, 1e-6
 TAU = 2.0 * np.pi * np.arange(64) / 64
-PROBLEM = PeriodicProblem(
+PROBLEM = rig_problem(
     joint=QuasiStaticJoint.from_stiffness(
         np.eye(3) * 1e7, LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
     ),
@@ -60,9 +61,8 @@ class Oscillator:
             displacement=np.zeros((64, 1, 3)),
             force=np.zeros((64, 1, 3)),
             state=np.zeros((64, 1), dtype=np.int8),
-            rig_displacement=np.column_stack([motion, motion]),
-            upper_observation=np.zeros((64, 3)),
-            lower_observation=np.zeros((64, 3)),
+            internal=np.column_stack([motion, motion]),
+            outputs={"block": motion, "arm": motion},
             friction_force=np.zeros(64),
             residual_history=(0.0,),
             error_estimate=0.0,
@@ -137,7 +137,7 @@ def test_what_a_backbone_does_not_know_is_followed_by_continuation(monkeypatch):
     monkeypatch.setattr(response_curves, "SAMPLES", 64)
     solver = Solver(harmonics=7, samples=64)
     case = replace_range(start="95 Hz", stop="115 Hz").model_copy(update={"solver": solver})
-    problem = replace(PROBLEM, load_slope=5e4)
+    problem = replace(PROBLEM, structure=change_rig(PROBLEM.structure, load_slope=5e4))
     with pytest.raises(InputError, match="backbone does not know a normal load that depends on the motion"):
         BackboneSolver.of(problem, 7, 64).solve(problem)
     shares = []
@@ -148,15 +148,16 @@ def test_what_a_backbone_does_not_know_is_followed_by_continuation(monkeypatch):
     assert found.frequency[[0, -1]] == pytest.approx([95.0, 115.0])
     assert max(shares) == pytest.approx(1.0)
     settings = Solver(harmonics=7, samples=32, estimate_error=False)
-    full = QuasiStaticSolver(settings).solve(replace(problem, frequency=95.0))
+    full = QuasiStaticSolver(settings).solve(problem.vary(frequency=95.0))
     assert found.amplitude[0] == pytest.approx(abs(first_harmonic(full)), rel=1e-3, abs=0.0)
     assert found.phase[0] == pytest.approx(-np.angle(first_harmonic(full)) % (2 * np.pi), rel=1e-3)
 
 
 def test_the_first_harmonic_is_that_of_the_moving_mass():
     period = Oscillator().solve(PROBLEM)
-    motion = np.column_stack([1.0 + 3.0 * np.cos(TAU - 0.4) + np.cos(2 * TAU), np.zeros(64)])
-    assert first_harmonic(replace(period, rig_displacement=motion)) == pytest.approx(3.0 * np.exp(-0.4j))
+    motion = 1.0 + 3.0 * np.cos(TAU - 0.4) + np.cos(2 * TAU)
+    moved = replace(period, outputs={"block": motion, "arm": np.zeros(64)})
+    assert first_harmonic(moved) == pytest.approx(3.0 * np.exp(-0.4j))
 
 
 def parallelogram(limit, stiffness, slide, samples=400):
@@ -177,7 +178,7 @@ def test_loops_are_read_at_every_kept_cycle_count():
     for cycles, limit in limits.items():
         x, force = parallelogram(limit, 20e6, 10e-6)
         periods[cycles] = replace(Oscillator().solve(PROBLEM), friction_force=force,
-                                  rig_displacement=np.column_stack([x, x]))
+                                  outputs={"block": x, "arm": x})
     series = read_loops(periods, 60.0, lambda period: period.rig_displacement[:, 0])
     assert series.cycles.tolist() == [0, 1000]
     np.testing.assert_allclose(series.friction_coefficient, [20 / 60, 30 / 60], rtol=0.01)
@@ -190,7 +191,7 @@ def test_loops_are_read_at_every_kept_cycle_count():
 def test_what_a_loop_does_not_show_is_nan():
     x, force = 1e-6 * np.cos(TAU), 20.0 * np.cos(TAU - 1e-3)  # an ellipse, nearly a line: no plateau
     period = replace(
-        Oscillator().solve(PROBLEM), friction_force=force, rig_displacement=np.column_stack([x, x])
+        Oscillator().solve(PROBLEM), friction_force=force, outputs={"block": x, "arm": x}
     )
     series = read_loops({5: period}, 60.0, lambda period: period.rig_displacement[:, 0])
     assert np.isnan(series.friction_coefficient[0])
@@ -198,8 +199,8 @@ def test_what_a_loop_does_not_show_is_nan():
 
 
 def test_faces_that_stick_all_the_time_have_no_loop_but_a_regime():
-    still = np.zeros((len(TAU), 2))
-    stuck = replace(Oscillator().solve(PROBLEM), friction_force=20.0 * np.cos(TAU), rig_displacement=still)
+    still = {"block": np.zeros(len(TAU)), "arm": np.zeros(len(TAU))}
+    stuck = replace(Oscillator().solve(PROBLEM), friction_force=20.0 * np.cos(TAU), outputs=still)
     series = read_loops({0: stuck}, 60.0, lambda period: period.rig_displacement[:, 0])
     assert series.regime == ("stick",)
     assert [*series.sliding_distance, *series.peak_to_peak, *series.dissipated_energy] == [0.0, 0.0, 0.0]

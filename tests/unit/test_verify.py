@@ -17,9 +17,9 @@ from fretflow.core.store import read_record, write_record
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline import verify
+from fretflow.pipeline.problem import rig_problem
 from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
 from fretflow.solvers.dlft.solver import DlftSolver
-from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
 from fretflow.solvers.time_integration import integrate
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -30,7 +30,7 @@ from fretflow.wear.march import run_history
 NODES = 4
 FLEXIBILITY = np.kron(1e-8 * np.eye(NODES) + 4e-9 * np.ones((NODES, NODES)), np.eye(3))
 SETTINGS = Solver(harmonics=40, samples=256, estimate_error=False)
-PROBLEM = PeriodicProblem(
+PROBLEM = rig_problem(
     joint=QuasiStaticJoint.from_stiffness(np.linalg.inv(FLEXIBILITY),
                                           LumpedRig.from_modes(10.0, 0.5, 40.0, 900.0, 0.05)),
     interface=Interface(nodes=np.zeros((NODES, 2)), areas=np.full(NODES, 2.5e-7),
@@ -71,7 +71,7 @@ def test_too_few_harmonics_are_found_out_with_the_size_of_their_error(true_perio
 
 
 def test_a_period_of_another_load_is_found_out(true_period):
-    check = verify.check_period("unworn", 0, replace(PROBLEM, excitation=77.0), true_period)
+    check = verify.check_period("unworn", 0, PROBLEM.vary(amplitude=77.0), true_period)
     assert not check.agrees
     assert "use more samples" in verify.verdict([check])
 
@@ -92,7 +92,7 @@ def test_the_figures_are_those_of_the_histories(true_period):
 
 
 def test_a_joint_that_sticks_has_no_energy_to_differ_in():
-    stuck = replace(PROBLEM, excitation=5.0, interface=replace(PROBLEM.interface, gap=np.zeros(NODES)))
+    stuck = replace(PROBLEM.vary(amplitude=5.0), interface=replace(PROBLEM.interface, gap=np.zeros(NODES)))
     check = verify.check_period("unworn", 0, stuck, QuasiStaticSolver(SETTINGS).solve(stuck))
     assert check.energy_difference < 1e-3
     assert check.agrees

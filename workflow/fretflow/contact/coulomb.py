@@ -1,36 +1,40 @@
-"""Coulomb friction with unilateral contact: return mapping, its tangent, and the audit of a period.
+"""Coulomb friction with unilateral contact, and the audit of a period against it.
 
-Prediction and correction as in Nacivet, Pierre, Thouverez, Jezequel, J. Sound Vib. 265 (2003) 201-219,
-sections 3.3-3.4: the force that sticking would need is kept inside the friction disc and projected onto it
-from outside.
+Prediction and correction as in Nacivet, Pierre, Thouverez, Jezequel, J. Sound Vib. 265 (2003) 201-219, sections
+3.3-3.4: the force that sticking would need is kept inside the friction disc and projected onto it from outside.
+The formulas themselves stand in `contact.kernels.cone`.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.law import FactorAndSlopes, MotionFactor
 from fretflow.core.errors import AuditError, InputError
 from fretflow.core.records import quantity, record
 
-TINY = np.finfo(float).tiny
-SMALLEST_LOAD = 1e-3  # of the reference force; below it the coefficient stays what it is there
+Array = NDArray[np.float64]
 
 
 @record
-class CoulombLaw:
-    """Coulomb's law ``|f_t| <= mu f_n`` (a `contact.law.ContactLaw`).
+class Coulomb:
+    """Coulomb's law ``|f_t| <= mu f_n`` (a `contact.law.ContactLaw`): ``Coulomb(0.6)``.
 
-    Its coefficient may fall with the normal force, ``mu (f_n / f_0)^-b``, and differ with the direction of the
-    friction force t by the factor ``1 - d t_x``: sliding to positive x, against t_x = -1, meets ``mu (1 + d)``.
+    Its coefficient may fall with the normal force, ``mu (f_n / f_0)^-b``, differ with the direction of the friction
+    force t by the factor ``1 - d t_x`` (sliding to positive x, against t_x = -1, meets ``mu (1 + d)``), and follow how
+    the faces move as a whole by `motion_factors`.
     """
 
-    friction_coefficient: NDArray[np.float64] = quantity("1", "() or (nodes,)")
+    friction_coefficient: Array | float = quantity("1", "() or (nodes,)", kw_only=False)
     exponent: float = quantity("1", default=0.0)  # b
-    reference_force: NDArray[np.float64] | float = quantity("N", "() or (nodes,)", default=1.0)
+    reference_pressure: float | None = quantity("Pa", default=None)  # p_0; by default the mean under the normal load
     asymmetry: float = quantity("1", default=0.0)  # d
+    motion_factors: tuple[MotionFactor, ...] = ()
+    reference_force: Array | float = quantity("N", "() or (nodes,)", default=1.0)  # f_0, see `on`
 
     def check(self) -> None:
         """Check the ranges.
@@ -48,50 +52,78 @@ class CoulombLaw:
             raise InputError(f"friction: exponent {self.exponent} must lie in [0, 1) and asymmetry {self.asymmetry} "
                              "between -1 and 1")
 
-    def slip_limit(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def on(self, areas: Array, normal_load: float) -> Coulomb:
+        """Return the law of nodes of `areas` (nodes,) m^2 under a normal load in N: f_0 is p_0 times the area."""
+        pressure = normal_load / areas.sum() if self.reference_pressure is None else self.reference_pressure
+        return replace(self, reference_force=pressure * areas)
+
+    def slip_limit(self, normal: Array) -> Array:
         """Return the limit in N in the mean of both directions: ``mu f_n`` by default."""
-        return np.asarray(self.friction_coefficient * self.gripping_force(normal))
+        return np.asarray(self.friction_coefficient * self._grip(normal)[0])
 
-    def slip_limit_slope(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slip_limit_slope(self, normal: Array) -> Array:
         """Return the derivative of `slip_limit`, shaped as `normal`: mu by default."""
-        if self.exponent == 0.0:
-            return np.broadcast_to(self.friction_coefficient, normal.shape)
-        share = normal / self.reference_force
-        falls = np.where(share > SMALLEST_LOAD, 1.0 - self.exponent, 1.0)
-        return np.asarray(self.friction_coefficient * falls * np.maximum(share, SMALLEST_LOAD)**-self.exponent)
+        return np.broadcast_to(np.asarray(self.friction_coefficient * self._grip(normal)[1]), normal.shape)
 
-    def gripping_force(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gripping_force(self, normal: Array) -> Array:
         """Return `slip_limit` over the friction coefficient, N: the normal force itself by default."""
+        return self._grip(normal)[0]
+
+    def directed_limit(self, force: Array, factor: Array | float = 1.0) -> Array:
+        """Return the limit in N in the direction of the friction of contact forces (..., nodes, 3) in N."""
+        size = np.hypot(force[..., 0], force[..., 1])
+        along = force[..., 0] / np.where(size > 0.0, size, np.inf)
+        return np.asarray(factor * self.slip_limit(np.maximum(force[..., 2], 0.0)) * (1.0 - self.asymmetry * along))
+
+    def factor(self, position: Array, velocity: Array) -> FactorAndSlopes:
+        """Return the product of the motion factors at positions (N,) m and velocities (N,) m/s, and its slopes."""
+        whole = FactorAndSlopes(np.ones_like(position), np.zeros_like(position), np.zeros_like(position))
+        for factor in self.motion_factors:
+            one = factor(position, velocity)
+            whole = FactorAndSlopes(whole.factor * one.factor,
+                                    one.factor * whole.by_position + whole.factor * one.by_position,
+                                    one.factor * whole.by_velocity + whole.factor * one.by_velocity)
+        return whole
+
+    def _grip(self, normal: Array) -> tuple[Array, Array | float]:
         if self.exponent == 0.0:
-            return normal
-        share = np.maximum(normal / self.reference_force, SMALLEST_LOAD)
-        return np.asarray(normal * share**-self.exponent)
+            return normal, 1.0
+        from fretflow.contact.kernels.cone import grip_all  # the compiler takes as long to import as all the rest
+
+        nodes = normal.shape[-1] if normal.ndim else 1
+        given = np.require(normal, dtype=float, requirements=["C", "W"]).reshape(-1, nodes)
+        force, slope = np.empty_like(given), np.empty_like(given)
+        grip_all(given, np.require(np.broadcast_to(self.reference_force, nodes), dtype=float, requirements=["C", "W"]),
+                 self.exponent, force, slope)
+        return force.reshape(normal.shape), slope.reshape(normal.shape)
 
 
 class ReturnTangent(NamedTuple):
     """Derivative of the return mapping: ``df = direct dp + mirrored conj(dp) + radial dlimit``."""
 
-    direct: NDArray[np.float64]
+    direct: Array
     mirrored: NDArray[np.complex128]
     radial: NDArray[np.complex128]
 
 
-def return_mapping(trial: NDArray[np.complex128], limit: NDArray[np.float64]) -> NDArray[np.complex128]:
+def return_mapping(trial: NDArray[np.complex128], limit: Array) -> NDArray[np.complex128]:
     """Return the tangential force: `trial`, projected radially onto the disc of radius `limit`."""
-    return np.asarray(trial * np.minimum(1.0, limit / np.maximum(np.abs(trial), TINY)))
+    return _projected(trial, limit)[0]
 
 
-def return_tangent(trial: NDArray[np.complex128], limit: NDArray[np.float64]) -> ReturnTangent:
-    """Return the exact derivative of `return_mapping`.
+def return_tangent(trial: NDArray[np.complex128], limit: Array) -> ReturnTangent:
+    """Return the exact derivative of `return_mapping`."""
+    return _projected(trial, limit)[1]
 
-    In slip, with direction ``n = p / |p|`` and ``s = limit / |p|``: ``df = s (dp - n Re(conj(n) dp)) + n
-    dlimit``.
-    """
-    size = np.maximum(np.abs(trial), TINY)
-    slips = size > limit
-    direction = np.where(slips, trial / size, 0.0)
-    scale = np.where(slips, 0.5 * limit / size, 1.0)
-    return ReturnTangent(direct=scale, mirrored=-scale * direction**2, radial=direction)
+
+def _projected(trial: NDArray[np.complex128], limit: Array) -> tuple[NDArray[np.complex128], ReturnTangent]:
+    from fretflow.contact.kernels.cone import project_all
+
+    given = np.require(trial, dtype=complex, requirements=["C", "W"])
+    radius = np.require(np.broadcast_to(limit, given.shape), dtype=float, requirements=["C", "W"])
+    force, direct, mirrored, radial = (np.empty(given.shape, dtype=kind) for kind in (complex, float, complex, complex))
+    project_all(*(part.reshape(-1) for part in (given, radius, force, direct, mirrored, radial)))
+    return force, ReturnTangent(direct, mirrored, radial)
 
 
 class ContactAudit(NamedTuple):

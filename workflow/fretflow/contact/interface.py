@@ -23,9 +23,9 @@ class Interface:
     2
     """
 
-    nodes: NDArray[np.float64] = quantity("m", "(nodes, 2)")
-    areas: NDArray[np.float64] = quantity("m^2", "(nodes,)")
-    gap: NDArray[np.float64] = quantity("m", "(nodes,)")
+    nodes: NDArray[np.float64] = quantity("m", "(nodes, 2), in the plane of the contact", kw_only=False)
+    areas: NDArray[np.float64] = quantity("m^2", "(nodes,)", kw_only=False)
+    gap: NDArray[np.float64] = quantity("m", "(nodes,)", kw_only=False)
 
     def check(self) -> None:
         """Check shapes and signs.

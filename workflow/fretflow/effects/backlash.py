@@ -12,6 +12,7 @@ from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
 from fretflow.structure.two_mass_rig.force_laws import HingePlay
+from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
 from fretflow.wear.slow import SlowState
 
 
@@ -45,8 +46,8 @@ class Backlash(Effect):
         """Free the hinge within the play."""
         if self.play == 0.0:
             return problem
-        hinge = problem.joint.quasi_static().rig.hinge_stiffness
-        return replace(problem, rig_forces=(*problem.rig_forces, HingePlay(hinge, self.play)))
+        hinge = rig_of(problem.structure).rig.hinge_stiffness
+        return replace(problem, structure=change_rig(problem.structure, forces=(HingePlay(hinge, self.play),)))
 
     def sliders(self, sliders: Sliders) -> Sliders:
         """Put the play before the sliders."""

@@ -15,8 +15,7 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
 from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.solvers.quasi_static.march import frictionless_preload
-from fretflow.solvers.quasi_static.sample import ContactSystem
+from fretflow.solvers.quasi_static.march import press_frictionless
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.wear.slow import SlowState
 
@@ -69,7 +68,7 @@ def with_asperities(problem: PeriodicProblem, asperities: Asperities) -> Periodi
         If the static pressure is not found.
     """
     areas, gap = problem.interface.areas, problem.interface.gap
-    normal = problem.joint.quasi_static().flexibility[2::3, 2::3]
+    normal = problem.boundary.flexibility[2::3, 2::3]
     stiffest = float(asperities.compliance(np.asarray(problem.normal_load / areas.sum())))
     if stiffest / float(areas.mean()) < RIGID * float(normal.diagonal().mean()):
         return problem
@@ -77,19 +76,19 @@ def with_asperities(problem: PeriodicProblem, asperities: Asperities) -> Periodi
     soft = asperities.compliance(force / areas) / areas
     offset = asperities.compression(force / areas) - soft * force
     springs = np.stack([asperities.ratio * soft, asperities.ratio * soft, soft], axis=1).ravel()
-    return replace(problem, joint=with_springs(problem.joint, springs),
+    return replace(problem, structure=with_springs(problem.structure, springs),
                    interface=replace(problem.interface, gap=gap + offset))
 
 
 def _static_force(problem: PeriodicProblem, normal: NDArray[np.float64], asperities: Asperities) -> Array:
     """Return the nodal forces (n,) of ``F f + q + gap + e(f / a) = 0`` where closed, ``sum f = N``, by Newton."""
     areas, gap = problem.interface.areas, problem.interface.gap
-    bare = ContactSystem.of(problem)
     force = np.full(len(areas), problem.normal_load) * areas / areas.sum()
     for _ in range(MAX_ITERATIONS):
         soft = asperities.compliance(force / areas) / areas
         offset = asperities.compression(force / areas) - soft * force
-        after, _, _ = frictionless_preload(replace(bare, gap=gap + offset), normal + np.diag(soft))
+        after, _, _ = press_frictionless(gap + offset, normal + np.diag(soft), np.ones((len(areas), 1)),
+                                         np.array([problem.normal_load]))
         change = float(np.abs(after - force).max())
         force = after
         if change < TOLERANCE * problem.normal_load:

@@ -15,9 +15,8 @@ from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
+from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals
-from fretflow.structure.two_mass_rig.forces import force_beside_friction
-from fretflow.structure.two_mass_rig.joint import JointModel
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
 from fretflow.wear.slow import SlowState
 
@@ -45,12 +44,12 @@ class PeriodicCycle:
 
     def normal_flexibility(self, slow: SlowState) -> NDArray[np.float64]:
         """Return the static normal flexibility of the faces, back faces held, (nodes, nodes), m/N."""
-        joint = self.model.problem(slow).joint
-        return self._bare_flexibility if joint is self.model.baseline.joint else _normal_flexibility(joint)
+        problem, bare = self.model.problem(slow), self.model.baseline
+        return self._bare_flexibility if problem.structure is bare.structure else _normal_flexibility(problem)
 
     @cached_property
     def _bare_flexibility(self) -> NDArray[np.float64]:
-        return _normal_flexibility(self.model.baseline.joint)
+        return _normal_flexibility(self.model.baseline)
 
     def cycle(self, slow: SlowState, start: PeriodicSolution | None) -> tuple[CycleResponse, PeriodicSolution]:
         """Return the steady period of the joint in the state `slow`."""
@@ -76,16 +75,18 @@ class PeriodicCycle:
         return self.model.problem(slow).interface.gap
 
 
-def _normal_flexibility(joint: JointModel) -> NDArray[np.float64]:
-    return joint.quasi_static().flexibility[2::3, 2::3]
+def _normal_flexibility(problem: PeriodicProblem) -> NDArray[np.float64]:
+    return problem.boundary.flexibility[2::3, 2::3]
 
 
 def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
     """Return what `solution` does to the contact `interface`, whose gap includes the wear."""
     response = summarise_cycle(solution.displacement, solution.force, solution.slip_increments,
                                solution.state != ContactState.SEPARATION, interface.gap, interface.areas)
+    if "arm" not in solution.outputs:
+        return response
     apart = solution.upper_observation[:, 2] - solution.lower_observation[:, 2]
-    return replace(response, arm_range=float(np.ptp(solution.rig_displacement[:, 1])), approach=-float(apart.mean()))
+    return replace(response, arm_range=float(np.ptp(solution.output("arm"))), approach=-float(apart.mean()))
 
 
 def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacement: NDArray[np.float64],
@@ -103,14 +104,12 @@ def true_signals(problem: PeriodicProblem, solution: PeriodicSolution, displacem
     """
     samples = len(solution.state)
     phase = 2.0 * np.pi * np.arange(samples) / samples
-    drive = problem.excitation * np.cos(phase)
-    for order, amplitude in problem.overtones:
-        drive = drive + (amplitude * np.exp(1j * order * phase)).real
-    motion = solution.rig_displacement
-    beside = force_beside_friction(problem.rig_forces, motion, time_derivative(motion, problem.omega))
+    motion, boundary = solution.internal, problem.boundary
+    beside = force_beside_friction(boundary.forces, motion, time_derivative(motion, problem.omega), boundary.sliding)
     return Signals(step=1.0 / (samples * problem.frequency), displacement=displacement,
-                   friction_force=solution.friction_force + beside, arm=solution.rig_displacement[:, 1],
-                   excitation=drive, normal_force=solution.force[:, :, 2].sum(axis=1), elapsed=elapsed)
+                   friction_force=solution.friction_force + beside, arm=solution.output("arm"),
+                   excitation=problem.excitation.at_phases(phase)["block"],
+                   normal_force=solution.force[:, :, 2].sum(axis=1), elapsed=elapsed)
 
 
 def _acts_over_cycles(effect: Effect) -> bool:

@@ -12,13 +12,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.effect import Array
 from fretflow.effects.model import EffectModel
+from fretflow.solvers.audit import friction_factor
 from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.march import Surroundings
-from fretflow.structure.two_mass_rig.lumped import LumpedRig
+from fretflow.structure.internal_forces import total_force
+from fretflow.structure.two_mass_rig.joint import rig_of
+from fretflow.structure.two_mass_rig.lumped import MATRICES, LumpedRig
 from fretflow.wear.slow import SlowState
 
 STEP = 1e-4  # of a parameter's range
@@ -37,29 +40,18 @@ class _Data:
 
     @classmethod
     def of(cls, problem: PeriodicProblem, motion: PeriodicSolution) -> _Data:
-        joint, law = problem.joint.quasi_static(), problem.law
-        samples = len(motion.state)
-        arm = motion.rig_displacement[:, 1]
-        under = Surroundings.of(problem).conditions(problem.normal_load, arm, np.zeros((samples, 0)))
-        size = np.hypot(motion.force[:, :, 0], motion.force[:, :, 1])
-        along = motion.force[:, :, 0] / np.where(size > 0.0, size, np.inf)
-        limit = law.slip_limit(np.maximum(motion.force[:, :, 2], 0.0)) * (1.0 - law.asymmetry * along)
-        return cls(under.grip[:, None] * limit, under.load, problem.interface.gap, joint.flexibility,
-                   np.array([getattr(joint.rig, part.name) for part in fields(LumpedRig)]), _rig_force(problem, motion))
-
-
-def _rig_force(problem: PeriodicProblem, motion: PeriodicSolution) -> Array:
-    samples = len(motion.state)
-    phase = 2.0 * np.pi * np.arange(samples) / samples
-    force = np.zeros((samples, 2))
-    force[:, 0] = problem.excitation * np.cos(phase)
-    for order, amplitude in problem.overtones:
-        force[:, 0] += (amplitude * np.exp(1j * order * phase)).real
-    if problem.rig_forces:
-        velocity = time_derivative(motion.rig_displacement, problem.omega)
-        for one in problem.rig_forces:
-            force += one(motion.rig_displacement, velocity).force
-    return force
+        boundary, rig = problem.boundary, rig_of(problem.structure).rig
+        phase = 2.0 * np.pi * np.arange(len(motion.state)) / len(motion.state)
+        force = problem.loads_at(phase) @ boundary.input_force.T
+        if boundary.forces:
+            velocity = time_derivative(motion.internal, problem.omega)
+            force = force + total_force(boundary.forces, motion.internal, velocity).force
+        load = problem.normal_load + rig.load_slope * motion.internal[:, 1]
+        if not load.min() > 0.0:
+            raise NonConvergenceError("the normal load vanishes during the motion; lower the load's slope or the drive")
+        limit = problem.nodal_law.directed_limit(motion.force, friction_factor(problem, motion)[:, None])
+        return cls(limit, load, problem.interface.gap,
+                   boundary.flexibility, np.array([getattr(rig, name) for name in MATRICES]), force)
 
 
 def effect_direction(model: EffectModel, slow: SlowState, solution: PeriodicSolution, effect_id: str, name: str
@@ -96,18 +88,16 @@ def directions_to(others: Sequence[PeriodicProblem], at: PeriodicProblem, soluti
 
 def _grips(at: PeriodicProblem, solution: PeriodicSolution) -> Array:
     """Return the friction limit (N, nodes) in N by a change of the coefficient, at the instant's factor."""
-    gripping = _Data.of(replace(at, friction_coefficient=1.0, motion_factors=()), solution).friction
-    grip = Surroundings.of(at).conditions(at.normal_load, solution.rig_displacement[:, 1],
-                                          np.zeros((len(solution.state), 0))).grip
-    return grip[:, None] * gripping
+    unit = replace(at.nodal_law, friction_coefficient=1.0)
+    return unit.directed_limit(solution.force, friction_factor(at, solution)[:, None])
 
 
 def _difference(one: _Data, other: _Data, step: float, grips: Array, name: str) -> Direction:
     """Return the direction from the data `one` to the data `other`, `step` apart in a parameter."""
     slopes = {part.name: (getattr(other, part.name) - getattr(one, part.name)) / step for part in fields(_Data)}
     by_limit = slopes.pop("friction")
-    rig = LumpedRig(**dict(zip((part.name for part in fields(LumpedRig)), slopes.pop("rig"), strict=True)))
+    rig = LumpedRig(**dict(zip(MATRICES, slopes.pop("rig"), strict=True)))
     # the coefficient that makes this change of the limit
     friction = np.divide(by_limit, grips, out=np.zeros_like(by_limit), where=grips > 0.0)
     kept = {part: value for part, value in {"friction": friction, **slopes}.items() if np.any(value)}
-    return Direction(name=name, rig=rig if any(getattr(rig, part.name) for part in fields(LumpedRig)) else None, **kept)
+    return Direction(name=name, rig=rig if any(getattr(rig, name) for name in MATRICES) else None, **kept)

@@ -39,7 +39,7 @@ class DirectionalFriction(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the direction."""
-        return replace(problem, friction_asymmetry=problem.friction_asymmetry + self.difference)
+        return replace(problem, law=replace(problem.law, asymmetry=problem.law.asymmetry + self.difference))
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factors for sliding to positive and to negative x."""

@@ -75,8 +75,9 @@ class DistributedMicroSlip(Effect):
         order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
         factors = self.shares((order + 0.5) / len(areas))
         factors = factors / (factors @ areas / areas.sum())
-        return replace(problem, friction_coefficient=np.asarray(problem.friction_coefficient * factors),
-                       friction_asymmetry=problem.friction_asymmetry + self.lean)
+        return replace(problem, law=replace(
+            problem.law, friction_coefficient=np.asarray(problem.friction_coefficient * factors),
+            asymmetry=problem.law.asymmetry + self.lean))
 
     def sketch(self) -> Sketch:
         """Return a loop with a round knee."""

@@ -42,9 +42,11 @@ class ExcitationDistortion(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the harmonics."""
-        added = ((2, cmath.rect(self.second * problem.excitation, self.second_phase)),
-                 (3, cmath.rect(self.third * problem.excitation, self.third_phase)))
-        return replace(problem, overtones=problem.overtones + tuple(one for one in added if one[1]))
+        drive = problem.excitation
+        for order, share in ((2, cmath.rect(self.second, self.second_phase)),
+                             (3, cmath.rect(self.third, self.third_phase))):
+            drive = drive.with_overtone(order, share) if share else drive
+        return replace(problem, excitation=drive)
 
     def sketch(self) -> Sketch:
         """Return the force over a period."""

@@ -12,6 +12,7 @@ from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, K
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.force_laws import BlockPull
+from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.slow import SlowState
 
 
@@ -48,7 +49,7 @@ class ForceOffset(Effect):
         """Pull at the block."""
         if self.force_offset == 0.0:
             return problem
-        return replace(problem, rig_forces=(*problem.rig_forces, BlockPull(self.force_offset)))
+        return replace(problem, structure=change_rig(problem.structure, forces=(BlockPull(self.force_offset),)))
 
     def force(self, motion: Motion) -> Array | float:
         """Return the force."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -50,7 +49,7 @@ class FrictionRunIn(Effect):
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the coefficient at this energy in."""
         final = problem.friction_coefficient if self.final is None else self.final
-        return replace(problem, friction_coefficient=self.coefficient(np.asarray(final), slow.energy))
+        return problem.vary(friction_coefficient=self.coefficient(np.asarray(final), slow.energy))
 
     def coefficient(self, final: Array, energy: Array | float) -> Array:
         """Return mu after `energy` in J, between the initial and the `final` one."""

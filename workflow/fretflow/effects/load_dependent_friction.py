@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
 from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Kind, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -45,10 +45,11 @@ class LoadDependentFriction(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the pressure."""
-        return replace(problem, friction_exponent=self.exponent, reference_pressure=self.reference_pressure)
+        return replace(problem, law=replace(problem.law, exponent=self.exponent,
+                                            reference_pressure=self.reference_pressure))
 
     def sketch(self) -> Sketch:
         """Return the factor against pressure."""
         share = np.linspace(0.05, 3.0, 200)
-        law = CoulombLaw(friction_coefficient=np.ones(()), exponent=self.exponent)
+        law = Coulomb(friction_coefficient=np.ones(()), exponent=self.exponent)
         return Sketch("pressure over p_0", "factor on mu", {"": (share, law.slip_limit(share) / share)})

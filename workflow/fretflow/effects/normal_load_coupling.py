@@ -11,6 +11,7 @@ from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
 from fretflow.wear.slow import SlowState
 
 
@@ -42,7 +43,8 @@ class NormalLoadCoupling(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let the load follow the arm."""
-        return replace(problem, load_slope=problem.load_slope + self.slope)
+        return replace(problem, structure=change_rig(
+            problem.structure, load_slope=rig_of(problem.structure).rig.load_slope + self.slope))
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factor at each position; a load cannot pull."""

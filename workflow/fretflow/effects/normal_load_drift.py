@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -38,7 +37,7 @@ class NormalLoadDrift(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the load at this cycle in."""
-        return replace(problem, normal_load=problem.normal_load * float(self.share(slow.cycles)))
+        return problem.vary(normal_load=problem.normal_load * float(self.share(slow.cycles)))
 
     def share(self, cycles: Array | float) -> Array:
         """Return the load after `cycles` over that at the start."""

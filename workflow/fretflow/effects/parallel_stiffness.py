@@ -13,6 +13,7 @@ from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
+from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.slow import SlowState
 
 
@@ -45,7 +46,7 @@ class ParallelStiffness(Effect):
         """Hold the arm by the spring."""
         if self.stiffness == 0.0:
             return problem
-        return replace(problem, rig_forces=(*problem.rig_forces, ArmSupport(stiffness=self.stiffness)))
+        return replace(problem, structure=change_rig(problem.structure, forces=(ArmSupport(stiffness=self.stiffness),)))
 
     def sense(self, signals: Signals) -> Signals:
         """Add the spring's force to the friction force."""

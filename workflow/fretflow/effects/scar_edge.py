@@ -12,7 +12,8 @@ from fretflow.contact.interface import Interface
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.structure.two_mass_rig.forces import ForceAndSlopes
+from fretflow.structure.internal_forces import ForceAndSlopes
+from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 
@@ -85,7 +86,8 @@ class ScarEdge(Effect):
         peak, end = self.peak(float(slow.memory[AREA_SHARE] @ slow.depth)), float(slow.memory[HALF_STROKE])
         if not (peak > 0.0 and end > 0.0):
             return problem
-        return replace(problem, rig_forces=(*problem.rig_forces, EdgeForce(peak, end, self.width * end)))
+        force = EdgeForce(peak, end, self.width * end)
+        return replace(problem, structure=change_rig(problem.structure, forces=(force,)))
 
     def peak(self, depth: float) -> float:
         """Return the force in N at the ends of a scar of mean `depth` in m."""

@@ -11,7 +11,8 @@ from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.structure.two_mass_rig.forces import ForceAndSlopes
+from fretflow.structure.internal_forces import ForceAndSlopes
+from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.slow import SlowState
 
 
@@ -52,7 +53,7 @@ class SupportNonlinearity(Effect):
         """Add the spring."""
         if self.stiffness == 0.0:
             return problem
-        return replace(problem, rig_forces=(*problem.rig_forces, _CubicSpring(self.stiffness)))
+        return replace(problem, structure=change_rig(problem.structure, forces=(_CubicSpring(self.stiffness),)))
 
     def sketch(self) -> Sketch:
         """Return the cubic force against displacement."""

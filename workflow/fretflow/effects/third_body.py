@@ -176,7 +176,7 @@ class ThirdBody(Effect):
         layer, face = slow.memory[LAYER], problem.interface
         soft = layer / (self.modulus * face.areas)
         springs = np.stack([NORMAL_TO_SHEAR * soft, NORMAL_TO_SHEAR * soft, soft], axis=1).ravel()
-        return replace(problem, joint=with_springs(problem.joint, springs),
+        return replace(problem, structure=with_springs(problem.structure, springs),
                        interface=replace(face, gap=face.gap - layer))
 
     def sketch(self) -> Sketch:

@@ -72,7 +72,8 @@ class VelocityDependentFriction(Effect):
         """Let friction follow the speed."""
         if self.strength == 0.0:
             return problem
-        return replace(problem, motion_factors=(*problem.motion_factors, _SpeedFactor(self.strength, self.speed_scale)))
+        return replace(problem, law=replace(problem.law, motion_factors=(
+            *problem.law.motion_factors, _SpeedFactor(self.strength, self.speed_scale))))
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factor at the measured speed, alike in both directions."""

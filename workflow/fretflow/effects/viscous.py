@@ -12,6 +12,7 @@ from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
+from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.slow import SlowState
 
 
@@ -43,7 +44,7 @@ class Viscous(Effect):
         """Hold the arm by the dashpot."""
         if self.damping == 0.0:
             return problem
-        return replace(problem, rig_forces=(*problem.rig_forces, ArmSupport(damping=self.damping)))
+        return replace(problem, structure=change_rig(problem.structure, forces=(ArmSupport(damping=self.damping),)))
 
     def sense(self, signals: Signals) -> Signals:
         """Add the dashpot's force to the friction force."""

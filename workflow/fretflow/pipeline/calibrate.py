@@ -21,6 +21,7 @@ from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.identification import Data, Identification, LogNormalPrior, identify_mapped
+from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearHistory
 from fretflow.wear.identification import WearCoefficient, identify_wear_coefficient, settled_face
@@ -75,7 +76,7 @@ class CalibratedRig:
         return np.array([*(found[mode] for mode in self.modes), *(sliding(c, heavier) for c in self.conditions)])
 
     def _period(self, condition: CalibrationTest, rig: LumpedRig) -> float:
-        problem = replace(condition.problem, joint=replace(condition.problem.joint.quasi_static(), rig=rig))
+        problem = replace(condition.problem, structure=rig_of(condition.problem.structure).with_rig(rig))
         self._last[condition.name] = found = self.solver.solve(problem, self._last.get(condition.name))
         self.progress(f"{condition.name}: block of {rig.moving_mass:.4g} kg")
         return sliding_distance(found, problem.interface)
@@ -115,7 +116,7 @@ def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path],
     if not conditions:
         raise InputError("measured.sliding_distance: no case has it, so that nothing tells the rig's masses")
     modes = {mode: value for mode in MODES if (value := getattr(first.measured, mode)) is not None}
-    added = conditions[0].problem.joint.quasi_static().rig.arm_mass - first.rig.arm_mass
+    added = rig_of(conditions[0].problem.structure).quasi_static().rig.arm_mass - first.rig.arm_mass
     solver = QuasiStaticSolver(first.solver.model_copy(update={"estimate_error": False}))
     model = CalibratedRig(conditions, tuple(modes), solver, added, progress)
     data = Data(
@@ -177,7 +178,7 @@ def _condition(case: Case, reduced: Path) -> CalibrationTest:
         raise InputError(f"{case.name}: calibrate identifies the baseline only, whose wear goes with coefficient times "
                          f"cycles; leave out [effects.{min(case.effects)}]")
     problem, distance = make_problem(case, reduced), case.measured.sliding_distance or math.nan
-    interface, flexibility = problem.interface, problem.joint.quasi_static().flexibility[2::3, 2::3]
+    interface, flexibility = problem.interface, problem.boundary.flexibility[2::3, 2::3]
     worn = settled_face(flexibility, interface.areas, interface.gap, problem.normal_load)
     sd = case.measured.sliding_distance_sd
     return CalibrationTest(
@@ -188,11 +189,11 @@ def _condition(case: Case, reduced: Path) -> CalibrationTest:
 
 def _element(condition: CalibrationTest, rig: LumpedRig) -> float:
     """Return the sliding distance, m, with the contact as one element as stiff as the stuck joint."""
-    problem, joint = condition.problem, condition.problem.joint.quasi_static()
-    sliding = joint.motion[:, 0]
-    stiffness = float(sliding @ joint.stiffness @ sliding)
+    problem, joint = condition.problem, condition.problem.boundary
+    sliding = joint.motion[:, 1]
+    stiffness = float(sliding @ joint.bare_stiffness @ sliding)
     limit = float(np.mean(problem.friction_coefficient)) * problem.normal_load
-    arm = jenkins_arm_motion(rig, stiffness, limit, problem.excitation, problem.frequency, ELEMENT_SAMPLES)
+    arm = jenkins_arm_motion(rig, stiffness, limit, problem.excitation.amplitude, problem.frequency, ELEMENT_SAMPLES)
     return max(float(np.ptp(arm)) - 2.0 * limit / stiffness, 0.0)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fretflow.case.config import Case, PreloadContact
 from fretflow.core.store import write_record
 from fretflow.pipeline.stage import Figures, Stage, StageContext
@@ -26,7 +28,7 @@ def _run(context: StageContext) -> Figures:
     context.progress(0.0, "pressing the specimens together")
     model = make_model(context.case, context.inputs["reduce"])
     problem = model.problem(model.initial())
-    found = _with_friction(problem) if problem.frictional_preload else _without_friction(problem)
+    found = _with_friction(problem) if problem.preload.frictional else _without_friction(problem)
     write_record(context.folder / "preload.h5", found)
     return {
         "load_N": float(found.force.sum()),
@@ -38,7 +40,7 @@ def _run(context: StageContext) -> Figures:
 def _without_friction(problem: PeriodicProblem) -> Preload:
     from fretflow.structure.fem.preload import frictionless_preload
 
-    flexibility = problem.joint.quasi_static().flexibility[2::3, 2::3]
+    flexibility = problem.boundary.flexibility[2::3, 2::3]
     return frictionless_preload(flexibility, problem.interface.gap, problem.interface.areas, problem.normal_load)
 
 
@@ -47,9 +49,11 @@ def _with_friction(problem: PeriodicProblem) -> Preload:
     from fretflow.structure.fem.preload import Preload
 
     pressed, interface = press(problem), problem.interface
-    normal, lift = (v[2 * interface.size:] for v in (pressed.force, pressed.displacement))
+    normal, lift = pressed.force[2::3], pressed.displacement[2::3]
+    boundary, still = problem.boundary, np.zeros((1, problem.boundary.size))
+    approach = boundary.free_motion(still, pressed.displacement[None], problem.loads_at(np.zeros(1)))
     return Preload(force=normal.copy(), pressure=normal / interface.areas, gap=interface.gap + lift,
-                   approach=-pressed.approach)
+                   approach=-float(approach[0, 0]))
 
 
 STAGE = Stage("preload", 2, _slice, ("reduce",), _run)

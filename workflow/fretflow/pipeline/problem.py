@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fretflow.case import config
 from fretflow.case.config import Case, PeriodicMethod, PreloadContact
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.core.store import read_record
 from fretflow.effects.catalogue import parse_effects
 from fretflow.effects.model import EffectModel
 from fretflow.solvers.dlft.solver import DlftSolver
-from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolver
+from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, PeriodicSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.structure.two_mass_rig.joint import Joint
+from fretflow.structure.two_mass_rig.joint import Joint, JointModel
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 
@@ -25,13 +29,19 @@ def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
     joint = Joint(upper=upper, lower=lower, rig=make_rig(case.rig))
     # The quasi-static joint is condensed here once, and not again at every solution.
     quasi_static = case.solver.method is PeriodicMethod.QUASI_STATIC
-    return PeriodicProblem(
-        joint=joint.quasi_static() if quasi_static else joint,
-        interface=Interface(nodes=upper.contact_nodes[:, :2], areas=upper.contact_areas,
-                            gap=upper.profile + lower.profile),
-        friction_coefficient=case.contact.friction_coefficient, frequency=case.test.excitation_frequency,
-        excitation=case.test.excitation_amplitude, normal_load=case.test.normal_load,
-        frictional_preload=case.contact.preload is PreloadContact.FRICTIONAL)
+    return rig_problem(
+        joint.quasi_static() if quasi_static else joint,
+        Interface(upper.contact_nodes[:, :2], upper.contact_areas, upper.profile + lower.profile),
+        case.contact.friction_coefficient, case.test.excitation_frequency, case.test.excitation_amplitude,
+        case.test.normal_load, frictional=case.contact.preload is PreloadContact.FRICTIONAL)
+
+
+def rig_problem(joint: JointModel, interface: Interface, friction_coefficient: NDArray[np.float64] | float,
+                frequency: float, excitation: float, normal_load: float, *, frictional: bool = False
+                ) -> PeriodicProblem:
+    """Return the problem of a joint on the rig: a force on its block (Hz, N), a load on its arm (N)."""
+    return PeriodicProblem(joint, interface, Coulomb(friction_coefficient), Harmonic(frequency, {"block": excitation}),
+                           preload=NormalLoad(normal_load, frictional=frictional))
 
 
 def make_model(case: Case, reduced: Path) -> EffectModel:

@@ -119,7 +119,7 @@ def step_frequencies(solver: PeriodicSolver, problem: PeriodicProblem, frequenci
     def solve(frequency: float) -> None:
         nearest = min(found, key=lambda known: abs(known - frequency), default=None)
         found[frequency] = _solve_near(
-            solver, replace(problem, frequency=frequency), found.get(nearest or 0.0)
+            solver, problem.vary(frequency=frequency), found.get(nearest or 0.0)
         )
         note(len(found))
 
@@ -164,7 +164,7 @@ def forced_response(case: Case, solver: PeriodicSolver, problem: PeriodicProblem
     total = asked.points + 2 * REFINEMENTS
     periods = step_frequencies(solver, problem, frequencies, lambda done: progress(min(1.0, done / total)))
     amplitudes = np.array([first_harmonic(period) for period in periods.values()])
-    return ForcedResponse(cycles=cycles, excitation=problem.excitation, frequency=np.array(list(periods)),
+    return ForcedResponse(cycles=cycles, excitation=problem.excitation.amplitude, frequency=np.array(list(periods)),
                           amplitude=np.abs(amplitudes), phase=np.mod(-np.angle(amplitudes), 2.0 * np.pi))
 
 
@@ -172,7 +172,7 @@ def peak_error(solver: PeriodicSolver, problem: PeriodicProblem, found: ForcedRe
     """Return the relative error of the largest amplitude against `solver`'s, nan where that finds no period."""
     top = int(np.argmax(found.amplitude))
     try:
-        full = solver.solve(replace(problem, frequency=float(found.frequency[top])))
+        full = solver.solve(problem.vary(frequency=float(found.frequency[top])))
     except NonConvergenceError:
         return float("nan")
     return float(found.amplitude[top] / abs(first_harmonic(full)) - 1.0)
@@ -202,7 +202,7 @@ def _followed(case: Case, problem: PeriodicProblem, cycles: int, progress: Calla
 
     curve = respond(problem, sweep, note)
     block = curve.first_harmonic[:, channel_index("block")]
-    return ForcedResponse(cycles=cycles, excitation=problem.excitation, frequency=curve.frequency,
+    return ForcedResponse(cycles=cycles, excitation=problem.excitation.amplitude, frequency=curve.frequency,
                           amplitude=np.abs(block), phase=np.mod(-np.angle(block), 2.0 * np.pi), peak_error=0.0)
 
 

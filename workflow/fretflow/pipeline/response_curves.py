@@ -95,7 +95,7 @@ class AskedCurve:
     @property
     def name(self) -> str:
         """Return a short name for people."""
-        return f"{self.state}, {self.problem.excitation:g} N"
+        return f"{self.state}, {self.problem.excitation.amplitude:g} N"
 
 
 def sweep_of(case: Case, start: float | None, stop: float | None) -> Sweep:
@@ -148,7 +148,7 @@ def asked_curves(case: Case, folders: Mapping[str, Path], states: Sequence[str],
 
 
 def _under(problem: PeriodicProblem, excitation: float) -> PeriodicProblem:
-    return PeriodicProblem(**{**vars(problem), "excitation": excitation})
+    return problem.vary(amplitude=excitation)
 
 
 def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> RunCurve:

@@ -28,4 +28,4 @@ def _run(context: StageContext) -> Figures:
             "relative_error": solution.error_estimate}
 
 
-STAGE = Stage("solve", 2, _slice, ("reduce",), _run)
+STAGE = Stage("solve", 3, _slice, ("reduce",), _run)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fretflow.contact.coulomb import TINY, ContactAudit, audit_contact
+from fretflow.contact.coulomb import ContactAudit, audit_contact
+from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.march import Surroundings
 
 
 def audit_period(problem: PeriodicProblem, solution: PeriodicSolution, tolerance: float) -> ContactAudit:
     """Check a period against the contact law of its problem.
 
-    Friction is limited to ``g mu l(f_z) (1 - d t_x)`` (see `contact.coulomb`), g the factor of the instant and t the
-    direction of the friction force.
+    Friction is limited as in `contact.kernels.cone`, g the factor of the instant and t the direction of friction.
 
     Parameters
     ----------
@@ -28,12 +28,14 @@ def audit_period(problem: PeriodicProblem, solution: PeriodicSolution, tolerance
         If a node pulls, penetrates, carries force while open, leaves the cone, or slides inside it or along it.
     """
     u, f = solution.displacement, solution.force
-    tangential, moved = f[..., 0] + 1j * f[..., 1], u[..., 0] + 1j * u[..., 1]
-    arm = solution.rig_displacement[:, 1]
-    under = Surroundings.of(problem).conditions(problem.normal_load, arm, np.zeros((len(arm), 0)))
-    law = problem.law
-    turned = 1.0 - law.asymmetry * tangential.real / np.maximum(np.abs(tangential), TINY)
-    limit = under.grip[:, None] * law.slip_limit(np.maximum(f[..., 2], 0.0)) * turned
-    stiffest = float(problem.joint.quasi_static().stiffness.diagonal().max())
+    moved = u[..., 0] + 1j * u[..., 1]
+    limit = problem.nodal_law.directed_limit(f, friction_factor(problem, solution)[:, None])
+    stiffest = float(problem.boundary.stiffness.diagonal().max())
     return audit_contact(problem.interface.gap + u[..., 2], f, moved - np.roll(moved, 1, axis=0), limit,
                          float(np.abs(f).max()) / stiffest, tolerance)
+
+
+def friction_factor(problem: PeriodicProblem, solution: PeriodicSolution) -> NDArray[np.float64]:
+    """Return the factor on friction (N,) by how the faces move as a whole."""
+    x = solution.internal @ problem.boundary.sliding
+    return problem.law.factor(x, time_derivative(x, problem.omega)).factor

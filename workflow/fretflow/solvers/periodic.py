@@ -7,43 +7,112 @@ The gap of a node is ``gap + u_z``; it is positive when open.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.contact.law import ContactState, MotionFactor
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
-from fretflow.structure.two_mass_rig.forces import RigForce
-from fretflow.structure.two_mass_rig.joint import JointModel
+from fretflow.structure.structure import NORMAL_LOAD, MasslessBoundary, Structure, stack_loads
+
+Amplitudes = Mapping[str, complex]
+
+
+@record
+class Harmonic:
+    """A force ``Re F exp(i omega t)`` at named inputs: ``Harmonic(100, {"tip": 53})``.
+
+    `overtones` are further harmonics, ``(k, {"tip": F_k})`` with ``Re F_k exp(i k omega t)``; those of one k add up.
+    """
+
+    frequency: float = quantity("Hz", kw_only=False)
+    amplitudes: Amplitudes = quantity("N", "by input", kw_only=False)
+    overtones: tuple[tuple[int, Amplitudes], ...] = ()
+
+    def check(self) -> None:
+        """Check the frequency.
+
+        Raises
+        ------
+        InputError
+            If it is not positive and finite.
+        """
+        if not 0.0 < self.frequency < np.inf:
+            raise InputError(f"excitation: frequency {self.frequency} Hz must be positive and finite")
+
+    @property
+    def amplitude(self) -> float:
+        """Return the norm of the amplitudes at the fundamental frequency, N: that of a single input by itself."""
+        return float(np.linalg.norm([*self.amplitudes.values()]))
+
+    def of_amplitude(self, amplitude: float) -> Harmonic:
+        """Return the force with another `amplitude` in N, its overtones in proportion."""
+        if len(self.amplitudes) == 1 and not self.overtones:
+            return replace(self, amplitudes=dict.fromkeys(self.amplitudes, amplitude))
+        return self.scaled(amplitude / self.amplitude)
+
+    def scaled(self, share: float) -> Harmonic:
+        """Return `share` of the force."""
+        return replace(self, amplitudes=_scaled(self.amplitudes, share),
+                       overtones=tuple((k, _scaled(one, share)) for k, one in self.overtones))
+
+    def with_overtone(self, order: int, share: complex) -> Harmonic:
+        """Return the force with `share` of its amplitudes added at harmonic `order`."""
+        return replace(self, overtones=(*self.overtones, (order, _scaled(self.amplitudes, share))))
+
+    def by_harmonic(self, harmonics: int) -> dict[str, NDArray[np.complex128]]:
+        """Return complex amplitudes (H + 1,) in N by input; higher overtones are left out."""
+        found: dict[str, NDArray[np.complex128]] = {}
+        for order, one in ((1, self.amplitudes), *self.overtones):
+            for name, force in one.items() if order <= harmonics else ():
+                found.setdefault(name, np.zeros(harmonics + 1, dtype=complex))[order] += force
+        return found
+
+    def at_phases(self, phase: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Return the forces (N,) in N by input at phases ``omega t`` (N,)."""
+        found: dict[str, NDArray[np.float64]] = {}
+        for order, one in ((1, self.amplitudes), *self.overtones):
+            for name, force in one.items():
+                found[name] = found.get(name, 0.0) + (force * np.exp(1j * order * phase)).real
+        return found
+
+
+def _scaled(amplitudes: Amplitudes, share: complex) -> Amplitudes:
+    return {name: share * force for name, force in amplitudes.items()}
+
+
+@record
+class NormalLoad:
+    """A constant load that presses the faces together: ``NormalLoad(60)``.
+
+    On a structure with an input of that name it acts there, as on the rig's arm; otherwise as a uniform pressure.
+    """
+
+    force: float = quantity("N", kw_only=False)
+    frictional: bool = False  # whether the faces rub while it is applied, before anything moves
 
 
 @record
 class PeriodicProblem:
-    """A joint under a periodic force: everything that the period depends on.
+    """A structure with a contact under a periodic force: everything that the period depends on."""
 
-    The last fields are physics beyond the baseline and neutral by default. With them friction at a node obeys
-    ``|f_t| <= mu (p / p_0)^-b (1 - d t_x) f_n``, mu multiplied by every motion factor; the normal load is
-    ``N + load_slope x`` at the arm position x; forces on the rig and further harmonics of the drive are added.
-    """
+    structure: Structure = field(kw_only=False)
+    interface: Interface = field(kw_only=False)
+    law: Coulomb = field(kw_only=False)
+    excitation: Harmonic = field(kw_only=False)
+    preload: NormalLoad = field(default=NormalLoad(0.0))
 
-    joint: JointModel
-    interface: Interface
-    friction_coefficient: float | NDArray[np.float64] = quantity("1", "() or (nodes,)")
-    frequency: float = quantity("Hz")
-    excitation: float = quantity("N")  # amplitude of F cos(omega t) on the moving mass
-    normal_load: float = quantity("N")
-    frictional_preload: bool = False  # whether the faces rub while the load is applied, before anything moves
-    friction_exponent: float = quantity("1", default=0.0)  # b
-    reference_pressure: float | None = quantity("Pa", default=None)  # p_0; by default load over area
-    friction_asymmetry: float = quantity("1", default=0.0)  # d
-    motion_factors: tuple[MotionFactor, ...] = ()
-    load_slope: float = quantity("N/m", default=0.0)
-    rig_forces: tuple[RigForce, ...] = ()
-    overtones: tuple[tuple[int, complex], ...] = ()  # (k, F_k): Re F_k exp(i k omega t) in N on the block besides
+    @property
+    def frequency(self) -> float:
+        """Return the frequency of the excitation in Hz."""
+        return self.excitation.frequency
 
     @property
     def omega(self) -> float:
@@ -51,30 +120,79 @@ class PeriodicProblem:
         return 2.0 * float(np.pi) * self.frequency
 
     @property
-    def law(self) -> CoulombLaw:
-        """Return the friction law of the nodes, without the motion factors."""
-        areas = self.interface.areas
-        pressure = self.normal_load / areas.sum() if self.reference_pressure is None else self.reference_pressure
-        return CoulombLaw(friction_coefficient=np.asarray(self.friction_coefficient, dtype=float),
-                          exponent=self.friction_exponent, reference_force=pressure * areas,
-                          asymmetry=self.friction_asymmetry)
+    def normal_load(self) -> float:
+        """Return the normal load in N."""
+        return self.preload.force
 
-    def refuse_beyond(self, method: str, *allowed: str) -> None:
-        """Refuse physics that `method` would leave out, except the `allowed` fields.
+    @property
+    def friction_coefficient(self) -> NDArray[np.float64] | float:
+        """Return the law's friction coefficient, () or (nodes,)."""
+        return self.law.friction_coefficient
 
-        Raises
-        ------
-        InputError
-            Naming what it is.
-        """
-        beyond = {"friction_exponent": "friction that depends on the load",
-                  "friction_asymmetry": "friction that depends on the direction",
-                  "motion_factors": "friction that depends on the motion",
-                  "load_slope": "a normal load that depends on the motion",
-                  "rig_forces": "further forces on the rig", "overtones": "further harmonics of the drive"}
-        for name, what in beyond.items():
-            if name not in allowed and getattr(self, name) not in (0.0, ()):
-                raise InputError(f"{method} does not know {what}; use solver.method = \"quasi-static\"")
+    @cached_property
+    def nodal_law(self) -> Coulomb:
+        """Return the law with every node's reference force."""
+        return self.law.on(self.interface.areas, self.normal_load)
+
+    @cached_property
+    def boundary(self) -> MasslessBoundary:
+        """Return the structure with a massless contact, and an input for the normal load."""
+        return self.structure.massless_boundary().pressed_by(self.interface.areas)
+
+    def loads(self, harmonics: int) -> NDArray[np.complex128]:
+        """Return complex amplitudes (H + 1, i) in N by the boundary's inputs, the normal load among them."""
+        named = self.excitation.by_harmonic(harmonics)
+        named[NORMAL_LOAD] = named.get(NORMAL_LOAD, 0.0) + self.normal_load * np.eye(1, harmonics + 1)[0]
+        return np.asarray(self.boundary.loads(named, harmonics + 1), dtype=complex)
+
+    def loads_at(self, phase: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the loads (N, i) in N by the boundary's inputs at phases ``omega t`` (N,)."""
+        named = self.excitation.at_phases(phase)
+        named[NORMAL_LOAD] = named.get(NORMAL_LOAD, 0.0) + np.full(len(phase), self.normal_load)
+        return np.asarray(self.boundary.loads(named, len(phase)))
+
+    def vary(self, *, frequency: float | None = None, amplitude: float | None = None, normal_load: float | None = None,
+             friction_coefficient: NDArray[np.float64] | float | None = None) -> PeriodicProblem:
+        """Return the problem with other values of what is given: Hz, N of the excitation, N, 1."""
+        problem = self
+        if frequency is not None:
+            problem = replace(problem, excitation=replace(problem.excitation, frequency=frequency))
+        if amplitude is not None:
+            problem = replace(problem, excitation=problem.excitation.of_amplitude(amplitude))
+        if normal_load is not None:
+            problem = replace(problem, preload=replace(problem.preload, force=normal_load))
+        if friction_coefficient is not None:
+            problem = replace(problem, law=replace(problem.law, friction_coefficient=friction_coefficient))
+        return problem
+
+
+def refuse_unknown(problem: PeriodicProblem, method: str) -> None:
+    """Refuse a problem with what a `method` would leave out that knows linear structures and plain friction alone.
+
+    Raises
+    ------
+    InputError
+        Naming what it is.
+    """
+    law, linear = problem.law, problem.structure.linear
+    for what, known in (
+            ("friction that depends on the direction", law.asymmetry == 0.0),
+            ("friction that depends on the motion", not law.motion_factors),
+            ("a normal load that depends on the motion", linear or not np.any(problem.boundary.free_coupling)),
+            ("further forces on the structure", linear)):
+        if not known:
+            raise InputError(f'{method} does not know {what}; use solver.method = "quasi-static"')
+
+
+def structure_loads(problem: PeriodicProblem, harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return amplitudes (H + 1, i) by the structure's own inputs, and what else presses the faces, (H + 1, 3 n) N."""
+    named, inputs = problem.excitation.by_harmonic(harmonics), problem.structure.inputs
+    push = np.zeros((harmonics + 1, 3 * problem.interface.size), dtype=complex)
+    if NORMAL_LOAD in inputs:
+        named[NORMAL_LOAD] = named.get(NORMAL_LOAD, 0.0) + problem.normal_load * np.eye(1, harmonics + 1)[0]
+    else:
+        push[0, 2::3] = -problem.normal_load * problem.interface.areas / problem.interface.areas.sum()
+    return np.asarray(stack_loads(inputs, named, harmonics + 1), dtype=complex), push
 
 
 @record
@@ -89,9 +207,8 @@ class PeriodicSolution:
     displacement: NDArray[np.float64] = quantity("m", "(N, nodes, 3)")
     force: NDArray[np.float64] = quantity("N", "(N, nodes, 3)")
     state: NDArray[np.int8] = quantity("1", "(N, nodes)", codes=ContactState)
-    rig_displacement: NDArray[np.float64] = quantity("m", "(N, 2), block and arm, x")
-    upper_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
-    lower_observation: NDArray[np.float64] = quantity("m", "(N, 3)")
+    internal: NDArray[np.float64] = quantity("m", "(N, d), internal coordinates of the structure")
+    outputs: Mapping[str, NDArray[np.float64]] = quantity("m", "by name, (N,) or (N, k)")
     friction_force: NDArray[np.float64] = quantity("N", "(N,), x force of the upper specimen on the lower")
     residual_history: tuple[float, ...] = quantity("1", "(iterations,), relative to the excitation")
     error_estimate: float = quantity("1")
@@ -102,6 +219,39 @@ class PeriodicSolution:
         tangential = self.displacement[:, :, :2]
         step = np.linalg.norm(tangential - np.roll(tangential, 1, axis=0), axis=2)
         return np.where(self.state == ContactState.SEPARATION, 0.0, step)
+
+    @property
+    def dissipated_energy(self) -> float:
+        """Return the work of friction in the period, J."""
+        step = self.displacement - np.roll(self.displacement, 1, axis=0)
+        return -float(np.einsum("jmc,jmc->", self.force[:, :, :2], step[:, :, :2]))
+
+    @property
+    def rig_displacement(self) -> NDArray[np.float64]:
+        """Return the motion of the rig's block and arm along x, (N, 2) m."""
+        return np.column_stack([self.output("block"), self.output("arm")])
+
+    @property
+    def upper_observation(self) -> NDArray[np.float64]:
+        """Return the motion of the rig's upper observation node, (N, 3) m."""
+        return self.output("upper")
+
+    @property
+    def lower_observation(self) -> NDArray[np.float64]:
+        """Return the motion of the rig's lower observation node, (N, 3) m."""
+        return self.output("lower")
+
+    def output(self, name: str) -> NDArray[np.float64]:
+        """Return an output, (N,) or (N, k) in m.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
+        if name not in self.outputs:
+            raise InputError(f"output {name!r}: unknown; choose one of {', '.join(self.outputs)}")
+        return self.outputs[name]
 
 
 class PeriodicSolver(Protocol):

@@ -1,11 +1,11 @@
 """Sensitivities of the converged period by the implicit function theorem.
 
-The arm's motion x solves ``r = Z_a x - g - Phi[x; p] = 0``, with the friction force Phi of a contact that repeats
-itself, so that
+The motion x of the coordinates seen from the contact solves ``r = Z_a x - g - Phi[x; p] = 0``, with the force Phi of a
+contact that repeats itself, so that
 
     (Z_a - dPhi/dx) dx = dg - dZ_a x + dPhi
 
-One march of the solved period, sample by sample with the Jacobian of each, carries at once the motions of the arm
+One march of the solved period, sample by sample with the Jacobian of each, carries at once the motions
 (dPhi/dx), the parameters (dPhi) and unit changes of what the contact remembers at the start; with T the memory's
 derivative over a period, (I - T) dm = drift closes the period exactly. All that is kept of the march is linear in
 these columns and is combined once dx is known. Nothing is solved again.
@@ -17,8 +17,8 @@ sliding distance is one-sided where two samples tie.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,18 @@ from fretflow.core.records import quantity, record
 from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import to_complex, to_real
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.arm import ArmEquations, RigBalance
+from fretflow.solvers.quasi_static.internal import InternalBalance, InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.march import Surroundings
-from fretflow.solvers.quasi_static.sample import Array, ContactSystem
-from fretflow.solvers.quasi_static.sensitivity import ContactDerivative, SolvedContact, differentiate_contact
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.solvers.quasi_static.sample import Array, ContactSystem, PeriodHistory, plain
+from fretflow.solvers.quasi_static.sensitivity import (
+    ContactDerivative,
+    LinearOutputs,
+    SolvedContact,
+    differentiate_contact,
+    strains,
+)
+from fretflow.structure.structure import NORMAL_LOAD
+from fretflow.structure.two_mass_rig.joint import rig_of
 
 TRUNCATED = 1e-9  # of the arm's motion, beyond the harmonics that the solution is said to have
 
@@ -42,19 +49,47 @@ class PeriodSensitivity:
     """Derivatives of a period by P parameters, rows in the order of `names`; units are per unit of the parameter."""
 
     names: tuple[str, ...]
-    arm: Array = quantity("m", "(P, 2 H + 1), coefficients [a0, c1, s1, ...]")
-    rig_displacement: Array = quantity("m", "(P, N, 2), block and arm, x")
+    seen: Array = quantity("m", "(P, (2 H + 1) d_a), coefficients [a0, c1, s1, ...] of the coordinates seen")
+    internal: Array = quantity("m", "(P, N, d), internal coordinates")
+    outputs: Mapping[str, Array] = quantity("m", "by name, (P, N) or (P, N, k)")
     relative_displacement: Array = quantity("m", "(P, N), area mean of the faces' x")
     friction_force: Array = quantity("N", "(P, N), x force of the upper specimen on the lower")
-    upper_observation: Array = quantity("m", "(P, N, 3)")
-    lower_observation: Array = quantity("m", "(P, N, 3)")
-    approach: Array = quantity("m", "(P, N), of the arm, positive upward")
     sliding_distance: Array = quantity("m", "(P,)")
     dissipated_energy: Array = quantity("J", "(P,), per cycle")
     pressure_sliding: Array = quantity("N/m", "(P, nodes), sum of p |du_t| per cycle")
     slip_path: Array = quantity("m", "(P, nodes), path slid in contact per cycle")
     mean_pressure: Array = quantity("Pa", "(P, nodes), mean over the period")
     mean_opening: Array = quantity("m", "(P, nodes), mean gap over the period")
+
+    def moved(self, solution: PeriodicSolution, v: int) -> PeriodicSolution:
+        """Return `solution` with its motion, not its contact, changed to first order by one of parameter v."""
+        outputs = {name: values + self.outputs[name][v] for name, values in solution.outputs.items()}
+        return replace(solution, internal=solution.internal + self.internal[v], outputs=outputs)
+
+    @property
+    def arm(self) -> Array:
+        """Return the coefficients of the rig's arm, (P, 2 H + 1) m."""
+        return self.seen
+
+    @property
+    def rig_displacement(self) -> Array:
+        """Return the motion of the rig's block and arm along x, (P, N, 2) m."""
+        return np.stack([self.outputs["block"], self.outputs["arm"]], axis=-1)
+
+    @property
+    def upper_observation(self) -> Array:
+        """Return the motion of the rig's upper observation node, (P, N, 3) m."""
+        return self.outputs["upper"]
+
+    @property
+    def lower_observation(self) -> Array:
+        """Return the motion of the rig's lower observation node, (P, N, 3) m."""
+        return self.outputs["lower"]
+
+    @property
+    def approach(self) -> Array:
+        """Return that of the rig's arm, positive upward, (P, N) m."""
+        return self.outputs["approach"]
 
 
 def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
@@ -77,101 +112,139 @@ def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directio
     """
     for direction in directions:
         direction.validate(*solution.state.shape)
-    joint = problem.joint.quasi_static()
-    equations = ArmEquations.of(problem, harmonics, len(solution.state))
+    equations = InternalEquations.of(problem, harmonics, len(solution.state))
     _check(solution, equations)
-    balance = _balance(equations, solution)
-    rig = _RigChange.build(joint, problem, equations, balance, solution, directions)
+    balance = equations.balance(*(equations.coefficients(solution.internal[:, part])
+                                  for part in (equations.seen, equations.other)))
+    rig = _RigChange.build(problem, equations, balance, solution, directions)
     in_contact = [i for i, direction in enumerate(directions) if direction.acts_in_contact]
-    columns = _march(problem, joint, solution, equations, [directions[i] for i in in_contact])
-    weights = np.zeros((columns.approach.shape[1], len(directions)))
-    coefficients = len(equations.load)
-    weights[coefficients + np.arange(len(in_contact)), in_contact] = 1.0
-    pushed = equations.analysis @ columns.forces[:, 0]  # dPhi by all columns
-    jacobian = balance.jacobian - pushed[:, :coefficients]
-    weights[:coefficients] = np.linalg.solve(jacobian, rig.arm + pushed @ weights)
-    return _collect(problem, solution, directions, equations, rig, weights[:coefficients], columns.combined(weights))
+    columns = _march(problem, solution, equations, [directions[i] for i in in_contact])
+    size = len(equations.load)
+    weights = np.zeros((columns.energy.shape[0], len(directions)))
+    weights[size + np.arange(len(in_contact)), in_contact] = 1.0
+    pushed = equations.coefficients(columns.outputs[:, :len(equations.seen)])  # dPhi by all columns
+    jacobian = balance.jacobian - pushed[:, :size]
+    weights[:size] = np.linalg.solve(jacobian, rig.seen + pushed @ weights)
+    return _collect(problem, solution, directions, equations, rig, weights[:size], columns.combined(weights))
 
 
-def _balance(equations: ArmEquations, solution: PeriodicSolution) -> RigBalance:
-    block, arm = (equations.analysis @ solution.rig_displacement).T
-    return equations.balance(arm, block)
-
-
-def _check(solution: PeriodicSolution, equations: ArmEquations) -> None:
+def _check(solution: PeriodicSolution, equations: InternalEquations) -> None:
     if solution.method != "quasi-static":
         raise InputError(f'sensitivities: the period was found by "{solution.method}"; solve it by "quasi-static"')
-    arm = solution.rig_displacement[:, 1]
-    missed = float(np.abs(equations.synthesis @ (equations.analysis @ arm) - arm).max())
-    if missed > TRUNCATED * float(np.abs(arm).max()):
-        raise InputError(f"sensitivities: {len(equations.block[0]) - 1} harmonics do not hold the arm's motion; "
+    moved = solution.internal[:, equations.seen]
+    missed = float(np.abs(equations.motion(equations.coefficients(moved)) - moved).max())
+    if missed > TRUNCATED * float(np.abs(moved).max()):
+        raise InputError(f"sensitivities: {len(equations.analysis) // 2} harmonics do not hold the internal motion; "
                          "give the number that the period was solved with")
 
 
 @dataclass(frozen=True)
 class _RigChange:
-    """What the directions change in the rig at held motion: dF - dZ X, carried to the arm and to the block."""
+    """What the directions change in the structure at held motion: dF - dZ X, carried to a and to b."""
 
-    arm: Array  # (2 H + 1, P) N
-    block: Array  # (2 H + 1, P) m, at held arm
-    block_by_arm: Array  # (2 H + 1, 2 H + 1)
+    seen: Array  # (n_a, P) N
+    other: Array  # (n_b, P) m, at held a
+    other_by_seen: Array  # (n_b, n_a)
 
     @classmethod
-    def build(cls, joint: QuasiStaticJoint, problem: PeriodicProblem, equations: ArmEquations, balance: RigBalance,
+    def build(cls, problem: PeriodicProblem, equations: InternalEquations, balance: InternalBalance,
               solution: PeriodicSolution, directions: Sequence[Direction]) -> _RigChange:
-        if problem.rig_forces and any(direction.frequency for direction in directions):
-            raise InputError("sensitivities: the frequency's is not known where further forces act on the rig")
-        moved = to_complex(equations.analysis @ solution.rig_displacement)
+        internal = problem.boundary.internal
+        if problem.boundary.forces and any(direction.frequency for direction in directions):
+            raise InputError("sensitivities: the frequency's is not known where further forces act on the structure")
+        moved = to_complex(equations.analysis @ solution.internal)
         order = np.arange(len(moved))
         omega = problem.omega * order
         k = order[:, None, None]
-        by_omega: NDArray[np.complex128] = 1j * k * joint.rig.damping - 2.0 * problem.omega * k**2 * joint.rig.mass
+        by_omega: NDArray[np.complex128] = 1j * k * internal.damping - 2.0 * problem.omega * k**2 * internal.mass
         load = np.zeros((*moved.shape, len(directions)), dtype=complex)
+        fundamental = replace(problem.excitation, overtones=()).by_harmonic(len(moved) - 1)
+        unit = problem.boundary.loads(fundamental, len(moved)) @ problem.boundary.input_force.T
+        unit = unit / (problem.excitation.amplitude or 1.0)
         for i, direction in enumerate(directions):
-            load[1, 0, i] += direction.excitation
+            load[:, :, i] += direction.excitation * unit
             change: NDArray[np.complex128] = 2.0 * np.pi * direction.frequency * by_omega
             if direction.rig is not None:
+                rig_of(problem.structure)
                 change += direction.rig.impedance(omega)
             load[:, :, i] -= np.einsum("kab,kb->ka", change, moved)
             if direction.force is not None:
                 load[:, :, i] += to_complex(equations.analysis @ direction.force)
-        on_block, on_arm = to_real(load[:, 0]), to_real(load[:, 1])
-        return cls(on_arm + balance.carried @ on_block, balance.block_by_load @ on_block, balance.block_by_arm)
+        on_other, on_seen = (to_real(load[:, part]).reshape(-1, len(directions))
+                             for part in (equations.other, equations.seen))
+        return cls(on_seen + balance.carried @ on_other, balance.other_by_load @ on_other, balance.other_by_seen)
 
 
-def _march(problem: PeriodicProblem, joint: QuasiStaticJoint, solution: PeriodicSolution, equations: ArmEquations,
+def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: InternalEquations,
            directions: Sequence[Direction]) -> ContactDerivative:
-    """Differentiate the contact; force sums: x force, then what moves the upper and the lower observation node."""
-    samples, nodes = solution.state.shape
-    u, f = (a.transpose(0, 2, 1).reshape(samples, 3 * nodes) for a in (solution.displacement, solution.force))
-    system = ContactSystem.of(problem, joint.stiffness)
-    by_node = np.vstack([joint.motion[:, 0], joint.upper_compliance, -joint.lower_compliance])
-    sums = by_node.reshape(-1, nodes, 3).transpose(0, 2, 1).reshape(len(by_node), 3 * nodes)
-    areas = problem.interface.areas
-    under = Surroundings.of(problem).conditions(problem.normal_load, solution.rig_displacement[:, 1],
-                                                equations.synthesis)
-    return differentiate_contact(system, SolvedContact(u, f, solution.state), equations.synthesis, under, directions,
-                                 areas / areas.sum(), sums)
+    """Differentiate the contact. Outputs: force on a, mean u_x, x force, free coordinates, outputs' forces in turn."""
+    b, samples = problem.boundary, len(solution.state)
+    u, f = (plain(a.reshape(samples, -1)) for a in (solution.displacement, solution.force))
+    period = PeriodHistory(plain(solution.internal[:, equations.seen]), u, f,
+                           np.require(solution.state, dtype=np.int8, requirements=["C", "W"]))
+    system = ContactSystem.of(problem, equations.seen)
+    load = b.inputs.index(NORMAL_LOAD)
+    loaded = replace(system, coupling=np.hstack([system.coupling, b.input_pull[:, load:load + 1]]),
+                     transfer=np.vstack([system.transfer, np.zeros(3 * system.size)]))
+    directions_of_seen = equations.directions()
+    around = Surroundings.of(problem, equations.seen)
+    factor = around.friction_factor(period.position)
+    still = np.zeros((samples, 1, directions_of_seen.shape[2]))
+    solved = SolvedContact(loaded, period, factor, np.concatenate([directions_of_seen, still], axis=1),
+                           around.factor_slope(factor, directions_of_seen))
+    found = differentiate_contact(solved, directions, _outputs(problem, system, loaded))
+    lever = np.linalg.solve(b.free.T @ b.bare_stiffness @ b.free, b.free.T @ b.bare_stiffness)
+    for i, row in enumerate(lever):
+        first = directions_of_seen.shape[2]
+        found.outputs[:, len(equations.seen) + 1 + i, first:first + len(directions)] -= strains(period, directions, row)
+    return found
+
+
+def _outputs(problem: PeriodicProblem, system: ContactSystem, loaded: ContactSystem) -> LinearOutputs:
+    """Return the weights of `_march`."""
+    b, areas = problem.boundary, problem.interface.areas
+    mean, along = np.zeros((2, 1, 3 * len(areas)))
+    mean[0, 0::3], along[0, 0::3] = areas / areas.sum(), 1.0
+    sums = np.vstack([system.transfer, along, *(one.force for one in b.outputs.values() if one.force is not None)])
+    by_displacement, by_coordinate = sums @ loaded.stiffness, -sums @ loaded.coupling
+    d, load = len(system.transfer), b.inputs.index(NORMAL_LOAD)
+    lever = b.bare_stiffness @ b.free
+    series = b.free.T @ lever
+    free = np.linalg.solve(series, lever.T)
+    seen = seen_coordinates(b)
+    free_by = np.hstack([-free @ b.motion[:, seen] - np.linalg.solve(series, b.free_coupling[:, seen]),
+                         -free @ b.input_motion[:, load:load + 1]
+                         - np.linalg.solve(series, b.input_free[:, load:load + 1])])
+    none = np.zeros((1 + len(free), 3 * len(areas)))
+    return LinearOutputs(
+        np.vstack([by_displacement[:d], mean, free, by_displacement[d:]]), np.vstack([sums[:d], none, sums[d:]]),
+        np.vstack([by_coordinate[:d], np.zeros((1, d + 1)), free_by, by_coordinate[d:]]))
 
 
 def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
-             equations: ArmEquations, rig: _RigChange, arm: Array, contact: ContactDerivative) -> PeriodSensitivity:
-    """Put the record together; arm (2 H + 1, P), and the contact by P columns."""
-    areas = problem.interface.areas
-    block = equations.synthesis @ (rig.block_by_arm @ arm + rig.block)
-    moved = equations.synthesis @ arm
-    upper, lower = contact.forces[:, 1:4].copy(), contact.forces[:, 4:]
-    upper[:, 0] += moved
-    upper[:, 2] += contact.approach
+             equations: InternalEquations, rig: _RigChange, seen: Array, contact: ContactDerivative
+             ) -> PeriodSensitivity:
+    """Put the record together; seen (n_a, P), and the contact by P columns."""
+    areas, b = problem.interface.areas, problem.boundary
     mean = solution.displacement[:, :, 0] @ areas / areas.sum()
+    internal = np.stack([equations.whole_motion(a, other) for a, other in
+                         zip(seen.T, (rig.other_by_seen @ seen + rig.other).T, strict=True)])
+    at = len(equations.seen) + 1 + b.free.shape[1]
+    displacement, free = contact.outputs[:, len(equations.seen)], contact.outputs[:, len(equations.seen) + 1:at]
+    outputs, at = dict[str, Array](), at + 1
+    for name, one in b.outputs.items():
+        found = internal @ one.motion.T
+        if one.free is not None:
+            found = found + np.einsum("jsp,ks->pjk", free, one.free)
+        if one.force is not None:
+            found = found + contact.outputs[:, at:at + len(one.force)].transpose(2, 0, 1)
+            at += len(one.force)
+        outputs[name] = found[:, :, 0] if found.shape[2] == 1 else found
     return PeriodSensitivity(
         names=tuple(direction.name for direction in directions),
-        arm=arm.T, rig_displacement=np.stack([block.T, moved.T], axis=-1),
-        relative_displacement=contact.displacement.T, friction_force=-contact.forces[:, 0].T,
-        upper_observation=upper.transpose(2, 0, 1), lower_observation=lower.transpose(2, 0, 1),
-        approach=contact.approach.T,
-        sliding_distance=contact.displacement[np.argmax(mean)] - contact.displacement[np.argmin(mean)],
+        seen=seen.T, internal=internal, outputs=outputs, relative_displacement=displacement.T,
+        friction_force=-contact.outputs[:, len(equations.seen) + 1 + b.free.shape[1]].T,
+        sliding_distance=displacement[np.argmax(mean)] - displacement[np.argmin(mean)],
         dissipated_energy=contact.energy,
         pressure_sliding=contact.sliding.T / areas, slip_path=contact.path.T,
         mean_pressure=contact.pressing.T / areas, mean_opening=contact.opening.T)
-

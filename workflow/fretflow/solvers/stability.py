@@ -1,12 +1,12 @@
-"""Stability of a period by the Floquet multipliers of the linearised rig and contact.
+"""Stability of a period by the Floquet multipliers of the linearised structure and contact.
 
-The contact remembers: a perturbation is not only the rig's motion (four states) but also where the nodes have slid
-to. At each time sample the exact tangent of the contact gives, linearly,
+The contact remembers: a perturbation is not only the motion of the internal coordinates but also where the nodes have
+slid to. At each time sample the exact tangent of the contact gives, linearly,
 
     du_j = A_j du_(j-1) + b_j dx_j,    dphi_j = c_j du_(j-1) + d_j dx_j
 
-with dx the arm's perturbation and dphi that of the friction force. The rig is stepped from sample to sample by the
-trapezoidal rule with dphi_j implicit, which adds no damping and stays stable where a mode of the rig is faster than
+with dx the coordinates' perturbation and dphi that of the force they feel. The structure is stepped from sample to
+sample by the trapezoidal rule with dphi_j implicit, which adds no damping and stays stable where a mode is faster than
 the samples. A turn of the period takes the perturbation to itself times the monodromy matrix.
 
 Nodes that stick all the period are left out: what is locked in there neither grows nor decays (two multipliers of
@@ -14,7 +14,7 @@ exactly one for each), and belongs to a family of periods that differ by the tra
 
 Under constant normal forces Coulomb friction and the springs lose of the energy of the difference of any two motions,
 so that it cannot grow. Only what couples back can make a period unstable: normal forces that move with friction,
-friction that falls with speed, forces on the rig.
+friction that falls with speed, further forces.
 """
 
 from __future__ import annotations
@@ -24,69 +24,53 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.law import FactorAndSlopes
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.solvers.quasi_static.march import PeriodHistory
-from fretflow.solvers.quasi_static.sample import STICK, Array, ContactSystem, Instant, SampleSolver
-from fretflow.structure.two_mass_rig.lumped import LumpedRig
+from fretflow.solvers.quasi_static.internal import seen_coordinates
+from fretflow.solvers.quasi_static.sample import STICK, Array, ContactSystem, PeriodHistory, SampleSolver, SampleState
+from fretflow.structure.internal_forces import ForceAndSlopes, total_force
+from fretflow.structure.structure import Internal
 
 NEUTRAL = 1e-4  # slid positions may persist with a multiplier of one
-RIG_STATES = 5  # block and arm position, their velocities, and the friction force at the last sample
 
 
 @dataclass(frozen=True)
 class Around:
-    """What follows a motion about a period besides rig and contact, at N samples.
+    """What follows a motion about a period besides structure and contact, at N samples.
 
-    `load` (N,) N and its `load_slope`, N/m; the factor `grip` (N,) on friction and its derivatives by the arm's
-    position, 1/m, and velocity, s/m; the derivatives (N, 2, 2) of further forces on block and arm, N/m and N s/m.
+    The coordinates `seen` from the contact (d_a,) and the moving faces' x `sliding` (d_a,) by them; the `factor` on
+    friction; further `forces` on all coordinates.
     """
 
-    load: Array
-    load_slope: float
-    grip: Array
-    grip_by_position: Array
-    grip_by_velocity: Array
-    force_by_position: Array
-    force_by_velocity: Array
+    seen: NDArray[np.intp]
+    sliding: Array
+    factor: FactorAndSlopes
+    forces: ForceAndSlopes
 
     @classmethod
-    def nothing(cls, load: float, samples: int) -> Around:
-        """Return a constant load and no more."""
-        none, forces = np.zeros(samples), np.zeros((samples, 2, 2))
-        return cls(np.full(samples, load), 0.0, np.ones(samples), none, none, forces, forces)
+    def nothing(cls, samples: int, size: int = 2) -> Around:
+        """Return nothing else, for `size` coordinates, of which the contact sees the last."""
+        none, slopes = np.zeros(samples), np.zeros((samples, size, size))
+        return cls(np.array([size - 1]), np.ones(1), FactorAndSlopes(np.ones(samples), none, none),
+                   ForceAndSlopes(np.zeros((samples, size)), slopes, slopes))
 
     @classmethod
     def of(cls, problem: PeriodicProblem, motion: Array) -> Around:
-        """Return what `problem` holds about the `motion` (N, 2) of block and arm, m."""
-        plain = cls.nothing(problem.normal_load, len(motion))
-        velocity, arm = time_derivative(motion, problem.omega), motion[:, 1]
-        grip, by_position, by_velocity = plain.grip, plain.grip_by_position, plain.grip_by_velocity
-        for factor in problem.motion_factors:
-            value, own_by_position, own_by_velocity = factor(arm, velocity[:, 1])
-            by_position = value * by_position + grip * own_by_position
-            by_velocity = value * by_velocity + grip * own_by_velocity
-            grip = grip * value
-        force_by_position, force_by_velocity = plain.force_by_position, plain.force_by_velocity
-        for force in problem.rig_forces:
-            at = force(motion, velocity)
-            force_by_position = force_by_position + at.by_displacement
-            force_by_velocity = force_by_velocity + at.by_velocity
-        return cls(plain.load + problem.load_slope * arm, problem.load_slope, grip, by_position, by_velocity,
-                   force_by_position, force_by_velocity)
-
-    def instant(self, j: int) -> Instant:
-        """Return load and grip at sample j."""
-        return Instant(float(self.load[j]), float(self.grip[j]))
+        """Return what `problem` holds about the `motion` (N, d) of its coordinates, m."""
+        b, velocity = problem.boundary, time_derivative(motion, problem.omega)
+        seen = seen_coordinates(b)
+        return cls(seen, b.sliding[seen], problem.law.factor(motion @ b.sliding, velocity @ b.sliding),
+                   total_force(b.forces, motion, velocity))
 
 
-def floquet_multipliers(rig: LumpedRig, system: ContactSystem, period: PeriodHistory, frequency: float,
+def floquet_multipliers(internal: Internal, system: ContactSystem, period: PeriodHistory, frequency: float,
                         around: Around | None = None) -> NDArray[np.complex128]:
     """Return the multipliers of a period, largest modulus first.
 
     Parameters
     ----------
-    rig : LumpedRig
+    internal : Internal
     system : ContactSystem
     period : PeriodHistory
         A period of the contact that repeats, N samples.
@@ -95,7 +79,7 @@ def floquet_multipliers(rig: LumpedRig, system: ContactSystem, period: PeriodHis
     around : Around, optional
         What else follows the motion; by default nothing.
     """
-    values = np.linalg.eigvals(monodromy_matrix(rig, system, period, frequency, around))
+    values = np.linalg.eigvals(monodromy_matrix(internal, system, period, frequency, around))
     return np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)
 
 
@@ -104,60 +88,64 @@ def is_stable(multipliers: NDArray[np.complex128]) -> bool:
     return bool(np.abs(multipliers).max(initial=0.0) <= 1.0 + NEUTRAL)
 
 
-def monodromy_matrix(rig: LumpedRig, system: ContactSystem, period: PeriodHistory, frequency: float,
+def monodromy_matrix(internal: Internal, system: ContactSystem, period: PeriodHistory, frequency: float,
                      around: Around | None = None) -> Array:
-    """Return the matrix that takes a perturbation over one period, (5 + 2 m, 5 + 2 m).
+    """Return the matrix that takes a perturbation over one period, (2 d + d_a + 2 m, ...).
 
-    Rows: block and arm displacement, their velocities, friction force, then the x and y displacements of the m nodes
-    that do not stick throughout.
+    Rows: displacements of the coordinates, their velocities, the contact's force on those that it sees, then the x and
+    y displacements of the m nodes that do not stick throughout.
     """
-    n, samples = system.size, len(period.arm)
-    at = Around.nothing(system.load, samples) if around is None else around
+    samples, d = len(period.state), len(internal.mass)
+    at = Around.nothing(samples, d) if around is None else around
+    sees = len(at.seen)
     moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
-    memory = np.concatenate([moving, n + moving])
-    size = RIG_STATES + len(memory)
+    memory = np.concatenate([3 * moving, 3 * moving + 1])
+    size = 2 * d + sees + len(memory)
     start = np.eye(size)
-    position, velocity, friction = start[:2], start[2:4], start[4]
-    slope: Array = np.zeros((3 * n, size))
-    slope[memory] = start[RIG_STATES:]
-    solver, step = SampleSolver(system), _TrapezoidalRig(rig, at, 1.0 / (frequency * samples))
-    # two columns more: the arm's position and the friction's factor by its velocity, 1 m and 1 m/s
-    arm, load = (np.concatenate([np.zeros(size), values]) for values in ([1.0, 0.0], [at.load_slope, 0.0]))
+    position, velocity, felt = start[:d], start[d:2 * d], start[2 * d:2 * d + sees]
+    slope: Array = np.zeros((3 * system.size, size))
+    slope[memory] = start[2 * d + sees:]
+    solver, step = SampleSolver(system), _TrapezoidalStep(internal, at, 1.0 / (frequency * samples))
+    # columns more: each coordinate's position, 1 m, and the friction's factor by the faces' velocity, 1 m/s
+    motion = np.hstack([np.zeros((sees, size)), np.eye(sees, sees + 1)])
     for j in range(samples):
-        history = np.column_stack([slope, np.zeros((3 * n, 2))])
-        grip = np.concatenate([np.zeros(size), [at.grip_by_position[j], at.grip_by_velocity[j]]])
-        moved, force = solver.tangent(period.sample(j), period.displacement[j - 1], history, arm, at.instant(j), load,
-                                      grip)
-        position, velocity = step.advance(j, position, velocity, friction, force)
-        slope = moved[:, :-2] + np.outer(moved[:, -2], position[1]) + np.outer(moved[:, -1], velocity[1])
-        friction = force[:-2] + force[-2] * position[1] + force[-1] * velocity[1]
-    return np.vstack([position, velocity, friction, slope[memory]])
+        history = np.column_stack([slope, np.zeros((len(slope), sees + 1))])
+        factor_slope = np.concatenate([np.zeros(size), at.factor.by_position[j] * at.sliding,
+                                       [at.factor.by_velocity[j]]])
+        moved, force = solver.tangent(SampleState.of(period, j), period.displacement[j - 1], history, motion,
+                                      float(at.factor.factor[j]), factor_slope)
+        position, velocity = step.advance(j, position, velocity, felt, force)
+        own = np.vstack([position[at.seen], at.sliding @ velocity[at.seen]])
+        slope, felt = moved[:, :size] + moved[:, size:] @ own, force[:, :size] + force[:, size:] @ own
+    return np.vstack([position, velocity, felt, slope[memory]])
 
 
-class _TrapezoidalRig:
-    """Perturbations of the rig stepped by the trapezoidal rule.
+class _TrapezoidalStep:
+    """Perturbations of the structure stepped by the trapezoidal rule.
 
     ``M (v1 - v0) / h + (C1 v1 + C0 v0) / 2 + (K1 x1 + K0 x0) / 2 = (phi0 + phi1) / 2`` with
     ``x1 - x0 = h (v0 + v1) / 2``; C and K less the slopes of further forces at the sample.
     """
 
-    def __init__(self, rig: LumpedRig, around: Around, h: float) -> None:
-        self.h = h
-        self.momentum = 2.0 / h * rig.mass
-        self.damping = rig.damping - around.force_by_velocity
-        self.stiffness = rig.stiffness - around.force_by_position
+    def __init__(self, internal: Internal, around: Around, h: float) -> None:
+        self.h, self.around = h, around
+        self.momentum = 2.0 / h * internal.mass
+        self.damping = internal.damping - around.forces.by_velocity
+        self.stiffness = internal.stiffness - around.forces.by_displacement
 
-    def advance(self, j: int, position: Array, velocity: Array, friction: Array, force: Array) -> tuple[Array, Array]:
-        """Return x1 and v1 (2, p) at sample j.
+    def advance(self, j: int, position: Array, velocity: Array, felt: Array, force: Array) -> tuple[Array, Array]:
+        """Return x1 and v1 (d, p) at sample j.
 
-        `friction` (p,) is that before, `force` (p + 2,) the one after: of the p perturbations with the arm held, and
-        by the arm's position and velocity.
+        `felt` (d_a, p) is that before, `force` (d_a, p + d_a + 1) the one after: of the p perturbations with the
+        coordinates held, by their positions, and by the faces' velocity.
         """
+        seen, sliding, p = self.around.seen, self.around.sliding, felt.shape[1]
+        by_position, by_velocity = force[:, p:-1], np.outer(force[:, -1], sliding)
         inert = self.momentum / self.h + self.damping[j] / self.h
         matrix = inert + 0.5 * self.stiffness[j]
-        matrix[1, 1] -= 0.5 * (force[-2] + 2.0 / self.h * force[-1])
+        matrix[np.ix_(seen, seen)] -= 0.5 * (by_position + 2.0 / self.h * by_velocity)
         push = (inert - 0.5 * self.stiffness[j - 1]) @ position
         push += (self.momentum - 0.5 * (self.damping[j - 1] - self.damping[j])) @ velocity
-        push[1] += 0.5 * (friction + force[:-2] - force[-1] * (2.0 / self.h * position[1] + velocity[1]))
+        push[seen] += 0.5 * (felt + force[:, :p] - by_velocity @ (2.0 / self.h * position[seen] + velocity[seen]))
         moved: Array = np.asarray(np.linalg.solve(matrix, push), dtype=float)
         return moved, 2.0 / self.h * (moved - position) - velocity

@@ -1,36 +1,38 @@
-"""Time integration of the whole joint, free of Fourier series: the check of every periodic solver.
+"""Time integration of the whole structure, free of Fourier series: the check of every periodic solver.
 
-The two-mass rig is stepped by the generalised-alpha scheme in the form of Arnold and Bruels (Multibody System
+The internal coordinates are stepped by the generalised-alpha scheme in the form of Arnold and Bruels (Multibody System
 Dynamics 18, 2007): second order, unconditionally stable, and what a rigid contact excites at infinite frequency
 shrinks by RADIUS each step::
 
     x1 = x0 + h v0 + h^2 ((1/2 - b) a0 + b a1),   v1 = v0 + h ((1 - g) a0 + g a1)
-    (1 - m) a1 + m a0 = (1 - l) w1 + l w0,        M w1 + C v1 + K x1 = F(t1) + e f_x
+    (1 - m) a1 + m a0 = (1 - l) w1 + l w0,        M w1 + C v1 + S x1 = F(t1) + T f
 
-with b, g, m, l functions of RADIUS (Chung and Hulbert 1993). The contact is quasi-static at the end of each step.
-There the rig gives the arm's position as ``q_x = alpha + beta f_x``, so that the contact sees one more spring in
-series: with flexibility ``G + beta B_x B_x^T`` and the position alpha, a step is one sample of `contact_sample`.
+with b, g, m, l functions of RADIUS (Chung and Hulbert 1993). The contact is quasi-static at the end of each step. There
+the structure gives ``x1 = x_free + D T f`` with D = (i M + g / (b h) C + S)^-1, i the inertia of a step, so that the
+contact sees one more flexibility in series,
 
-A friction force that jumps within a step costs an order, so a step in which the arm turns is made in small parts.
-Further forces on the rig, and a load or friction that follow the motion, are those of the motion that is extrapolated
-from the step before.
+    f = (1 + R D T)^-1 (K u - R x_free - P i),    (1 + R D T)^-1 = 1 - R (D^-1 + T R)^-1 T
+
+and a step is one sample of `quasi_static.sample`. A friction force that jumps within a step costs an order, so a step
+in which the moving faces turn is made in small parts. Further forces, and friction that follows the motion, are those
+of the motion that is extrapolated from the step before.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
+from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.sample import STICK, Array, ContactSystem, Instant, SampleSolver, SampleState
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.solvers.quasi_static.sample import STICK, Array, ContactSystem, SampleSolver, SampleState
+from fretflow.solvers.quasi_static.solver import press
+from fretflow.structure.internal_forces import total_force
 
 RADIUS = 0.5
 M, L = (2.0 * RADIUS - 1.0) / (RADIUS + 1.0), RADIUS / (RADIUS + 1.0)
@@ -47,8 +49,9 @@ class TimeHistory:
 
     steps_per_period: int = quantity("1")
     time: NDArray[np.float64] = quantity("s", "(M,)")
-    block: NDArray[np.float64] = quantity("m", "(M,)")
-    arm: NDArray[np.float64] = quantity("m", "(M,), x")
+    internal: NDArray[np.float64] = quantity("m", "(M, d), internal coordinates")
+    outputs: Mapping[str, NDArray[np.float64]] = quantity("m", "by name, (M,) or (M, k)")
+    moved: NDArray[np.float64] = quantity("m", "(M,), of the moving faces along x")
     relative_displacement: NDArray[np.float64] = quantity("m", "(M,), area mean of the faces' x")
     friction_force: NDArray[np.float64] = quantity("N", "(M,), x force of the upper specimen on the lower")
     friction_work: NDArray[np.float64] = quantity("J", "(M,), dissipated in the step that ends at each instant")
@@ -56,6 +59,16 @@ class TimeHistory:
     def of_period(self, values: NDArray[np.float64], period: int = -1) -> NDArray[np.float64]:
         """Return `values` (M,) of one period (steps,), from its phase 0 on; the last period by default."""
         return np.roll(values.reshape(-1, self.steps_per_period)[period], 1)
+
+    @property
+    def block(self) -> NDArray[np.float64]:
+        """Return the motion of the rig's block, (M,) m."""
+        return np.asarray(self.outputs["block"])
+
+    @property
+    def arm(self) -> NDArray[np.float64]:
+        """Return the motion of the rig's arm along x, (M,) m."""
+        return np.asarray(self.outputs["arm"])
 
     @property
     def sliding_distance(self) -> NDArray[np.float64]:
@@ -69,8 +82,8 @@ class TimeHistory:
 
     @property
     def change(self) -> NDArray[np.float64]:
-        """Return how far each period's arm is from that of the one before, at most, over its peak-to-peak."""
-        periods = self.arm.reshape(-1, self.steps_per_period)
+        """Return how far each period's moving faces are from the one before, at most, over their peak-to-peak."""
+        periods = self.moved.reshape(-1, self.steps_per_period)
         span = max(float(np.ptp(periods[-1])), float(np.finfo(float).tiny))
         return np.asarray(np.abs(np.diff(periods, axis=0)).max(axis=1) / span)
 
@@ -91,7 +104,7 @@ def integrate(problem: PeriodicProblem, start: PeriodicSolution | None, periods:
 
 def settle(problem: PeriodicProblem, start: PeriodicSolution | None, periods: tuple[int, int],
            steps_per_period: int, drift: float) -> TimeHistory:
-    """March like `integrate` until the arm repeats itself.
+    """March like `integrate` until the moving faces repeat themselves.
 
     Parameters
     ----------
@@ -114,45 +127,62 @@ def settle(problem: PeriodicProblem, start: PeriodicSolution | None, periods: tu
         raise InputError(f"time integration: {fewest} periods of {steps_per_period} steps; "
                          "at least one period and eight steps are needed")
     march = _March(problem, start, steps_per_period)
-    marched: list[Array] = []
+    marched: list[_Rows] = []
     while True:
         marched.append(march.period(len(marched)))
-        history = _history(march.size, steps_per_period, np.hstack(marched))
+        history = _history(problem, steps_per_period, marched)
         if len(marched) >= most or (len(marched) >= fewest and history.change[-1:].max(initial=0.0) <= drift):
             return history
 
 
-def _history(size: float, steps: int, rows: Array) -> TimeHistory:
+@dataclass(frozen=True)
+class _Rows:
+    """A marched period: internal coordinates, outputs, relative displacement, friction force and work at each step."""
+
+    internal: Array
+    outputs: dict[str, Array]
+    relative: Array
+    friction: Array
+    work: Array
+
+
+def _history(problem: PeriodicProblem, steps: int, marched: list[_Rows]) -> TimeHistory:
+    size, internal = 1.0 / (problem.frequency * steps), np.concatenate([rows.internal for rows in marched])
     return TimeHistory(
-        steps_per_period=steps, time=size * np.arange(1.0, rows.shape[1] + 1), block=rows[0], arm=rows[1],
-        relative_displacement=rows[2], friction_force=rows[3], friction_work=rows[4])
+        steps_per_period=steps, time=size * np.arange(1.0, len(internal) + 1), internal=internal,
+        outputs={name: np.concatenate([rows.outputs[name] for rows in marched]) for name in marched[0].outputs},
+        moved=internal @ problem.boundary.sliding,
+        relative_displacement=np.concatenate([rows.relative for rows in marched]),
+        friction_force=np.concatenate([rows.friction for rows in marched]),
+        friction_work=np.concatenate([rows.work for rows in marched]))
 
 
 class _March:
-    """The joint on its way, period after period."""
+    """The structure on its way, period after period."""
 
     def __init__(self, problem: PeriodicProblem, start: PeriodicSolution | None, steps: int) -> None:
-        joint = problem.joint.quasi_static()
-        self.steps = steps
+        self.problem, self.steps = problem, steps
         self.size = 1.0 / (problem.frequency * steps)
-        self.whole, self.small = (_Step(problem, joint, h) for h in (self.size, self.size / PARTS))
+        self.whole, self.small = (_Step(problem, h) for h in (self.size, self.size / PARTS))
         self.weights = problem.interface.areas / problem.interface.areas.sum()
-        self.now = (_at_rest(problem, joint, self.whole.system) if start is None
-                    else _at_phase_zero(problem, joint, start))
+        self.now = _at_rest(problem) if start is None else _at_phase_zero(problem, start)
 
-    def period(self, number: int) -> Array:
-        """March a period; return block, arm, relative displacement, friction force and work, (5, steps)."""
-        rows = np.empty((5, self.steps))
-        nodes = len(self.weights)
+    def period(self, number: int) -> _Rows:
+        """March a period."""
+        boundary, work = self.problem.boundary, np.empty(self.steps)
+        internal, (u, f) = np.empty((self.steps, boundary.size)), np.empty((2, self.steps, 3 * boundary.nodes))
         for j in range(self.steps):
             now = self._step(self.size * (number * self.steps + j))
-            rows[:, j] = (*now.rig.x, now.contact.displacement[:nodes] @ self.weights, -now.friction, now.work)
+            internal[j], u[j], f[j], work[j] = now.motion.x, now.contact.displacement, now.contact.force, now.work
             self.now = replace(now, work=0.0)
-        return rows
+        loads = self.problem.loads_at(2.0 * np.pi * np.arange(1, self.steps + 1) / self.steps)
+        return _Rows(internal, boundary.observe(internal, u, f, loads), u[:, 0::3] @ self.weights,
+                     -f[:, 0::3].sum(axis=1), work)
 
-    def _step(self, time: float) -> _Joint:
+    def _step(self, time: float) -> _State:
         after = self.whole.advance(self.now, time)
-        turns = self.now.rig.v[1] * after.rig.v[1] <= 0.0
+        sliding = self.problem.boundary.sliding
+        turns = (sliding @ self.now.motion.v) * (sliding @ after.motion.v) <= 0.0
         if not turns or np.all(self.now.contact.state == STICK):
             return after
         after = self.now
@@ -162,8 +192,8 @@ class _March:
 
 
 @dataclass(frozen=True)
-class _Rig:
-    """The rig at an instant: displacement, velocity, the scheme's acceleration and the true one, each (2,)."""
+class _Motion:
+    """The coordinates at an instant: displacement, velocity, the scheme's acceleration and the true one, each (d,)."""
 
     x: Array
     v: Array
@@ -172,116 +202,90 @@ class _Rig:
 
 
 @dataclass(frozen=True)
-class _Joint:
-    """The joint at an instant, and what friction has dissipated since the last instant kept, J."""
+class _State:
+    """The structure at an instant, and what friction has dissipated since the last instant kept, J."""
 
-    rig: _Rig
+    motion: _Motion
     contact: SampleState
     work: float = 0.0
 
-    @property
-    def friction(self) -> float:
-        """Return the x force on the arm, N."""
-        return float(self.contact.force[:len(self.contact.state)].sum())
-
 
 class _Step:
-    """Steps of one size: the rig with ``x1 = free + response f_x``, and the contact on its compliance beta."""
+    """Steps of one size: the coordinates ``x1 = free + D T f``, and the contact with that flexibility in series."""
 
-    def __init__(self, problem: PeriodicProblem, joint: QuasiStaticJoint, size: float) -> None:
-        rig, h = joint.rig, size
-        self.size, self.mass, self.damping = size, rig.mass, rig.damping
-        self.omega, self.drive = problem.omega, ((1, complex(problem.excitation)), *problem.overtones)
-        self.forces = problem.rig_forces
-        self.load, self.load_slope, self.factors = problem.normal_load, problem.load_slope, problem.motion_factors
+    def __init__(self, problem: PeriodicProblem, size: float) -> None:
+        b, h = problem.boundary, size
+        self.problem, self.size, self.internal = problem, size, b.internal
         self.inertia = (1.0 - M) / (1.0 - L) / (B * h**2)  # d w1 / d x1
-        self.flexibility = np.linalg.inv(self.inertia * rig.mass + G / (B * h) * rig.damping + rig.stiffness)
-        self.response = self.flexibility[:, 1]
-        sliding = joint.motion[:, 0]
-        series = joint.flexibility + self.response[1] * np.outer(sliding, sliding)
-        stiffness = cho_solve(cho_factor(series, lower=True), np.eye(len(series)))
-        self.system = ContactSystem.of(problem, 0.5 * (stiffness + stiffness.T))
+        dynamic = self.inertia * b.internal.mass + G / (B * h) * b.internal.damping + b.internal.stiffness
+        self.flexibility = np.linalg.inv(dynamic)
+        self.response = self.flexibility @ b.transfer
+        plain = ContactSystem.of(problem)
+        self.carried = b.coupling @ np.linalg.inv(dynamic + plain.felt_stiffness)  # R (D^-1 + T R)^-1
+        stiffness = plain.stiffness - self.carried @ (b.transfer @ plain.stiffness)
+        self.system = ContactSystem.of_parts(0.5 * (stiffness + stiffness.T), plain.coupling, plain.transfer, plain.gap,
+                                             plain.law, plain.pull, plain.load)
         self.solver = SampleSolver(self.system)
         self.round_off = ROUND_OFF * float(self.system.stiffness.diagonal().max())
         self.before: SampleState | None = None
 
-    def advance(self, now: _Joint, time: float) -> _Joint:
-        """Return the joint one step after `time`.
+    def advance(self, now: _State, time: float) -> _State:
+        """Return the structure one step after `time`.
 
         Raises
         ------
         NonConvergenceError
             If the contact is not found.
         """
-        rig, h = now.rig, self.size
+        rig, h, b = now.motion, self.size, self.problem.boundary
         ahead = rig.x + h * rig.v + (0.5 - B) * h**2 * rig.a  # x1 - b h^2 a1
         drift = rig.v + (1.0 - G) * h * rig.a  # v1 - g h a1
         kept = (M * rig.a - L * rig.w) / (1.0 - L)
-        load = self.mass @ (self.inertia * ahead - kept) + self.damping @ (G / (B * h) * ahead - drift)
-        load[0] += sum((force * np.exp(1j * order * self.omega * (time + h))).real for order, force in self.drive)
-        x1, v1 = (rig.x + h * rig.v + 0.5 * h**2 * rig.a)[None], (rig.v + h * rig.a)[None]
-        for force in self.forces:
-            load += force(x1, v1).force[0]
+        load = self.internal.mass @ (self.inertia * ahead - kept)
+        load = load + self.internal.damping @ (G / (B * h) * ahead - drift)
+        driven = self.problem.loads_at(np.array([self.problem.omega * (time + h)]))[0]
+        x1, v1 = rig.x + h * rig.v + 0.5 * h**2 * rig.a, rig.v + h * rig.a
+        load = load + b.input_force @ driven + total_force(b.forces, x1[None], v1[None]).force[0]
         free = self.flexibility @ load
-        contact = self._press(float(free[1]), float(rig.x[1]), now, self._instant(x1[:, 1], v1[:, 1]))
-        n = len(contact.state)
-        x = free + self.response * contact.force[:n].sum()
+        factor = self.problem.law.factor(x1[None] @ b.sliding, v1[None] @ b.sliding).factor
+        contact = self._press(free, b.input_pull @ driven, now, float(factor[0]))
+        x = free + self.response @ contact.force
         a = (x - ahead) / (B * h**2)
-        slid = (contact.displacement - now.contact.displacement)[:2 * n]
-        return _Joint(_Rig(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
-                      now.work - float(contact.force[:2 * n] @ slid))
+        slid = (contact.displacement - now.contact.displacement).reshape(-1, 3)[:, :2]
+        return _State(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
+                      now.work - float(np.sum(contact.force.reshape(-1, 3)[:, :2] * slid)))
 
-    def _instant(self, position: Array, velocity: Array) -> Instant:
-        """Return load and friction factor at a position and velocity (1,) of the arm."""
-        grip = float(np.prod([factor(position, velocity).factor[0] for factor in self.factors]))
-        return Instant(self.load + self.load_slope * float(position[0]), grip)
-
-    def _press(self, free: float, arm: float, now: _Joint, instant: Instant) -> SampleState:
-        """Return the contact when the arm would, without friction, go from `arm` to `free`, in m."""
-        last = now.contact
+    def _press(self, free: Array, pull: Array, now: _State, factor: float) -> SampleState:
+        """Return the contact when the coordinates would, without contact, go to `free` (d,), in m."""
+        last, b = now.contact, self.problem.boundary
         # a rigid contact knows its force no better than its stiffness times the round-off of displacements
-        largest = max(abs(free), float(np.abs(last.displacement).max()))
+        largest = max(float(np.abs(free).max(initial=0.0)), float(np.abs(last.displacement).max()))
         self.solver.tolerance = max(CONTACT_TOLERANCE * self.system.load / self.system.size,
                                     self.round_off * largest)
         guess = last
         if self.before is not None and np.array_equal(last.state, self.before.state):
-            guess = _carried_on(last, self.before)
+            guess = SampleState(2.0 * last.displacement - self.before.displacement, last.force, last.state)
         self.before = last
-        held = arm - self.response[1] * now.friction  # here the contact would stay as it is
-        return self.solver.solve(free, last.displacement, guess, held, instant)
+        held = now.motion.x - self.response @ last.force  # here the contact would stay as it is
+        pulls = [whole - self.carried @ (b.transfer @ whole) for whole in
+                 (pull + b.coupling @ there for there in (free, held))]
+        return self.solver.solve(pulls[0], last.displacement, guess, pulls[1], factor)
 
 
-def _carried_on(now: SampleState, earlier: SampleState) -> SampleState:
-    """Guess the next sample by repeating the last step."""
-    return SampleState(2.0 * now.displacement - earlier.displacement, now.force,
-                       2.0 * now.approach - earlier.approach, now.state)
+def _at_rest(problem: PeriodicProblem) -> _State:
+    return _begin(problem, np.zeros((2, problem.boundary.size)), press(problem))
 
 
-def _at_rest(problem: PeriodicProblem, joint: QuasiStaticJoint, system: ContactSystem) -> _Joint:
-    pressed = ContactMarch(system, joint.flexibility).preloaded(problem.frictional_preload)
-    return _begin(problem, joint, np.zeros((2, 2)), pressed)
+def _at_phase_zero(problem: PeriodicProblem, start: PeriodicSolution) -> _State:
+    contact = SampleState(start.displacement[0].ravel(), start.force[0].ravel(), start.state[0])
+    velocity = time_derivative(start.internal, problem.omega)[0]
+    return _begin(problem, np.array([start.internal[0], velocity]), contact)
 
 
-def _at_phase_zero(problem: PeriodicProblem, joint: QuasiStaticJoint, start: PeriodicSolution) -> _Joint:
-    samples = len(start.state)
-    amplitudes = np.fft.rfft(start.rig_displacement, axis=0)
-    turning: NDArray[Any] = 1j * problem.omega * np.arange(len(amplitudes))
-    if samples % 2 == 0:
-        turning[-1] = 0.0  # the last one has no phase
-    velocity = np.fft.irfft(turning[:, None] * amplitudes, samples, axis=0)[0]
-    u, f = (np.ascontiguousarray(array[0].T).ravel() for array in (start.displacement, start.force))
-    elastic = joint.flexibility @ start.force[0].ravel()
-    approach = float(np.mean(start.displacement[0, :, 2] - elastic[2::3]))
-    contact = SampleState(u, f, approach, start.state[0])
-    return _begin(problem, joint, np.array([start.rig_displacement[0], velocity]), contact)
-
-
-def _begin(problem: PeriodicProblem, joint: QuasiStaticJoint, motion: Array, contact: SampleState) -> _Joint:
-    """Return the joint with the rig's displacement and velocity (2, 2) and accelerations from the balance of forces."""
-    (x, v), rig = motion, joint.rig
-    drive = problem.excitation + sum(force.real for _, force in problem.overtones)
-    load = np.array([drive, contact.force[:len(contact.state)].sum()])
-    for force in problem.rig_forces:
-        load += force(x[None], v[None]).force[0]
-    acceleration = (load - rig.damping @ v - rig.stiffness @ x) / rig.mass.diagonal()
-    return _Joint(_Rig(x, v, acceleration, acceleration), contact)
+def _begin(problem: PeriodicProblem, motion: Array, contact: SampleState) -> _State:
+    """Return the structure with displacements and velocities (2, d) and accelerations from the balance of forces."""
+    (x, v), b = motion, problem.boundary
+    load = b.input_force @ problem.loads_at(np.zeros(1))[0] + b.transfer @ contact.force
+    load = load + total_force(b.forces, x[None], v[None]).force[0] - b.internal.damping @ v - b.internal.stiffness @ x
+    acceleration = np.linalg.solve(b.internal.mass, load)
+    return _State(_Motion(x, v, acceleration, acceleration), contact)

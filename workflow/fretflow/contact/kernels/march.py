@@ -1,4 +1,4 @@
-"""A period of quasi-static frictional contact marched with its tangent, compiled; see `contact_kernel`."""
+"""A period of quasi-static frictional contact marched with its tangent, compiled; see `contact.kernels.sample`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from fretflow.contact.kernels.sample import (
     Array,
     Contact,
     Factor,
-    Marched,
+    PeriodHistory,
     alike,
     copy_sample,
     find_in_parts,
-    total,
 )
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.compiled import compiled, multiply
@@ -25,43 +24,48 @@ SAME_TANGENT = 1e-4  # relative; far from the accuracy that Newton needs of a ta
 
 
 class Course(NamedTuple):
-    """What a period is under: arm position, load and friction's factor (N,), and their derivatives (N, p)."""
+    """What a period is under: the pull ``R q + P i`` (N, 3 n) and the factor on friction (N,).
 
-    arm: Array
-    load: Array
-    grip: Array
+    Derivatives by p parameters: `directions` (N, d, p) of the coordinates, `factor_slope` (N, p).
+    """
+
+    pull: Array
+    friction_factor: Array
     directions: Array
-    load_slope: Array
-    grip_slope: Array
+    factor_slope: Array
 
 
 @compiled
-def _guess(guess: Marched, sample: Marched, j: int, arm: Array, before: Marched, b: int, earlier: Marched, e: int
-           ) -> None:
+def _guess(guess: PeriodHistory, sample: PeriodHistory, j: int, pull: Array, before: PeriodHistory, b: int,
+           earlier: PeriodHistory, e: int) -> None:
     """Put a guess into sample j: the neighbouring period's, moved as the sample before was, or from that one."""
-    if len(guess.approach):
-        away = (j - 1) % len(guess.approach)
+    if len(guess.state):
+        away = (j - 1) % len(guess.state)
         copy_sample(guess, j, sample, j)
         _shift(sample, j, before, b, guess, away, 1.0)
         return
     copy_sample(before, b, sample, j)
-    last = arm[j - 1] - arm[j - 2]
-    if last != 0.0 and alike(before.state[b], earlier.state[e]):
-        ratio = (arm[j] - arm[j - 1]) / last
+    along, size = 0.0, 0.0
+    for i in range(pull.shape[1]):
+        last = pull[j - 1, i] - pull[j - 2, i]
+        along += last * (pull[j, i] - pull[j - 1, i])
+        size += last * last
+    if size != 0.0 and alike(before.state[b], earlier.state[e]):
+        ratio = along / size
         if abs(ratio) < MAX_EXTRAPOLATION:
             _shift(sample, j, before, b, earlier, e, ratio)
 
 
 @compiled
-def _shift(sample: Marched, j: int, toward: Marched, b: int, away: Marched, a: int, ratio: float) -> None:
+def _shift(sample: PeriodHistory, j: int, toward: PeriodHistory, b: int, away: PeriodHistory, a: int, ratio: float
+           ) -> None:
     """Move sample j by `ratio` times the way from sample a of `away` to sample b of `toward`."""
     for i in range(sample.displacement.shape[1]):
         sample.displacement[j, i] += ratio * (toward.displacement[b, i] - away.displacement[a, i])
-    sample.approach[j] += ratio * (toward.approach[b] - away.approach[a])
 
 
 @compiled
-def _as_before(found: Marched, last: Marched, j: int, limit: float) -> bool:
+def _as_before(found: PeriodHistory, last: PeriodHistory, j: int, limit: float) -> bool:
     """Tell whether all slides at sample j and its forces are the last period's."""
     for i in range(found.state.shape[1]):
         if found.state[j, i] == STICK:
@@ -73,18 +77,19 @@ def _as_before(found: Marched, last: Marched, j: int, limit: float) -> bool:
 
 
 @compiled
-def _alike(a: Array, b: Array) -> bool:
-    """Tell whether two rows of tangents are the same."""
+def _same(a: Array, b: Array) -> bool:
+    """Tell whether two tangents (d, p) are the same."""
     size, away = 0.0, 0.0
-    for k in range(len(a)):
-        size, away = max(size, abs(b[k])), max(away, abs(a[k] - b[k]))
+    for i in range(len(a)):
+        for k in range(a.shape[1]):
+            size, away = max(size, abs(b[i, k])), max(away, abs(a[i, k] - b[i, k]))
     return away <= SAME_TANGENT * size
 
 
 @compiled
-def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: Marched, slope: Array, guess: Marched,
-          last: Marched, last_tangent: Array, limits: tuple[float, float], found: Marched, tangent: Array
-          ) -> tuple[int, Array]:
+def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: PeriodHistory, slope: Array,
+          guess: PeriodHistory, last: PeriodHistory, last_tangent: Array, limits: tuple[float, float],
+          found: PeriodHistory, tangent: Array) -> tuple[int, Array]:
     """March one period of N samples with its tangent.
 
     Parameters
@@ -96,11 +101,11 @@ def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: Mar
     slope : (3 n, p)
         Its derivative.
     guess, last
-        A neighbouring period, and the one marched before with its tangent (N, p); empty if there is none.
+        A neighbouring period, and the one marched before with its tangent (N, d, p); empty if there is none.
     limits
         Tolerance of a sample's residual, and change of force below which two samples are the same, N.
     found, tangent
-        Results: the period, and the tangent (N, p) of the friction force.
+        Results: the period, and the tangent (N, d, p) of the force T f on the coordinates.
 
     Returns
     -------
@@ -109,34 +114,34 @@ def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: Mar
         there is none, -1 - j if sample j was not found. The derivative of the last sample marched.
     """
     samples, n = found.state.shape
-    p = course.directions.shape[1]
+    d, p = course.directions.shape[1:]
     none, unpressed = np.empty((0, p)), np.empty((0, p))
-    moved, approach, widened, force = np.empty((3 * n, p)), np.empty(p), np.empty((n, p)), np.empty((1, p))
-    along, lift = total(c.along, 0) - total(c.along, n), total(c.lift, 0) - total(c.lift, n)
+    moved, widened, direct = np.empty((3 * n, p)), np.empty((n, p)), np.empty((d, p))
     slope = slope.copy()
     before, b, earlier, e = start, 0, start, 0
     for j in range(samples):
-        _guess(guess, found, j, course.arm, before, b, earlier, e)
-        previous, grip = before.displacement[b], course.grip[j]
-        under = (course.arm[j], course.load[j], grip)
-        if not find_in_parts(c, factors[0], under, course.arm[j - 1], previous, found, j, limits[0]):
+        _guess(guess, found, j, course.pull, before, b, earlier, e)
+        previous, factor = before.displacement[b], course.friction_factor[j]
+        pulls = (course.pull[j - 1], course.pull[j])
+        if not find_in_parts(c, factors[0], pulls, factor, previous, found, j, limits[0]):
             return -1 - j, slope
         if p:
             for i in range(n):
                 for k in range(p):
-                    widened[i, k] = c.friction[i] * course.grip_slope[j, k]
-            change = (course.directions[j], course.load_slope[j], widened, none)
-            differentiate(c, factors[1], grip, previous, found, j, slope, change, moved, approach, unpressed)
+                    widened[i, k] = c.friction[i] * course.factor_slope[j, k]
+            change = (course.directions[j], widened, none)
+            differentiate(c, factors[1], factor, previous, found, j, slope, change, moved, unpressed)
             slope, moved = moved, slope
-            multiply(c.along.reshape(1, -1), slope, force)
-            for k in range(p):
-                tangent[j, k] = force[0, k] - along * course.directions[j, k] - lift * approach[k]
+            multiply(c.felt, slope, tangent[j])
+            multiply(c.felt_coupling, course.directions[j], direct)
+            for i in range(d):
+                for k in range(p):
+                    tangent[j, i, k] -= direct[i, k]
         earlier, e, before, b = before, b, found, j
         # where everything slides nothing is remembered, once the directions of sliding have been forgotten
-        if len(last.approach) and _as_before(found, last, j, limits[1]) and _alike(tangent[j], last_tangent[j]):
+        if len(last.state) and _as_before(found, last, j, limits[1]) and _same(tangent[j], last_tangent[j]):
             for rest in range(j + 1, samples):
                 copy_sample(last, rest, found, rest)
-                for k in range(p):
-                    tangent[rest, k] = last_tangent[rest, k]
+                tangent[rest] = last_tangent[rest]
             return j, slope
     return samples, slope

@@ -1,6 +1,7 @@
-"""A solved period of frictional contact differentiated in one march, compiled; see `contact_kernel`.
+"""A solved period of frictional contact differentiated in one march, compiled; see `contact.kernels.sample`.
 
-The p columns are a motions of the arm, d parameters, and what the contact remembers before the first sample.
+The p columns are a motions of the internal coordinates, d parameters, and what the contact remembers before the first
+sample. The normal load is one coordinate more, the last of the `Contact` given.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fretflow.contact.kernels.sample import SLIP, Array, Contact, Factor, Indices, Marched, States
+from fretflow.contact.kernels.sample import SLIP, Array, Contact, Factor, Indices, PeriodHistory, States
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.compiled import compiled, multiply
 
@@ -35,14 +36,13 @@ class Springs(NamedTuple):
 class Acting(NamedTuple):
     """What the columns change by themselves.
 
-    `arm`, `load`, `grip` (N, a): arm position in m, load in N and the factor on friction by the motions; `factor` (N,)
-    on friction. By the parameters what is the same at all samples: `own_load` (d,) N, `own_friction` (n, d), and
-    `own_force` (3 n, d) N, the elastic contact force, (0, d) if nothing changes that; then what is not.
+    `motion` (N, e, a), of the coordinates by the motions, the last one being the load, and `friction_slope` (N, a), of
+    the `factor` (N,) on friction. By the parameters what is the same at all samples: `own_load` (d,) N, `own_friction`
+    (n, d), and `own_force` (3 n, d) N, the elastic contact force, (0, d) if nothing changes that; then what is not.
     """
 
-    arm: Array
-    load: Array
-    grip: Array
+    motion: Array
+    friction_slope: Array
     factor: Array
     own_load: Array
     own_friction: Array
@@ -56,15 +56,14 @@ class Acting(NamedTuple):
 class Weights(NamedTuple):
     """What of each sample counts in the sums.
 
-    `mean` (1, n) of u_x; r sums of forces, by displacement and by given force (r, 3 n), by the arm's motion (r, 2);
-    `way`, `rubbing`, `working` (N, 2, n), by u_t, of path, of sliding and of work; of a slipping node's forces `length`
-    |du|, and L over g mu and dL/df_z, `grip`, `slope` (N, n).
+    Of r linear outputs `by_displacement`, `by_force` (r, 3 n) of displacements and given forces, and `by_coordinate`
+    (r, e); `way`, `rubbing`, `working` (N, 2, n), by u_t, of path, of sliding and of work; of a slipping node's forces
+    `length` |du|, and L over g mu and dL/df_z, `grip`, `slope` (N, n).
     """
 
-    mean: Array
     by_displacement: Array
     by_force: Array
-    by_arm: Array
+    by_coordinate: Array
     way: Array
     rubbing: Array
     working: Array
@@ -76,29 +75,29 @@ class Weights(NamedTuple):
 class Sums(NamedTuple):
     """What is kept of the march by p columns; its size does not grow with nodes times samples times columns.
 
-    `displacement`, `approach` (N, p); `forces` (N, r, p); `path`, `sliding` (n, p); `energy` (p,); and the sums of the
-    displacement `moved` (3 n, p) and of the normal forces by the parameters themselves `pressed` (n, d).
+    `outputs` (N, r, p); `path`, `sliding` (n, p); `energy` (p,); and the sums of the displacement `moved` (3 n, p), of
+    the coordinates `driven` (e, p) and of the normal forces by the parameters themselves `pressed` (n, d).
     """
 
-    displacement: Array
-    approach: Array
-    forces: Array
+    outputs: Array
     path: Array
     sliding: Array
     energy: Array
     moved: Array
+    driven: Array
     pressed: Array
 
 
-def empty_sums(samples: int, nodes: int, forces: int, columns: int, parameters: int) -> Sums:
-    """Return sums of nothing."""
-    return Sums(np.zeros((samples, columns)), np.zeros((samples, columns)), np.zeros((samples, forces, columns)),
-                np.zeros((nodes, columns)), np.zeros((nodes, columns)), np.zeros(columns),
-                np.zeros((3 * nodes, columns)), np.zeros((nodes, parameters)))
+def empty_sums(shape: tuple[int, int, int], outputs: int, columns: int, parameters: int) -> Sums:
+    """Return sums of nothing; the shape is (N, n, e)."""
+    samples, nodes, coordinates = shape
+    return Sums(np.zeros((samples, outputs, columns)), np.zeros((nodes, columns)), np.zeros((nodes, columns)),
+                np.zeros(columns), np.zeros((3 * nodes, columns)), np.zeros((coordinates, columns)),
+                np.zeros((nodes, parameters)))
 
 
 @compiled
-def march_columns(c: Contact, factor: Factor, period: Marched, acting: Acting, weights: Weights, first: int,
+def march_columns(c: Contact, factor: Factor, period: PeriodHistory, acting: Acting, weights: Weights, first: int,
                   slope: Array, sums: Sums) -> Array:
     """March the `period` from sample `first` on, sum up, and return the derivative (3 n, p) of the last sample.
 
@@ -107,19 +106,19 @@ def march_columns(c: Contact, factor: Factor, period: Marched, acting: Acting, w
     samples, n = period.state.shape
     p = slope.shape[1]
     slope, moved, pressing = slope.copy(), np.empty((3 * n, p)), np.empty((n, p))
-    change = (np.zeros(p), np.zeros(p), np.zeros((n, p)), np.zeros((len(acting.own_force), p)))
+    change = (np.zeros((acting.motion.shape[1], p)), np.zeros((n, p)), np.zeros((len(acting.own_force), p)))
     for step in range(samples):
         j = (first + step) % samples
-        _change_load(acting, j, change[0], change[1])
-        _change_friction(c, acting, j, change[2])
-        if len(change[3]):
-            _change_force(c, acting, period.force[j], j, change[3])
+        _change_coordinates(acting, j, change[0])
+        _change_friction(c, acting, j, change[1])
+        if len(change[2]):
+            _change_force(c, acting, period.force[j], j, change[2])
         m = _slipping(period.state[j])
         differentiate(c, factor, acting.factor[j], period.displacement[j - 1], period, j, slope, change, moved,
-                      sums.approach[j], pressing[:m])
-        _sum_forces(weights, j, acting.arm.shape[1], change, moved, sums)
+                      pressing[:m])
+        _sum_outputs(weights, j, acting.motion.shape[2], change, moved, sums)
         _sum_motion(weights, j, moved, sums)
-        _sum_slip(weights, j, period.state[j], change[2], pressing, sums)
+        _sum_slip(weights, j, period.state[j], change[1], pressing, sums)
         slope, moved = moved, slope
     return slope
 
@@ -134,24 +133,25 @@ def _slipping(state: States) -> int:
 
 
 @compiled
-def _change_load(acting: Acting, j: int, arm: Array, load: Array) -> None:
-    """Put what the columns change of arm and load at sample j into `arm` and `load` (p,)."""
-    a = acting.arm.shape[1]
-    for k in range(a):
-        arm[k], load[k] = acting.arm[j, k], acting.load[j, k]
+def _change_coordinates(acting: Acting, j: int, motion: Array) -> None:
+    """Put what the columns change of coordinates and load at sample j into `motion` (e, p)."""
+    load, a = acting.motion.shape[1] - 1, acting.motion.shape[2]
+    for i in range(load + 1):
+        for k in range(a):
+            motion[i, k] = acting.motion[j, i, k]
     for k in range(len(acting.own_load)):
-        load[a + k] = acting.own_load[k]
+        motion[load, a + k] = acting.own_load[k]
     for v in range(len(acting.loads.columns)):
-        load[a + acting.loads.columns[v]] = acting.loads.values[v, j, 0]
+        motion[load, a + acting.loads.columns[v]] = acting.loads.values[v, j, 0]
 
 
 @compiled
 def _change_friction(c: Contact, acting: Acting, j: int, friction: Array) -> None:
     """Put what the columns change of g mu at sample j into `friction` (n, p)."""
-    a, factor = acting.arm.shape[1], acting.factor[j]
+    a, factor = acting.motion.shape[2], acting.factor[j]
     for i in range(len(friction)):
         for k in range(a):
-            friction[i, k] = c.friction[i] * acting.grip[j, k]
+            friction[i, k] = c.friction[i] * acting.friction_slope[j, k]
         for k in range(len(acting.own_load)):
             friction[i, a + k] = factor * acting.own_friction[i, k]
         for v in range(len(acting.frictions.columns)):
@@ -161,7 +161,7 @@ def _change_friction(c: Contact, acting: Acting, j: int, friction: Array) -> Non
 @compiled
 def _change_force(c: Contact, acting: Acting, f: Array, j: int, force: Array) -> None:
     """Put what the parameters change of the elastic force at sample j, of forces f (3 n,), into `force` (3 n, p)."""
-    a, springs = acting.arm.shape[1], acting.springs
+    a, springs = acting.motion.shape[2], acting.springs
     for i in range(len(force)):
         for k in range(len(acting.own_load)):
             force[i, a + k] = acting.own_force[i, k]
@@ -177,22 +177,25 @@ def _change_force(c: Contact, acting: Acting, f: Array, j: int, force: Array) ->
 
 
 @compiled
-def _sum_forces(weights: Weights, j: int, a: int, change: tuple[Array, Array, Array, Array], moved: Array, sums: Sums
-                ) -> None:
-    """Take in the mean displacement and the forces of sample j; a motions of the arm."""
-    arm, force, found, n = change[0], change[3], sums.forces[j], weights.mean.shape[1]
-    multiply(weights.mean, moved[:n], sums.displacement[j:j + 1])
+def _sum_outputs(weights: Weights, j: int, a: int, change: tuple[Array, Array, Array], moved: Array, sums: Sums
+                 ) -> None:
+    """Take in the outputs of sample j; a motions of the coordinates."""
+    motion, force, found, n = change[0], change[2], sums.outputs[j], len(sums.path)
     multiply(weights.by_displacement, moved, found)
+    for i in range(len(motion)):
+        for r in range(len(found)):
+            for k in range(found.shape[1] if weights.by_coordinate[r, i] != 0.0 else 0):
+                found[r, k] += weights.by_coordinate[r, i] * motion[i, k]
+        for k in range(found.shape[1]):
+            sums.driven[i, k] += motion[i, k]
     for r in range(len(found)):
-        for k in range(len(arm)):
-            found[r, k] -= weights.by_arm[r, 0] * arm[k] + weights.by_arm[r, 1] * sums.approach[j, k]
         for i in range(len(force)):
             weight = weights.by_force[r, i]
             for k in range(sums.pressed.shape[1] if weight != 0.0 else 0):
                 found[r, a + k] += weight * force[i, a + k]
     for i in range(n if len(force) else 0):
         for k in range(sums.pressed.shape[1]):
-            sums.pressed[i, k] += force[2 * n + i, a + k]
+            sums.pressed[i, k] += force[3 * i + 2, a + k]
 
 
 @compiled
@@ -208,7 +211,7 @@ def _sum_motion(weights: Weights, j: int, moved: Array, sums: Sums) -> None:
         for i in range(n):
             counts = way[i] != 0.0 or rubbing[i] != 0.0 or working[i] != 0.0
             for k in range(p if counts else 0):
-                motion = moved[direction * n + i, k]
+                motion = moved[3 * i + direction, k]
                 sums.path[i, k] += way[i] * motion
                 sums.sliding[i, k] += rubbing[i] * motion
                 sums.energy[k] += working[i] * motion

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.coulomb import SMALLEST_LOAD
+from fretflow.contact.kernels.cone import SMALLEST_LOAD
 from fretflow.contact.law import ContactState
 from fretflow.core.compiled import compiled, factorise, multiply_symmetric, substitute
 

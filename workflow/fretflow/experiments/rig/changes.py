@@ -18,7 +18,7 @@ from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.solvers.direction import Direction, gap, rig_force
 from fretflow.solvers.fourier import derivative_matrix
-from fretflow.solvers.quasi_static.arm import ArmEquations
+from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.sensors import Signals, band_limited
 
@@ -75,9 +75,7 @@ class Loop:
 
     def _changes(self, found: PeriodSensitivity, v: int) -> dict[str, Array]:
         solution = self.period.solution
-        moved = replace(solution, rig_displacement=solution.rig_displacement + found.rig_displacement[v],
-                        upper_observation=solution.upper_observation + found.upper_observation[v],
-                        lower_observation=solution.lower_observation + found.lower_observation[v])
+        moved = found.moved(solution, v)
         faces = found.relative_displacement[v]
         seen = self.rig.displacement(replace(self.period, solution=moved)) - self.rig.displacement(self.period)
         changes = {"displacement": seen if np.any(seen) else faces, "friction_force": found.friction_force[v],
@@ -88,7 +86,7 @@ class Loop:
     def following(self) -> Array:
         """Return the motion (N, N) of the arm by a force on it at each sample, m/N."""
         n = self.rig.observation.samples
-        arm = ArmEquations.of(self.period.problem, (n - 1) // 2, n)
+        arm = InternalEquations.of(self.period.problem, (n - 1) // 2, n)
         return np.asarray(arm.synthesis @ np.linalg.solve(arm.impedance, arm.analysis))
 
     @cached_property
@@ -224,7 +222,7 @@ def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
 def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     def changes(loop: Loop) -> list[dict[str, Array]]:
         basis = loop.harmonics(max(OVERTONES))
-        drive = loop.period.condition.excitation
+        drive = loop.period.condition.excitation.amplitude
         histories = [drive * basis[:, 2 * k - 1 + part] for k in OVERTONES for part in (0, 1)]
         answers = loop.answers([_on_arm(loop, history, 1) for history in histories])
         return [change | {"excitation": history} for change, history in zip(answers, histories, strict=True)]

@@ -12,6 +12,7 @@ from fretflow.experiments.rig.fit import Fit
 from fretflow.experiments.rig.model import RigModel
 from fretflow.inference.covariance import SYSTEMATIC
 from fretflow.inference.verdict import Estimate
+from fretflow.structure.two_mass_rig.joint import rig_of
 
 HALF = 1.645  # standard deviations of a 90 % interval
 TURN = 2.0 * np.pi  # width of the range of an angle
@@ -52,7 +53,7 @@ def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float) -> E
         return None
     name, unit, meaning = BASELINE[coordinate.field]
     size = {"friction": float(np.mean(rig.problem.friction_coefficient)), "wear": rig.wear_coefficient,
-            "mass": float(rig.problem.joint.quasi_static().rig.moving_mass)}[coordinate.field]
+            "mass": float(rig_of(rig.problem.structure).rig.moving_mass)}[coordinate.field]
     return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning)
 
 

@@ -23,6 +23,7 @@ from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepConditio
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.sensors import Signals
+from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.history import WearSettings, WearStep
 from fretflow.wear.implicit import Implicit
@@ -94,13 +95,13 @@ class RigModel:
 
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
-        joint = self.problem.joint.quasi_static()
+        joint = rig_of(self.problem.structure).quasi_static()
         rig = heavier(joint.rig, hypothesis.mass)
         soft = hypothesis.compliance
         scaled = replace(joint, rig=rig, stiffness=joint.stiffness / soft, flexibility=joint.flexibility * soft,
                          upper_compliance=joint.upper_compliance * soft, lower_compliance=joint.lower_compliance * soft)
-        return replace(self.problem, joint=scaled,
-                       friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
+        return replace(self.problem, structure=scaled).vary(
+            friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
 
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
@@ -189,7 +190,7 @@ class RigModel:
     def signals(self, period: Period) -> Signals:
         """Return the true channels of a period, in the harmonics that are compared."""
         found = period.solution
-        load = period.problem.normal_load + period.problem.load_slope * found.rig_displacement[:, 1]
+        load = period.problem.normal_load + rig_of(period.problem.structure).rig.load_slope * found.output("arm")
         true = true_signals(period.problem, found, self.displacement(period), period.elapsed)
         return replace(true, approach=arm_approach(period), normal_force=load).band_limited(self.observation.harmonics)
 
@@ -221,7 +222,7 @@ def asperity_motion(period: Period, problem: PeriodicProblem) -> Array:
 
     A sensor sees the faces of the bodies, on either side of asperities and debris.
     """
-    bare, sprung = period.condition.joint.quasi_static(), problem.joint.quasi_static()
+    bare, sprung = period.condition.boundary, problem.boundary
     soft = np.diag(sprung.flexibility)[::3] - np.diag(bare.flexibility)[::3]
     areas = problem.interface.areas
     return np.asarray(period.solution.force[:, :, 0] @ (soft * areas / areas.sum()))
@@ -241,7 +242,7 @@ def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
 
 def arm_approach(period: Period) -> Array:
     """Return how far the specimens' backs have come toward each other, (N,) m, from where they would just touch."""
-    found, joint = period.solution, period.problem.joint.quasi_static()
+    found, joint = period.solution, rig_of(period.problem.structure).quasi_static()
     bulk = found.force.reshape(len(found.state), -1) @ joint.upper_compliance[2]
     return np.asarray(bulk - found.upper_observation[:, 2])
 
@@ -255,9 +256,7 @@ def channel(signals: Signals, piece: Piece) -> Array:
 def at_condition(problem: PeriodicProblem, condition: SweepCondition) -> PeriodicProblem:
     """Return `problem` under another drive, load or frequency, as far as `condition` says."""
     drive, load, frequency = condition.excitation_amplitude, condition.normal_load, condition.excitation_frequency
-    return replace(problem, excitation=problem.excitation if drive is None else drive,
-                   normal_load=problem.normal_load if load is None else load,
-                   frequency=problem.frequency if frequency is None else frequency)
+    return problem.vary(amplitude=drive, normal_load=load, frequency=frequency)
 
 
 def on_points(nodes: Array, values: Array, points: Array) -> Array:

@@ -149,10 +149,10 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
                     for elements in meshes)
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
-        model_of(recording, observation, replace(coarse, friction_coefficient=friction),
+        model_of(recording, observation, coarse.vary(friction_coefficient=friction),
                  first_wear(recording, friction)) for friction in read])
     progress(0.08, "what the coarse mesh leaves out")
-    finer = replace(model, problem=replace(fine, friction_coefficient=model.problem.friction_coefficient))
+    finer = replace(model, problem=fine.vary(friction_coefficient=model.problem.friction_coefficient))
     denser = replace(model, samples=2 * model.samples)
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
@@ -167,7 +167,7 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
 def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = fitter.rig, fitter.rig.observation
-    problem = replace(tools.reduce(case), friction_coefficient=rig.problem.friction_coefficient)
+    problem = tools.reduce(case).vary(friction_coefficient=rig.problem.friction_coefficient)
     full = replace(rig, problem=problem, samples=FULL_PERIODS * rig.samples)
     try:
         found = tools.pool(predict_task, [_Prediction(full, fit.space.hypothesis(fit.z)) for fit in fits])

@@ -146,8 +146,8 @@ def _eased(model: RigModel) -> tuple[RigModel, Simulation]:
         try:
             return model, model.simulate(Hypothesis())
         except NonConvergenceError:
-            model = replace(model, problem=replace(
-                model.problem, friction_coefficient=EASED * model.problem.friction_coefficient))
+            model = replace(model, problem=model.problem.vary(
+                friction_coefficient=EASED * model.problem.friction_coefficient))
     return model, model.simulate(Hypothesis())
 
 

@@ -32,6 +32,7 @@ from fretflow.solvers.direction import Direction, gap
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.sensors import Signals, band_limited
+from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.archard import wear_rate
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.slow import SlowState
@@ -111,8 +112,8 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
     """Return the neighbour's problem at the period's condition and wear."""
     base, other = one.model.baseline, simulation.model.baseline
     load = base.normal_load * period.condition.normal_load / other.normal_load
-    own = replace(base, excitation=period.condition.excitation, normal_load=load,
-                  frequency=period.condition.frequency)
+    own = base.vary(amplitude=period.condition.excitation.amplitude, normal_load=load,
+                    frequency=period.condition.frequency)
     return replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
 
 
@@ -142,7 +143,7 @@ def _feedback(simulation: Simulation, period: Period, cycles: int) -> Array:
     step = period.step
     coefficient = np.divide(step.rate, step.response.pressure_sliding, out=np.zeros(len(step.rate)),
                             where=step.response.pressure_sliding > 0.0)
-    flexibility = period.problem.joint.quasi_static().flexibility[2::3, 2::3]
+    flexibility = period.problem.boundary.flexibility[2::3, 2::3]
     found = Feedback(flexibility, period.problem.interface.areas).rate_jacobian(coefficient, step.response)
     return np.asarray(found * simulation.model.opening_share(step.slow, cycles))
 
@@ -177,21 +178,17 @@ def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> Perio
     level = opened.min(axis=0)  # only lowers the arm
     more = _carried(period, [gap(column) for column in (opened - level).T])
     added = {name: getattr(change, name) + getattr(more, name)
-             for name in ("rig_displacement", "relative_displacement", "friction_force", "upper_observation",
-                          "lower_observation", "approach")}
-    added["approach"] = added["approach"] - level[:, None]
-    return replace(change, **added)
+             for name in ("internal", "relative_displacement", "friction_force")}
+    outputs = {name: values + more.outputs[name] for name, values in change.outputs.items()}
+    outputs["approach"] = outputs["approach"] - level[:, None]
+    return replace(change, **added, outputs=outputs)
 
 
 def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicProblem, change: PeriodSensitivity, v: int,
             before: Signals) -> Signals:
     """Return what the sensors of a neighbour, of `problem`, show of a period whose true channels were `before`."""
     after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
-        period.solution,
-        rig_displacement=period.solution.rig_displacement + change.rig_displacement[v],
-        friction_force=period.solution.friction_force + change.friction_force[v],
-        upper_observation=period.solution.upper_observation + change.upper_observation[v],
-        lower_observation=period.solution.lower_observation + change.lower_observation[v])))
+        change.moved(period.solution, v), friction_force=period.solution.friction_force + change.friction_force[v])))
     moved = change.relative_displacement[v] - _more_asperity_motion(period, problem, change.friction_force[v])
     after = _faced(rig, after, before, band_limited(moved, rig.observation.harmonics))
     if before.approach is not None:
@@ -201,8 +198,11 @@ def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicPro
 
 def _driven(period: Period, other: PeriodicProblem) -> PeriodicProblem:
     """Return the period's problem with what `other` shows in the channels themselves."""
-    return replace(period.problem, overtones=other.overtones, rig_forces=other.rig_forces,
-                   normal_load=other.normal_load, load_slope=other.load_slope)
+    own, rig = rig_of(period.problem.structure), rig_of(other.structure).rig
+    return replace(
+        period.problem, structure=own.with_rig(replace(own.rig, forces=rig.forces, load_slope=rig.load_slope)),
+        excitation=replace(period.problem.excitation, overtones=other.excitation.overtones)
+    ).vary(normal_load=other.normal_load)
 
 
 def _more_asperity_motion(period: Period, other: PeriodicProblem, force: Array) -> Array:

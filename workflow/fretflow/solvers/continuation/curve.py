@@ -49,6 +49,7 @@ class ResponseCurve:
     residual: NDArray[np.float64] = quantity("1", "(P,), of the rig's equations, relative to the excitation")
     samples: NDArray[np.int64] = quantity("1", "(P,), per period")
     sampling_error: float = quantity("1")  # change of the first harmonic near the peak with finer samples; nan: no peak
+    channels: tuple[str, ...] = CHANNELS
 
     def receptance(self, channel: str = "block") -> NDArray[np.float64]:
         """Return first-harmonic amplitude per unit force (P,) in m/N.
@@ -58,7 +59,7 @@ class ResponseCurve:
         InputError
             If there is no such channel.
         """
-        return np.asarray(np.abs(self.first_harmonic[:, channel_index(channel)]) / self.excitation)
+        return np.asarray(np.abs(self.first_harmonic[:, channel_index(channel, self.channels)]) / self.excitation)
 
     def along(self, direction: SweepDirection) -> NDArray[np.int64]:
         """Return the indices of the points of one direction, in order."""
@@ -112,7 +113,7 @@ class Parabola:
         return cls(origin + scale * float(place), float(c - b * b / (4.0 * a)))
 
 
-def channel_index(channel: str) -> int:
+def channel_index(channel: str, channels: tuple[str, ...] = CHANNELS) -> int:
     """Return the column of `channel`.
 
     Raises
@@ -120,9 +121,9 @@ def channel_index(channel: str) -> int:
     InputError
         If there is none of that name.
     """
-    if channel not in CHANNELS:
-        raise InputError(f"channel {channel!r}: unknown; choose one of {', '.join(CHANNELS)}")
-    return CHANNELS.index(channel)
+    if channel not in channels:
+        raise InputError(f"channel {channel!r}: unknown; choose one of {', '.join(channels)}")
+    return channels.index(channel)
 
 
 def read_peak(curve: ResponseCurve, channel: str = "block", direction: SweepDirection = SweepDirection.UP) -> Peak:
@@ -130,7 +131,7 @@ def read_peak(curve: ResponseCurve, channel: str = "block", direction: SweepDire
 
     The damping ratio is ``(f2 - f1) / (f2 + f1)`` of the half-power points f1 < f2, as for a linear oscillator.
     """
-    own, column = curve.along(direction), channel_index(channel)
+    own, column = curve.along(direction), channel_index(channel, curve.channels)
     f, x = curve.frequency[own], curve.first_harmonic[own, column]
     a = np.abs(x)
     top = int(np.argmax(a))

@@ -35,11 +35,12 @@ from fretflow.solvers.continuation.curve import (
     summit,
 )
 from fretflow.solvers.continuation.model import Plane
-from fretflow.solvers.continuation.points import STRAIGHT, Face, FoundPoint, Trail, judge
-from fretflow.solvers.continuation.system import ArmSystem, Point
+from fretflow.solvers.continuation.points import STRAIGHT, Face, FoundPoint, Trail, channels_of, judge
+from fretflow.solvers.continuation.system import ContinuationSystem, Point
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
+from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
 
 Array = NDArray[np.float64]
@@ -95,14 +96,14 @@ class _Run:
 def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirection, float], None]) -> ResponseCurve:
     """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
 
-    Nodes out of reach are left out, see `reach`; where one of them turns out to touch, all is done again with it.
+    Nodes out of reach are left out, see `candidate_nodes`; where one turns out to touch, all is done again.
 
     Raises
     ------
     NonConvergenceError
         Naming the frequency, with the residual history of the last attempt.
     """
-    nodes = candidate_nodes(problem, problem.joint.quasi_static(), None)
+    nodes = candidate_nodes(problem, None)
     while True:
         face = Face.of(problem, nodes)
         runs: dict[SweepDirection, _Run] = {}
@@ -121,11 +122,13 @@ class _Follower:
     def __init__(self, face: Face, sweep: Sweep, note: Callable[[float], None]) -> None:
         self.face, self.sweep, self.note = face, sweep, note
         self.problem = problem = face.part
-        self.channel = channel_index(sweep.channel)
+        self.channel = channel_index(sweep.channel, channels_of(problem))
         self.trails: list[Trail] = []
         backbone, s = _backbone(problem), sweep
-        self.system = ArmSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
-        self.fine = ArmSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations, backbone)
+        self.system = ContinuationSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
+        self.size = len(seen_coordinates(problem.boundary)) * (2 * s.fine_harmonics + 1)
+        self.fine = ContinuationSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations,
+                                       backbone)
 
     def follow(self, direction: SweepDirection, others: list[list[FoundPoint]]) -> _Run:
         """Return the points in order; `others` are curves followed the other way."""
@@ -141,7 +144,7 @@ class _Follower:
         s = self.sweep
         omega = 2.0 * pi * (s.start if direction is SweepDirection.UP else s.stop)
         try:
-            pressed = self.system.march.preloaded(self.problem.frictional_preload)
+            pressed = self.system.march.preloaded(self.problem.preload.frictional)
             return self.system.at_frequency(omega, self.system.guess(omega), pressed)
         except NonConvergenceError as error:
             there = [p for p in reached if abs(p.omega - omega) < 1e-9 * omega]
@@ -150,22 +153,22 @@ class _Follower:
             return self._loaded(omega, error)
 
     def _loaded(self, omega: float, error: NonConvergenceError) -> Point:
-        """Raise the excitation step by step, from the rig at rest."""
-        arm: Array = np.zeros(2 * self.sweep.harmonics + 1)
-        start, before = self.system.march.preloaded(self.problem.frictional_preload), 0.0
+        """Raise the excitation step by step, from rest."""
+        seen: Array = np.zeros(len(self.system.seen) * (2 * self.sweep.harmonics + 1))
+        start, before = self.system.march.preloaded(self.problem.preload.frictional), 0.0
         for share in LOAD_STEPS:
-            part = self.system.under(self.problem.excitation * share)
+            part = self.system.under(share)
             try:
-                point = part.at_frequency(omega, arm * (share / before if before else 1.0), start)
+                point = part.at_frequency(omega, seen * (share / before if before else 1.0), start)
             except NonConvergenceError:
                 raise error from None
-            arm, start, before = point.arm, point.end, share
+            seen, start, before = point.seen, point.end, share
         return point
 
     def _trace(self, found: list[FoundPoint], direction: SweepDirection) -> None:
         s, low, high = self.system, 2.0 * pi * self.sweep.start, 2.0 * pi * self.sweep.stop
         now = found[0].point
-        along = s.tangent(now, np.append(np.zeros(len(now.arm)), float(direction)))
+        along = s.tangent(now, np.append(np.zeros(len(now.seen)), float(direction)))
         arc = self.sweep.first_arc
         while len(found) < MAX_POINTS:
             try:
@@ -175,7 +178,7 @@ class _Follower:
                 new, arc = self._bridge(now, way, error), self.sweep.first_arc
                 if low < new.omega < high:
                     found.append(self._keep(s, new, bridged=True))
-                    along, now = s.tangent(new, np.append(np.zeros(len(new.arm)), way)), new
+                    along, now = s.tangent(new, np.append(np.zeros(len(new.seen)), way)), new
                     continue
             if not low < new.omega < high:
                 found.append(self._keep(s, self._end(now, new, low if new.omega <= low else high)))
@@ -223,7 +226,7 @@ class _Follower:
             if known is None:
                 continue
             with suppress(NonConvergenceError):
-                new = self.system.at_frequency(known.omega, known.arm, now.end, known)
+                new = self.system.at_frequency(known.omega, known.seen, now.end, known)
                 chord = (new.unknowns - now.unknowns) / now.scales
                 length = float(np.linalg.norm(chord))
                 if length < reach and chord @ along > STRAIGHT * length:
@@ -234,7 +237,7 @@ class _Follower:
         """Go on at a frequency further on, where the curve cannot be followed."""
         for relative in BRIDGES:
             omega = now.omega * (1.0 + way * relative)
-            for guess in (now.arm, self.system.guess(omega)):
+            for guess in (now.seen, self.system.guess(omega)):
                 with suppress(NonConvergenceError):
                     return self.system.at_frequency(omega, guess, now.end, now)
         raise error
@@ -242,7 +245,7 @@ class _Follower:
     def _end(self, inside: Point, outside: Point, omega: float) -> Point:
         """Return the point at the end of the range, `omega`, between two points."""
         share = (omega - inside.omega) / (outside.omega - inside.omega)
-        return self.system.at_frequency(omega, inside.arm + share * (outside.arm - inside.arm), inside.end, inside)
+        return self.system.at_frequency(omega, inside.seen + share * (outside.seen - inside.seen), inside.end, inside)
 
     def _refine(self, found: list[FoundPoint]) -> float:
         """Insert points at the peak and at half its power; return how much the finer settings change its top."""
@@ -294,19 +297,19 @@ class _Follower:
 
     def _between(self, a: FoundPoint, b: FoundPoint, share: float) -> FoundPoint:
         """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it."""
-        arms = [_resized(p.point.arm, self.sweep.fine_harmonics) for p in (a, b)]
+        arms = [_resized(p.point.seen, self.size) for p in (a, b)]
         start, end = (np.append(arm, p.point.omega) for arm, p in zip(arms, (a, b), strict=True))
         unknowns = start + share * (end - start)
         scales = np.append(np.full(len(arms[0]), np.linalg.norm(unknowns[:-1])), unknowns[-1])
         chord = (end - start) / scales
         near = (a if share < 0.5 else b).point
         plane = Plane(unknowns, chord / np.linalg.norm(chord), scales)
-        known = near if len(near.trajectory.arm) == self.sweep.fine_samples else None
+        known = near if len(near.history.state) == self.sweep.fine_samples else None
         return self._keep(self.fine, self.fine.correct(plane, near.end, known))
 
     def _finer(self, point: Point) -> Point:
         """Solve `point` again with the fine settings, at its frequency."""
-        return self.fine.at_frequency(point.omega, _resized(point.arm, self.sweep.fine_harmonics), point.end)
+        return self.fine.at_frequency(point.omega, _resized(point.seen, self.size), point.end)
 
     def _amplitude(self, found: list[FoundPoint]) -> Array:
         return np.array([abs(p.first_harmonic[self.channel]) for p in found])
@@ -314,23 +317,25 @@ class _Follower:
     def _top(self, found: list[FoundPoint]) -> int:
         return int(np.argmax(self._amplitude(found)))
 
-    def _keep(self, system: ArmSystem, point: Point, bridged: bool = False) -> FoundPoint:
+    def _keep(self, system: ContinuationSystem, point: Point, bridged: bool = False) -> FoundPoint:
         self.note(point.omega / (2.0 * pi))
         return FoundPoint.of(self.face, system, point, bridged)
 
 
 def _backbone(problem: PeriodicProblem) -> Backbone | None:
     """Return the contact's backbone, or None where it does not slide however far it is pushed."""
-    march = ContactMarch.of(problem)
+    seen = seen_coordinates(problem.boundary)
+    if len(seen) > 1:
+        return None
+    march = ContactMarch.of(problem, seen)
     with suppress(NonConvergenceError):
-        return Backbone.of(march, march.preloaded(problem.frictional_preload))
+        return Backbone.of(march, march.preloaded(problem.preload.frictional))
     return None
 
 
-def _resized(arm: Array, harmonics: int) -> Array:
-    """Return coefficients with zeros for further harmonics, or without the last ones."""
-    size = 2 * harmonics + 1
-    return np.concatenate([arm[:size], np.zeros(max(0, size - len(arm)))])
+def _resized(seen: Array, size: int) -> Array:
+    """Return coefficients (`size`,) with zeros for further harmonics, or without the last ones."""
+    return np.concatenate([seen[:size], np.zeros(max(0, size - len(seen)))])
 
 
 def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> ResponseCurve:
@@ -338,7 +343,8 @@ def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> Respon
                               np.array([p.first_harmonic for p in run.found])) for run in runs.values()])
     found = [p for run in runs.values() for p in run.found]
     return ResponseCurve(
-        excitation=problem.excitation, frequency=np.array([p.frequency for p in found]),
+        excitation=problem.excitation.amplitude, channels=channels_of(problem),
+        frequency=np.array([p.frequency for p in found]),
         first_harmonic=np.array([p.first_harmonic for p in found]),
         peak_to_peak=np.array([p.peak_to_peak for p in found]),
         direction=np.concatenate([np.full(len(run.found), d, dtype=np.int8) for d, run in runs.items()]),
@@ -346,5 +352,5 @@ def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> Respon
         stable=np.concatenate([run.stable for run in runs.values()]), bridged=np.array([p.bridged for p in found]),
         iterations=np.array([p.point.iterations for p in found]),
         residual=np.array([p.point.norm for p in found]),
-        samples=np.array([len(p.point.trajectory.arm) for p in found]),
+        samples=np.array([len(p.point.history.state) for p in found]),
         sampling_error=float(max(run.change for run in runs.values())))

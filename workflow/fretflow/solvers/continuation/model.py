@@ -1,4 +1,4 @@
-"""A model of the rig on its contact that is cheap to solve, and how its defect is corrected.
+"""A model of one coordinate on its contact that is cheap to solve, and how its defect is corrected.
 
 To make R(y) = 0, whose derivative is dear, a model R_m close to it is solved instead, and its defect corrected
 (K. Boehmer, P. Hemker and H. Stetter, The defect correction approach, 1984):
@@ -16,11 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
-from fretflow.solvers.fourier import to_real
-from fretflow.solvers.quasi_static.arm import ArmEquations, real_blocks
 from fretflow.solvers.quasi_static.backbone import Backbone, newton_across_kinks
+from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.sample import Array
-from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 SMALL = 1e-9  # m, the scale of an arm at rest
 FORMER = 10  # iterates, also of the points before, that extrapolate the defect
@@ -82,20 +80,19 @@ class Secants:
 
 
 @dataclass(frozen=True)
-class RigOnBackbone:
-    """The linear rig on a backbone instead of the contact."""
+class OnBackbone:
+    """One linear coordinate on a backbone instead of the contact."""
 
-    rig: LumpedRig
     backbone: Backbone
     excitation: float
 
-    def residual(self, equations: ArmEquations, arm: Array) -> Array:
+    def residual(self, equations: InternalEquations, arm: Array) -> Array:
         """Return R_m (2 H + 1,) in N."""
         e = equations
         friction, _ = self.backbone.friction(e.synthesis @ arm, np.zeros((len(e.synthesis), 0)))
         return np.asarray(e.impedance @ arm - e.load - e.analysis @ friction)
 
-    def solve(self, equations: Callable[[float], ArmEquations], defect: Array, plane: Plane, guess: Array,
+    def solve(self, equations: Callable[[float], InternalEquations], defect: Array, plane: Plane, guess: Array,
               tolerance: float) -> Array:
         """Return y with ``R_m(y) = defect`` on `plane`.
 
@@ -113,30 +110,10 @@ class RigOnBackbone:
             e = equations(float(y[-1]))
             friction, tangent = self.backbone.friction(e.synthesis @ y[:-1], e.synthesis)
             residual = e.impedance @ y[:-1] - e.load - e.analysis @ friction - defect
-            by_omega, load_by_omega = arm_rates(self.rig, float(y[-1]), self.excitation, len(defect) // 2)
+            by_omega, load_by_omega = e.rates()
             matrix = np.column_stack([e.impedance - e.analysis @ tangent, by_omega @ y[:-1] - load_by_omega])
             return (np.append(residual / self.excitation, plane.distance(y)),
                     np.vstack([matrix * plane.scales / self.excitation, plane.row]))
 
         return plane.scales * newton_across_kinks(evaluate, guess / plane.scales, tolerance)
 
-
-def arm_rates(rig: LumpedRig, omega: float, excitation: float, harmonics: int) -> tuple[Array, Array]:
-    """Return the derivatives by omega of the arm's impedance and of its load.
-
-    With the block eliminated, ``Z_a = v^T z v`` for ``v = (-z_ba / z_bb, 1)``, at which it is stationary, so that
-    ``dZ_a = v^T dz v``; the load is ``v_b F``.
-
-    Returns
-    -------
-    (2 H + 1, 2 H + 1), (2 H + 1,)
-        In N s/m and N s.
-    """
-    order = np.arange(harmonics + 1)
-    z = rig.impedance(omega * order)
-    slope = order[:, None, None] * (-2.0 * omega * order[:, None, None] * rig.mass + 1j * rig.damping)
-    carried = -z[:, 0, 1] / z[:, 0, 0]
-    arm = slope[:, 0, 0] * carried**2 + 2.0 * slope[:, 0, 1] * carried + slope[:, 1, 1]
-    load = np.zeros(harmonics + 1, dtype=complex)
-    load[1] = -(slope[1, 0, 1] + carried[1] * slope[1, 0, 0]) / z[1, 0, 0] * excitation
-    return real_blocks(arm), to_real(load)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.solvers.continuation.curve import turns
-from fretflow.solvers.continuation.system import ArmSystem, Point
+from fretflow.solvers.continuation.curve import CHANNELS, turns
+from fretflow.solvers.continuation.system import ContinuationSystem, Point
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.candidate_nodes import restrict
 from fretflow.solvers.quasi_static.sample import Array
@@ -22,37 +22,29 @@ JUDGED = 10  # of so many points one has its stability found by itself
 
 @dataclass(frozen=True)
 class Face:
-    """The nodes within reach, the problem of these alone, and what their forces (3 m,) do at all nodes, m/N."""
+    """The nodes within reach, the problem of these alone, and that of all."""
 
     nodes: NDArray[np.bool_]
     part: PeriodicProblem
-    sliding: Array  # (3 m, n)
-    opening: Array  # (3 m, n)
-    gap: Array
-    weights: Array
+    whole: PeriodicProblem
 
     @classmethod
     def of(cls, problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> Face:
         """Return the face of `problem` with `nodes` (n,) within reach."""
-        joint, face = problem.joint.quasi_static(), problem.interface
-        rows = joint.flexibility[np.repeat(nodes, 3)]
-        part = replace(problem, joint=joint) if nodes.all() else restrict(problem, joint, nodes)
-        return cls(nodes, part, rows[:, 0::3], rows[:, 2::3], face.gap, face.areas / face.areas.sum())
+        return cls(nodes, problem if nodes.all() else restrict(problem, nodes), problem)
 
-    def slid(self, arm: Array, forces: Array) -> Array:
-        """Return the area mean of the relative x displacement (N,) of all nodes."""
-        return np.asarray(arm + forces @ (self.sliding @ self.weights))
-
-    def touched(self, approach: Array, forces: Array) -> NDArray[np.bool_]:
-        """Return which nodes (n,) touch at some time; those within reach may, the others must not."""
-        return np.asarray((self.gap + approach[:, None] + forces @ self.opening).min(axis=0) < 0.0)
+    def moved(self, internal: Array, free: Array, forces: Array, loads: Array) -> Array:
+        """Return the relative displacement (N, 3 n) of all nodes under the forces (N, 3 m) of those within reach."""
+        b = self.whole.boundary
+        found = forces @ b.flexibility[np.repeat(self.nodes, 3)]
+        return np.asarray(found + internal @ b.motion.T + free @ b.free.T + loads @ b.input_motion.T)
 
 
 @dataclass(frozen=True)
 class FoundPoint:
     """A point of the curve with what is kept of it."""
 
-    system: ArmSystem
+    system: ContinuationSystem
     point: Point
     first_harmonic: NDArray[np.complex128]
     peak_to_peak: Array
@@ -65,17 +57,30 @@ class FoundPoint:
         return self.point.omega / (2.0 * pi)
 
     @classmethod
-    def of(cls, face: Face, system: ArmSystem, point: Point, bridged: bool) -> FoundPoint:
+    def of(cls, face: Face, system: ContinuationSystem, point: Point, bridged: bool) -> FoundPoint:
         """Return what is kept of `point`, a root of `system` on `face`."""
-        trajectory = point.trajectory
-        n = trajectory.state.shape[1]
-        forces = trajectory.force.reshape(-1, 3, n).transpose(0, 2, 1).reshape(-1, 3 * n)
-        upper, lower = system.joint.observe(np.column_stack([trajectory.arm, trajectory.approach]), forces)
-        motion = np.column_stack([system.block_motion(point), trajectory.arm,
-                                  face.slid(trajectory.arm, forces), upper[:, 0], lower[:, 0]])
+        period, part = point.history, face.part
+        internal = system.motion(point)
+        loads = system.at(point.omega).loads_at(2.0 * np.pi * np.arange(len(internal)) / len(internal))
+        free = part.boundary.free_motion(internal, period.displacement, loads)
+        moved, interface = face.moved(internal, free, period.force, loads), face.whole.interface
+        outputs = part.boundary.observe(internal, period.displacement, period.force, loads)
+        outputs["relative"] = moved[:, 0::3] @ interface.areas / interface.areas.sum()
+        motion = np.column_stack([along_x(outputs[name]) for name in channels_of(part)])
         first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
-        return cls(system, point, first_harmonic, np.ptp(motion, axis=0),
-                   face.touched(trajectory.approach, forces), bridged)
+        touched = (interface.gap + moved[:, 2::3]).min(axis=0) < 0.0
+        return cls(system, point, first_harmonic, np.ptp(motion, axis=0), touched, bridged)
+
+
+def channels_of(problem: PeriodicProblem) -> tuple[str, ...]:
+    """Return the names of what a response curve of `problem` keeps: on the rig `CHANNELS`."""
+    outputs = problem.boundary.outputs
+    return CHANNELS if set(CHANNELS) - {"relative"} <= set(outputs) else ("relative", *outputs)
+
+
+def along_x(output: Array) -> Array:
+    """Return the first component of an output, (N,) or (N, k)."""
+    return output if output.ndim == 1 else output[:, 0]
 
 
 class Trail:
@@ -124,7 +129,7 @@ def judge(found: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
 def _judge_one(found: FoundPoint) -> tuple[float, bool]:
     """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
     system, point = found.system, found.point
-    motion = np.column_stack([system.block_motion(point), point.trajectory.arm])
-    multipliers = floquet_multipliers(system.joint.rig, system.march.system, point.trajectory, found.frequency,
-                                      Around.of(system.at(point.omega), motion))
+    at = system.at(point.omega)
+    multipliers = floquet_multipliers(at.boundary.internal, system.march.system, point.history, found.frequency,
+                                      Around.of(at, system.motion(point)))
     return float(abs(multipliers[0])), is_stable(multipliers)

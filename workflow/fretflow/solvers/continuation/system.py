@@ -1,15 +1,15 @@
-"""The rig on its contact as equations in the arm's motion and the frequency, solved along a curve.
+"""A structure on its contact as equations in its motion and the frequency, solved along a curve.
 
-Unknowns are y = (a, omega): the arm's coefficients and the angular frequency, of
+Unknowns are y = (a, omega): the coefficients of the coordinates that the contact sees and the angular frequency, of
 
     R(a, omega) = Z(omega) a - g(omega) - Phi[a]
 
 One row more, ``t . (y - y_0) = 0`` in scaled unknowns, makes the system square also at turning points (Keller 1977).
 
-Marching the contact gives Phi, and its derivative at a multiple of the cost. So the derivative is avoided: the defect
-of a model is corrected (`continuation_model`), the contact's own backbone, within a few per cent of Phi, or where all
-sticks a spring, which is exact. Where this is slow, Newton takes over, with the derivative of Phi by the march. Either
-way the root is that of R.
+Marching the contact gives Phi, and its derivative at a multiple of the cost. So the derivative is avoided where there
+is one coordinate: the defect of a model is corrected (`continuation.model`), the contact's own backbone, within a few
+per cent of Phi, or where all sticks a spring, which is exact. Where this is slow, Newton takes over, with the
+derivative of Phi by the march. Either way the root is that of R.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
-from fretflow.solvers.continuation.model import SMALL, Plane, RigOnBackbone, Secants
+from fretflow.solvers.continuation.model import SMALL, OnBackbone, Plane, Secants
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.solvers.quasi_static.arm import ArmEquations
 from fretflow.solvers.quasi_static.backbone import Backbone
+from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
-from fretflow.solvers.quasi_static.march import ContactMarch, PeriodHistory, PeriodicMarch, Surroundings
-from fretflow.solvers.quasi_static.sample import STICK, Array, SampleState
-from fretflow.solvers.quasi_static.solver import NEAR
+from fretflow.solvers.quasi_static.march import ContactMarch, PeriodicMarch, Surroundings
+from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleState
+from fretflow.solvers.quasi_static.solver import NEAR, stuck_start
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 SHORTEST_STEP = 0.1  # of a Newton step; beyond that a shorter arc is cheaper
 ACROSS = 2.0  # growth of the residual that is let pass
@@ -45,15 +46,15 @@ RATE_STEP = 1e-6  # of the frequency
 
 @dataclass(frozen=True)
 class Point:
-    """Arm and block coefficients (2 H + 1,) in m, omega in rad/s, and the contact's period.
+    """Coefficients of the coordinates that the contact sees and of the others in m, omega in rad/s, and the period.
 
-    `residual` (2 H + 1,) N, and its norm relative to the excitation.
+    `residual` (n_a,) N, and its norm relative to the excitation.
     """
 
-    arm: Array
-    block: Array
+    seen: Array
+    other: Array
     omega: float
-    trajectory: PeriodHistory
+    history: PeriodHistory
     residual: Array
     norm: float
     secants: Secants
@@ -61,86 +62,94 @@ class Point:
 
     @property
     def scales(self) -> Array:
-        """Return the lengths (2 H + 2,) of the unknowns: the arm's amplitude and the frequency themselves."""
-        return np.append(np.full(len(self.arm), max(float(np.linalg.norm(self.arm)), SMALL)), self.omega)
+        """Return the lengths (n_a + 1,) of the unknowns: the motion's amplitude and the frequency themselves."""
+        return np.append(np.full(len(self.seen), max(float(np.linalg.norm(self.seen)), SMALL)), self.omega)
 
     @property
     def end(self) -> SampleState:
         """Return the contact at the end of the period, which is the one before its beginning."""
-        return self.trajectory.sample(-1)
+        return SampleState.of(self.history)
 
     @property
     def sticks(self) -> bool:
         """Tell whether no node moves during the period."""
-        return not np.any(self.trajectory.state != STICK)
+        return not np.any(self.history.state != STICK)
 
     @property
     def unknowns(self) -> Array:
         """Return (a, omega)."""
-        return np.append(self.arm, self.omega)
+        return np.append(self.seen, self.omega)
 
 
-class ArmSystem:
+class ContinuationSystem:
     """The equations of one problem, at any frequency, on fixed harmonics and samples."""
 
     def __init__(self, problem: PeriodicProblem, harmonics: int, samples: int, tolerance: float,
                  max_iterations: int, backbone: Backbone | None = None) -> None:
         """Take the contact's `backbone` if it has one and it serves as a model."""
         self.problem = problem
-        self.joint = problem.joint.quasi_static()
+        self.seen = seen_coordinates(problem.boundary)
         self.harmonics, self.samples = harmonics, samples
         self.tolerance, self.max_iterations = tolerance, max_iterations
-        self.march = ContactMarch.of(problem)
-        own = float(self.march.solver.kbx[:self.march.system.size].sum())
-        spring = Backbone(np.array([own]), np.array([np.inf]))
-        self.spring = RigOnBackbone(self.joint.rig, spring, problem.excitation)
-        self.backbone = None if backbone is None else replace(self.spring, backbone=backbone)
+        self.march = ContactMarch.of(problem, self.seen)
+        self.scale = problem.excitation.amplitude
+        self.spring: OnBackbone | None = None
+        if len(self.seen) == 1:
+            own = float(self.march.system.felt_stiffness[0, 0])
+            self.spring = OnBackbone(Backbone(np.array([own]), np.array([np.inf])), self.scale)
+        self.backbone = None if backbone is None else OnBackbone(backbone, self.scale)
 
-    def equations(self, omega: float) -> ArmEquations:
+    def equations(self, omega: float) -> InternalEquations:
         """Return the rig's equations at `omega` (rad/s)."""
-        return ArmEquations.of(self.at(omega), self.harmonics, self.samples)
+        return InternalEquations.of(self.at(omega), self.harmonics, self.samples)
 
     def at(self, omega: float) -> PeriodicProblem:
         """Return the problem at `omega` (rad/s)."""
-        return replace(self.problem, frequency=omega / (2.0 * np.pi))
+        return self.problem.vary(frequency=omega / (2.0 * np.pi))
 
-    def under(self, excitation: float) -> ArmSystem:
-        """Return the same system under another `excitation` (N)."""
-        return ArmSystem(replace(self.problem, excitation=excitation), self.harmonics, self.samples, self.tolerance,
-                         self.max_iterations, None if self.backbone is None else self.backbone.backbone)
+    def under(self, share: float) -> ContinuationSystem:
+        """Return the same system under a `share` of the excitation."""
+        part = replace(self.problem, excitation=self.problem.excitation.scaled(share))
+        return ContinuationSystem(part, self.harmonics, self.samples, self.tolerance, self.max_iterations,
+                                  None if self.backbone is None else self.backbone.backbone)
 
-    def block_motion(self, point: Point) -> Array:
-        """Return the block's motion (N,) in m."""
-        return np.asarray(self.equations(point.omega).synthesis @ point.block)
+    def motion(self, point: Point) -> Array:
+        """Return the motion of all coordinates (N, d) in m."""
+        return self.equations(point.omega).whole_motion(point.seen, point.other)
 
     def guess(self, omega: float) -> Array:
-        """Return arm coefficients of the rig with one Jenkins element, a start from nothing."""
+        """Return coefficients of a start from nothing: the rig with one Jenkins element, else the stuck structure."""
+        equations, rig = self.equations(omega), self.problem.boundary.internal
+        if self.spring is None or not isinstance(rig, LumpedRig):
+            return stuck_start(equations, self.march).seen
         limit = float(np.mean(self.problem.friction_coefficient)) * self.problem.normal_load
-        motion = jenkins_arm_motion(self.joint.rig, float(self.spring.backbone.stiffness[0]), limit,
-                                    self.problem.excitation, omega / (2.0 * np.pi), self.samples)
-        return np.asarray(self.equations(omega).analysis @ motion)
+        motion = jenkins_arm_motion(rig, float(self.spring.backbone.stiffness[0]), limit, self.scale,
+                                    omega / (2.0 * np.pi), self.samples)
+        return np.asarray(equations.analysis @ motion)
 
     def evaluate(self, unknowns: Array, start: SampleState, near: PeriodHistory | None, last: float,
-                 block: Array | None = None) -> Point:
+                 other: Array | None = None) -> Point:
         """March the period of (a, omega) from the contact `start`.
 
-        `last` is the residual's norm before, for the contact's accuracy; `near` a period close by, `block` its block.
+        `last` is the residual's norm before, for the contact's accuracy; `near` a period close by, `other` the
+        coordinates there that the contact does not see.
         """
-        arm, omega = unknowns[:-1], float(unknowns[-1])
+        seen, omega = unknowns[:-1], float(unknowns[-1])
         e = self.equations(omega)
-        rig = e.balance(arm, block)
-        trajectory = self._period(e, arm, np.zeros((self.samples, 0)), start, near, last).trajectory
-        residual = rig.residual - e.analysis @ trajectory.friction
-        return Point(arm, rig.block, omega, trajectory, residual,
-                     float(np.linalg.norm(residual)) / self.problem.excitation, Secants.none(len(arm)))
+        balance = e.balance(seen, other)
+        none = np.zeros((self.samples, len(self.seen), 0))
+        history = self._period(e, seen, none, start, near, last).history
+        residual = balance.residual - e.coefficients(history.force @ self.march.system.transfer.T)
+        return Point(seen, balance.other, omega, history, residual, float(np.linalg.norm(residual)) / self.scale,
+                     Secants.none(len(seen)))
 
     def derivative(self, point: Point) -> Array:
-        """Return the derivative (2 H + 1, 2 H + 2) of R by (a, omega); friction that depends on the rate is held."""
+        """Return the derivative (n_a, n_a + 1) of R by (a, omega); friction that depends on the rate is held."""
         e = self.equations(point.omega)
-        contact = self._period(e, point.arm, e.synthesis, point.end, point.trajectory, point.norm)
+        contact = self._period(e, point.seen, e.directions(), point.end, point.history, point.norm)
         h = RATE_STEP * point.omega
-        ahead, back = (self.equations(point.omega + s).balance(point.arm, point.block).residual for s in (h, -h))
-        return np.column_stack([e.balance(point.arm, point.block).jacobian - e.analysis @ contact.tangent,
+        ahead, back = (self.equations(point.omega + s).balance(point.seen, point.other).residual for s in (h, -h))
+        return np.column_stack([e.balance(point.seen, point.other).jacobian - e.coefficients(contact.tangent),
                                 (ahead - back) / (2.0 * h)])
 
     def correct(self, plane: Plane, start: SampleState, known: Point | None = None) -> Point:
@@ -154,27 +163,27 @@ class ArmSystem:
         now = self._by_defects(plane, start, known)
         return now if now.norm <= self.tolerance else self._by_newton(plane, now)
 
-    def at_frequency(self, omega: float, arm: Array, start: SampleState, known: Point | None = None) -> Point:
-        """Return the root at `omega` (rad/s), with `arm` as guess. Raises NonConvergenceError as `correct`."""
-        return self.correct(Plane.of_frequency(omega, arm), start, known)
+    def at_frequency(self, omega: float, seen: Array, start: SampleState, known: Point | None = None) -> Point:
+        """Return the root at `omega` (rad/s), with `seen` as guess. Raises NonConvergenceError as `correct`."""
+        return self.correct(Plane.of_frequency(omega, seen), start, known)
 
     def tangent(self, point: Point, along: Array) -> Array:
-        """Return the unit tangent of the curve (2 H + 2,) in scaled unknowns, on the side of `along`."""
-        bordered = np.vstack([self.derivative(point) * (point.scales / self.problem.excitation), along])
-        found = np.linalg.solve(bordered, np.append(np.zeros(len(point.arm)), 1.0))
+        """Return the unit tangent of the curve (n_a + 1,) in scaled unknowns, on the side of `along`."""
+        bordered = np.vstack([self.derivative(point) * (point.scales / self.scale), along])
+        found = np.linalg.solve(bordered, np.append(np.zeros(len(point.seen)), 1.0))
         return np.asarray(found / np.linalg.norm(found))
 
-    def _period(self, e: ArmEquations, arm: Array, directions: Array, start: SampleState, near: PeriodHistory | None,
-                last: float) -> PeriodicMarch:
-        self.march.surroundings = Surroundings(e.omega, self.problem.load_slope, self.problem.motion_factors)
+    def _period(self, e: InternalEquations, seen: Array, directions: Array, start: SampleState,
+                near: PeriodHistory | None, last: float) -> PeriodicMarch:
+        self.march.surroundings = Surroundings.of(self.at(e.omega), self.seen)
         accuracy = max(CONTACT_TOLERANCE * self.tolerance, min(1e-6, 1e-3 * last**2))
         repeat = min(FIRST_REPEAT, REPEAT * last)
-        return self.march.period(e.synthesis @ arm, directions, start, near, accuracy, repeat)
+        return self.march.period(e.motion(seen), directions, start, near, accuracy, repeat)
 
-    def _model_of(self, point: Point) -> RigOnBackbone | None:
+    def _model_of(self, point: Point) -> OnBackbone | None:
         return self.spring if point.sticks else self.backbone
 
-    def _on_model(self, model: RigOnBackbone, defect: Array, plane: Plane, guess: Array, last: float) -> Array:
+    def _on_model(self, model: OnBackbone, defect: Array, plane: Plane, guess: Array, last: float) -> Array:
         return model.solve(self.equations, defect, plane, guess, MODEL_TOLERANCE * max(last, self.tolerance))
 
     def _first(self, plane: Plane, known: Point | None) -> Array:
@@ -192,7 +201,7 @@ class ArmSystem:
         """Return the root, or how far the correction of the model's defect led."""
         secants = Secants.none(len(plane.unknowns) - 1) if known is None else known.secants
         now, slow = self.evaluate(self._first(plane, known), start, None, 1.0), 0
-        before: tuple[RigOnBackbone | None, Array, Array] = (None, now.residual, now.residual)
+        before: tuple[OnBackbone | None, Array, Array] = (None, now.residual, now.residual)
         for count in range(1, MAX_DEFECTS + 1):
             model = self._model_of(now)
             if now.norm <= self.tolerance or model is None or slow > MAX_SLOW:
@@ -211,15 +220,15 @@ class ArmSystem:
             now = replace(following, iterations=count)
         return replace(now, secants=secants)
 
-    def _defect(self, model: RigOnBackbone, point: Point) -> Array:
-        return model.residual(self.equations(point.omega), point.arm) - point.residual
+    def _defect(self, model: OnBackbone, point: Point) -> Array:
+        return model.residual(self.equations(point.omega), point.seen) - point.residual
 
-    def _next(self, model: RigOnBackbone, defect: Array, plane: Plane, now: Point) -> Point | None:
+    def _next(self, model: OnBackbone, defect: Array, plane: Plane, now: Point) -> Point | None:
         """Return the next iterate, or None where the model or the contact fails, or the residual grows."""
-        near = now.trajectory if now.norm < NEAR else None
+        near = now.history if now.norm < NEAR else None
         with suppress(NonConvergenceError, np.linalg.LinAlgError):
             unknowns = self._on_model(model, defect, plane, now.unknowns, now.norm)
-            following = self.evaluate(unknowns, now.end, near, now.norm, now.block)
+            following = self.evaluate(unknowns, now.end, near, now.norm, now.other)
             if following.norm < ACROSS * now.norm:
                 return following
         return None
@@ -244,12 +253,12 @@ class ArmSystem:
         derivatives on both sides is tried before the step is shortened.
         """
         tried: list[Point] = []
-        matrix, length, force = self.derivative(now), 1.0, self.problem.excitation
+        matrix, length, force = self.derivative(now), 1.0, self.scale
         while length >= SHORTEST_STEP:
             unknowns = now.unknowns + length * plane.step(now.residual / force, matrix / force)
             if unknowns[-1] > 0.0:
-                near = now.trajectory if not tried and now.norm < NEAR else None
-                following = self.evaluate(unknowns, now.end, near, now.norm, now.block)
+                near = now.history if not tried and now.norm < NEAR else None
+                following = self.evaluate(unknowns, now.end, near, now.norm, now.other)
                 if following.norm < (1.0 - 1e-3 * length) * now.norm:
                     return following
                 tried.append(following)

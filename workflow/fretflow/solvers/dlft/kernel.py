@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.coulomb import TINY
+from fretflow.contact.kernels.cone import project, project_slope
 from fretflow.core.compiled import compiled
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-SMALLEST = float(TINY)
 REMEMBERED = 1e-10  # of a state's change, below which a period does not reduce it
 
 
@@ -20,9 +19,7 @@ def _march(state: complex, increments: Complex, limit: Real, trial: Complex, for
     for j in range(len(limit)):
         state += increments[j]
         trial[j] = state
-        size = abs(state)
-        if size > limit[j]:
-            state *= limit[j] / max(size, SMALLEST)
+        state = project(state, limit[j])
         force[j] = state
     return state
 
@@ -32,10 +29,8 @@ def _newton_start(start: complex, end: complex, trial: Complex, limit: Real) -> 
     """Return the state that Newton's method expects to repeat; directions that the period keeps are left alone."""
     first, second = 1.0 + 0.0j, 1.0j
     for j in range(len(limit)):
-        size = max(abs(trial[j]), SMALLEST)
-        if size > limit[j]:
-            scale, direction = 0.5 * limit[j] / size, trial[j] / size
-            mirrored = -scale * direction * direction
+        scale, mirrored, _ = project_slope(trial[j], limit[j])
+        if scale != 1.0:
             first = scale * first + mirrored * first.conjugate()
             second = scale * second + mirrored * second.conjugate()
     a, b, c, d = 1.0 - first.real, -second.real, -first.imag, 1.0 - second.imag

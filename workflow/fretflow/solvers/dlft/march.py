@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import ReturnTangent, return_tangent
+from fretflow.contact.kernels.cone import SMALLEST
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
-from fretflow.solvers.dlft.kernel import REMEMBERED, SMALLEST, march_derivatives, period_maps, settle
+from fretflow.solvers.dlft.kernel import REMEMBERED, march_derivatives, period_maps, settle
 
 ROUND_OFF = 1e-13
 TOUCHING = 1e-11  # of the largest disc, a distance from its edge that counts as none; above the round-off

@@ -24,9 +24,9 @@ from fretflow.solvers.dlft.equations import DlftEquations, Evaluation
 from fretflow.solvers.dlft.stiffness import DenseStiffness, Stiffness
 from fretflow.solvers.fourier import analysis_matrix, to_complex, to_real
 from fretflow.solvers.newton import NewtonResult, solve_newton
-from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, refuse_unknown, structure_loads
+from fretflow.structure.structure import Structure
 from fretflow.structure.two_mass_rig.condensed import CondensedJoint, condensed
-from fretflow.structure.two_mass_rig.joint import JointModel
 
 FIRST_LOAD_STEP, SMALLEST_LOAD_STEP = 0.25, 1e-3
 SMALLER_PENALTY = 0.1
@@ -53,7 +53,7 @@ class DlftSolver:
 
     def __init__(self, settings: Solver) -> None:
         self.settings = settings
-        self._joint: tuple[JointModel, CondensedJoint | None] | None = None
+        self._joint: tuple[Structure, CondensedJoint | None] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period.
@@ -68,7 +68,7 @@ class DlftSolver:
         settings = self.settings
         variant = Variant(settings.resolved_harmonics, settings.resolved_samples, settings.penalty)
         first = None if start is None else _coefficients(start.displacement, variant.harmonics)
-        joint = self._condensed(problem.joint)
+        joint = self._condensed(problem.structure)
         equations = build_equations(problem, variant, joint)
         root = solve_equations(equations, first, settings.tolerance, settings.max_iterations)
         _audit(equations, root.state)
@@ -77,7 +77,7 @@ class DlftSolver:
             return solution
         return replace(solution, error_estimate=self._error(problem, variant, equations, root.unknowns, joint))
 
-    def _condensed(self, joint: JointModel) -> CondensedJoint | None:
+    def _condensed(self, joint: Structure) -> CondensedJoint | None:
         """Return `joint` condensed; kept, because from one period to the next only loads and gaps change."""
         if self._joint is None or self._joint[0] is not joint:
             self._joint = (joint, condensed(joint))
@@ -116,21 +116,21 @@ def build_equations(problem: PeriodicProblem, variant: Variant,
 
     `joint` is the problem's in its condensed form, if at hand; otherwise it is made where there is one.
     """
-    stiffness, load = _stiffness(problem, variant.harmonics, joint or condensed(problem.joint))
+    stiffness, load = _stiffness(problem, variant.harmonics, joint or condensed(problem.structure))
     penalty = variant.penalty if variant.penalty is not None else spectral_radius(stiffness.real_part(0))
-    problem.refuse_beyond('solver.method = "dlft"', "friction_exponent")
-    return DlftEquations(stiffness=stiffness, load=load, gap=problem.interface.gap, law=problem.law, penalty=penalty,
-                         samples=variant.samples)
+    refuse_unknown(problem, 'solver.method = "dlft"')
+    return DlftEquations(stiffness=stiffness, load=load, gap=problem.interface.gap, law=problem.nodal_law,
+                         penalty=penalty, samples=variant.samples)
 
 
 def _stiffness(problem: PeriodicProblem, harmonics: int,
                joint: CondensedJoint | None) -> tuple[Stiffness, NDArray[np.complex128]]:
-    given = (problem.frequency, harmonics, problem.excitation, problem.normal_load)
+    loads, push = structure_loads(problem, harmonics)
     if joint is not None and joint.reaches(problem.frequency, harmonics):
-        relative = joint.relative(*given)
-        return relative, relative.load
-    dense = problem.joint.dynamic_stiffness(*given)
-    return DenseStiffness(dense.stiffness), dense.load
+        relative = joint.relative(problem.frequency, loads)
+        return relative, relative.load + push
+    dense = problem.structure.dynamic_stiffness(problem.frequency, loads)
+    return DenseStiffness(dense.stiffness), dense.load + push
 
 
 def solve_equations(equations: DlftEquations, start: NDArray[np.float64] | None, tolerance: float,
@@ -255,17 +255,16 @@ def _solution(problem: PeriodicProblem, equations: DlftEquations,
     """Return the period in time: displacement from the retained harmonics, forces from the contact law."""
     state, synthesis = root.state, equations.synthesis
     reached = joint is not None and joint.reaches(problem.frequency, equations.harmonics)
-    model = joint if joint is not None and reached else problem.joint
-    motion = model.motion_amplitudes(problem.frequency, to_complex(root.unknowns), problem.excitation,
-                                     problem.normal_load)
+    model = joint if joint is not None and reached else problem.structure
+    loads, _ = structure_loads(problem, equations.harmonics)
+    motion = model.motion_amplitudes(problem.frequency, to_complex(root.unknowns), loads)
     slips = np.abs(state.friction.trial) > state.limit
     label = np.where(state.trial_normal > 0.0, np.where(slips, ContactState.SLIP, ContactState.STICK),
                      ContactState.SEPARATION)
     return PeriodicSolution(
         method="dlft", frequency=problem.frequency,
         displacement=(synthesis @ root.unknowns).reshape(state.force.shape), force=state.force,
-        state=label.astype(np.int8), rig_displacement=synthesis @ to_real(motion.rig),
-        upper_observation=synthesis @ to_real(motion.upper_observation),
-        lower_observation=synthesis @ to_real(motion.lower_observation),
+        state=label.astype(np.int8), internal=synthesis @ to_real(motion.internal),
+        outputs={name: synthesis @ to_real(values) for name, values in motion.outputs.items()},
         friction_force=-state.force[:, :, 0].sum(axis=1), residual_history=root.history,
         error_estimate=float("nan"))

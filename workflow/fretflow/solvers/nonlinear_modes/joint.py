@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.contact.kernels.static import StaticContact, follow_loads
 from fretflow.core.errors import InputError, NonConvergenceError
@@ -51,7 +51,7 @@ class BoltedJoint:
     """
 
     structure: ReducedStructure
-    law: CoulombLaw
+    law: Coulomb
     bolt_load: float = quantity("N")
     gap: Array | None = quantity("m", "(m,), instead of the structure's", default=None)
     springs: Array | None = quantity("m/N", "(3 m,), compliance; rigid by default", default=None)

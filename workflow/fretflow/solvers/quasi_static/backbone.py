@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.arm import ArmEquations
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, refuse_unknown
+from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.sample import STICK, Array, SampleState
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.structure import squeezed
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STEPS_TO_LIMIT = 40  # of a push from rest, at the stuck stiffness
 FIRST_STEP = 5.0  # of the first push, in those steps: only its end matters
@@ -33,7 +34,6 @@ NEVER = -1
 STEADY = 1e-5  # change of the friction force in a step
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 MAX_ITERATIONS = 40
-KNOWN = ("friction_exponent", "overtones")  # of physics beyond the baseline
 TOLERANCE = 1e-4  # of the load; the kinks of single samples leave about a tenth of it
 
 
@@ -57,7 +57,7 @@ class Backbone:
             If the contact does not let go.
         """
         limit = float(march.system.friction.mean()) * march.system.load
-        step = limit / float(march.solver.kbx[:march.system.size].sum()) / STEPS_TO_LIMIT
+        step = limit / float(march.system.felt_stiffness[0, 0]) / STEPS_TO_LIMIT
         turned, arm, _ = _push(march, start, 0.0, FIRST_STEP * step)
         _, _, back = _push(march, turned, arm, -2.0 * step)
         return cls._through(0.5 * np.abs(back - back[0]))
@@ -105,7 +105,7 @@ class Backbone:
         weights = np.bincount(places.ravel(), weights=steady.ravel(), minlength=n * n).reshape(n, n)
         return np.asarray((weights - self.stiffness.sum() * np.eye(n)) @ directions)
 
-    def solve(self, equations: ArmEquations, arm: Array, tolerance: float) -> Array:
+    def solve(self, equations: InternalEquations, arm: Array, tolerance: float) -> Array:
         """Return the arm's coefficients (2 H + 1,) of the rig on this spring, from the guess `arm`.
 
         Raises
@@ -150,7 +150,7 @@ def newton_across_kinks(evaluate: Callable[[Array], tuple[Array, Array]], x: Arr
     return x
 
 
-def find_arm(problem: PeriodicProblem, equations: ArmEquations, backbone: Backbone, guess: Array | None = None
+def find_arm(problem: PeriodicProblem, equations: InternalEquations, backbone: Backbone, guess: Array | None = None
              ) -> Array:
     """Return the arm's coefficients (2 H + 1,) of the rig of `problem` on `backbone`.
 
@@ -160,10 +160,12 @@ def find_arm(problem: PeriodicProblem, equations: ArmEquations, backbone: Backbo
         If neither the guess, nor one Jenkins element, nor rest leads to them.
     """
     stiffness, limit = float(backbone.stiffness.sum()), float(backbone.limit.sum())
-    lumped = jenkins_arm_motion(problem.joint.quasi_static().rig, stiffness, limit, problem.excitation,
-                                problem.frequency, len(equations.synthesis))
     guesses = [guess] if guess is not None else []
-    for start in (*guesses, equations.analysis @ lumped, np.zeros_like(equations.load)):
+    if isinstance(problem.boundary.internal, LumpedRig):
+        guesses.append(equations.analysis @ jenkins_arm_motion(
+            problem.boundary.internal, stiffness, limit, problem.excitation.amplitude, problem.frequency,
+            len(equations.synthesis)))
+    for start in (*guesses, np.zeros_like(equations.load)):
         try:
             return backbone.solve(equations, start, TOLERANCE)
         except NonConvergenceError as error:
@@ -174,25 +176,29 @@ def find_arm(problem: PeriodicProblem, equations: ArmEquations, backbone: Backbo
 def knows(problem: PeriodicProblem) -> bool:
     """Tell whether a `BackboneSolver` can solve `problem`."""
     with suppress(InputError):
-        problem.refuse_beyond("the contact's backbone", *KNOWN)
-        return True
+        refuse_unknown(problem, "")
+        return len(seen_coordinates(problem.boundary)) == 1
     return False
 
 
 class BackboneSolver:
     """Finds periods of a joint whose contact is its own backbone; they have no nodal fields (0 nodes)."""
 
-    def __init__(self, joint: QuasiStaticJoint, backbone: Backbone, harmonics: int, samples: int) -> None:
-        self.joint = joint
+    def __init__(self, backbone: Backbone, harmonics: int, samples: int) -> None:
         self.backbone = backbone
         self.harmonics, self.samples = harmonics, samples
 
     @classmethod
     def of(cls, problem: PeriodicProblem, harmonics: int, samples: int) -> BackboneSolver:
         """Read the backbone off the contact of `problem`."""
-        march = ContactMarch.of(problem)
-        start = march.preloaded(problem.frictional_preload)
-        return cls(problem.joint.quasi_static(), Backbone.of(march, start), harmonics, samples)
+        refuse_unknown(problem, "the contact's backbone")
+        seen = seen_coordinates(problem.boundary)
+        if len(seen) != 1:
+            raise InputError(f"the contact's backbone: the contact moves with {len(seen)} coordinates, not with one; "
+                             'use solver.method = "quasi-static"')
+        march = ContactMarch.of(problem, seen)
+        start = march.preloaded(problem.preload.frictional)
+        return cls(Backbone.of(march, start), harmonics, samples)
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the period at the frequency and the excitation of `problem`.
@@ -204,31 +210,34 @@ class BackboneSolver:
         NonConvergenceError
             As `find_arm`.
         """
-        problem.refuse_beyond("the contact's backbone", *KNOWN)
-        equations = ArmEquations.of(problem, self.harmonics, self.samples)
-        guess = None if start is None else equations.analysis @ start.rig_displacement[:, 1]
+        refuse_unknown(problem, "the contact's backbone")
+        equations = InternalEquations.of(problem, self.harmonics, self.samples)
+        guess = None if start is None else equations.analysis @ start.internal[:, equations.seen[0]]
         return self._solution(problem, equations, find_arm(problem, equations, self.backbone, guess))
 
-    def _solution(self, problem: PeriodicProblem, equations: ArmEquations, arm: Array) -> PeriodicSolution:
+    def _solution(self, problem: PeriodicProblem, equations: InternalEquations, arm: Array) -> PeriodicSolution:
         moved = equations.synthesis @ arm
         force, _ = self.backbone.friction(moved, np.zeros((len(moved), 0)))
         none = np.zeros((len(moved), 0, 3))
-        unseen = np.full((len(moved), 3), np.nan)
+        internal, outputs = equations.whole_motion(arm, equations.free_other(arm)), problem.boundary.outputs
         return PeriodicSolution(
             method="backbone", frequency=problem.frequency, displacement=none, force=none,
             state=np.zeros(none.shape[:2], dtype=np.int8), friction_force=-force,
-            rig_displacement=np.column_stack([equations.block_motion(arm), moved]),
-            upper_observation=unseen, lower_observation=unseen, residual_history=(), error_estimate=float("nan"))
+            internal=internal, residual_history=(), error_estimate=float("nan"),
+            outputs={name: squeezed(internal @ one.motion.T if one.free is None and one.force is None
+                                    else np.full((len(moved), len(one.motion)), np.nan))
+                     for name, one in outputs.items()})
 
 
 def _push(march: ContactMarch, state: SampleState, arm: float, step: float) -> tuple[SampleState, float, Array]:
     """Move the arm by steps until the contact slides; return its state, the arm (m), and arm and force (K, 2)."""
-    n = march.system.size
-    points = [(arm, -float(state.force[:n].sum()))]
+    system = march.system
+    felt, along = system.transfer[0], system.coupling[:, 0]
+    points = [(arm, -float(felt @ state.force))]
     for _ in range(MAX_STEPS):
-        state = march.solver.solve(arm + step, state.displacement, state, arm)
-        arm += step
-        points.append((arm, -float(state.force[:n].sum())))
+        before, arm = arm, arm + step
+        state = march.solver.solve(system.pull + arm * along, state.displacement, state, system.pull + before * along)
+        points.append((arm, -float(felt @ state.force)))
         # all slides, and the nodes have turned into the direction of sliding
         steady = abs(points[-1][1] - points[-2][1]) < STEADY * abs(points[-1][1])
         if steady and points[-1][1] * step > 0.0 and not np.any(state.state == STICK):

@@ -7,7 +7,7 @@ open.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,33 +15,61 @@ from numpy.typing import NDArray
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.march import frictionless_preload
-from fretflow.solvers.quasi_static.sample import ContactSystem
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.solvers.quasi_static.march import Rest
+from fretflow.structure.structure import Complex, DynamicStiffness, MasslessBoundary, Structure, StructureMotion
 
 MARGIN = 0.25  # of the largest elastic indentation; a Hertzian contact is taken up to 1.3 times its radius
 
 
-def candidate_nodes(problem: PeriodicProblem, joint: QuasiStaticJoint,
-                 start: PeriodicSolution | None) -> NDArray[np.bool_]:
+@dataclass(frozen=True)
+class PartOfFaces:
+    """A structure of which only some contact nodes can touch, the others being free of force (a `Structure`)."""
+
+    whole: Structure
+    boundary: MasslessBoundary
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Return the names of the loads."""
+        return self.boundary.inputs
+
+    @property
+    def linear(self) -> bool:
+        """Return whether the structure is linear."""
+        return self.whole.linear
+
+    def massless_boundary(self) -> MasslessBoundary:
+        """Return the structure with a massless contact of the nodes that can touch."""
+        return self.boundary
+
+    def dynamic_stiffness(self, frequency: float, loads: Complex) -> DynamicStiffness:
+        """Refuse: the dynamic stiffness is that of all nodes."""
+        raise NotImplementedError
+
+    def motion_amplitudes(self, frequency: float, displacement: Complex, loads: Complex) -> StructureMotion:
+        """Refuse: the dynamic stiffness is that of all nodes."""
+        raise NotImplementedError
+
+
+def candidate_nodes(problem: PeriodicProblem, start: PeriodicSolution | None) -> NDArray[np.bool_]:
     """Return the nodes (n,) that are likely to touch: closed in `start`, or closed or nearly so under the load."""
-    gap, normal = problem.interface.gap, joint.flexibility[2::3, 2::3]
-    system = ContactSystem.of(problem, joint.stiffness)
-    force, approach, _ = frictionless_preload(system, normal)
-    bent = normal @ force
-    near: NDArray[np.bool_] = gap + approach + bent < MARGIN * bent.max()
+    gap, rest = problem.interface.gap, Rest.of(problem)
+    pressed = rest.settled(gap)
+    bent = rest.flexibility[2::3, 2::3] @ pressed.force[2::3]
+    near: NDArray[np.bool_] = gap + pressed.displacement[2::3] <= MARGIN * bent.max(initial=0.0)
     return near if start is None else near | np.any(start.state != ContactState.SEPARATION, axis=0)
 
 
-def restrict(problem: PeriodicProblem, joint: QuasiStaticJoint, nodes: NDArray[np.bool_]) -> PeriodicProblem:
+def restrict(problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> PeriodicProblem:
     """Return the problem of `nodes` (n,) alone, the others being free of force."""
-    face = problem.interface
-    pressure = problem.reference_pressure
+    face, law = problem.interface, problem.nodal_law
+    mu = np.broadcast_to(law.friction_coefficient, nodes.shape)[nodes]
+    pressure = float(problem.normal_load / face.areas.sum())
     return replace(
-        problem, joint=joint.part(nodes),
-        friction_coefficient=np.broadcast_to(problem.friction_coefficient, nodes.shape)[nodes],
-        reference_pressure=problem.normal_load / float(face.areas.sum()) if pressure is None else pressure,
-        interface=Interface(nodes=face.nodes[nodes], areas=face.areas[nodes], gap=face.gap[nodes]))
+        problem, structure=PartOfFaces(problem.structure, problem.boundary.part(nodes)),
+        law=replace(problem.law, friction_coefficient=mu,
+                    reference_pressure=pressure if law.reference_pressure is None else law.reference_pressure),
+        interface=Interface(face.nodes[nodes], face.areas[nodes], face.gap[nodes]))
 
 
 def restrict_solution(solution: PeriodicSolution, nodes: NDArray[np.bool_]) -> PeriodicSolution:
@@ -50,15 +78,17 @@ def restrict_solution(solution: PeriodicSolution, nodes: NDArray[np.bool_]) -> P
                    state=solution.state[:, nodes])
 
 
-def extend_solution(part: PeriodicSolution, joint: QuasiStaticJoint, nodes: NDArray[np.bool_]) -> PeriodicSolution:
-    """Return the solution for all nodes of `joint` from the `part` of `nodes` (n,); the others are open."""
-    samples, dofs = len(part.state), np.repeat(nodes, 3)
+def extend_solution(part: PeriodicSolution, whole: PeriodicProblem, nodes: NDArray[np.bool_]) -> PeriodicSolution:
+    """Return the solution for all nodes of `whole` from the `part` of `nodes` (n,); the others are open."""
+    samples, b = len(part.state), whole.boundary
+    touching = b.part(nodes)
+    loads = whole.loads_at(2.0 * np.pi * np.arange(samples) / samples)
+    s = touching.free_motion(part.internal, part.displacement.reshape(samples, -1), loads)
     force = np.zeros((samples, len(nodes), 3))
     force[:, nodes] = part.force
-    bent = part.force.reshape(samples, -1) @ joint.flexibility[dofs]
-    arm = np.stack([part.rig_displacement[:, 1], np.zeros(samples)], axis=1)
-    displacement = (bent + arm @ joint.motion.T).reshape(samples, -1, 3)
-    displacement[:, :, 2] += np.mean(part.displacement[:, :, 2] - displacement[:, nodes, 2], axis=1)[:, None]
+    moved = part.force.reshape(samples, -1) @ b.flexibility[np.repeat(nodes, 3)]
+    moved += part.internal @ b.motion.T + s @ b.free.T + loads @ b.input_motion.T
+    displacement = moved.reshape(samples, -1, 3)
     displacement[:, nodes] = part.displacement
     state = np.full((samples, len(nodes)), ContactState.SEPARATION, dtype=np.int8)
     state[:, nodes] = part.state

@@ -13,7 +13,7 @@ from math import cos, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.structure.two_mass_rig.forces import RigForce
+from fretflow.structure.internal_forces import InternalForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 MAX_PERIODS = 200
@@ -85,7 +85,7 @@ def _entries(matrix: NDArray[np.float64]) -> tuple[float, float, float]:
     return float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1])
 
 
-def jenkins_rig_motion(rig: LumpedRig, forces: Sequence[RigForce], stiffness: float, limit: float,
+def jenkins_rig_motion(rig: LumpedRig, forces: Sequence[InternalForce], stiffness: float, limit: float,
                        excitation: Sequence[float], frequency: float) -> NDArray[np.float64]:
     """Return one period of block and arm (steps, 2) in m, close to periodic, under further forces on them.
 
@@ -93,7 +93,7 @@ def jenkins_rig_motion(rig: LumpedRig, forces: Sequence[RigForce], stiffness: fl
     ----------
     rig, stiffness, limit, frequency
         As for `jenkins_arm_motion`.
-    forces : sequence of RigForce
+    forces : sequence of InternalForce
     excitation : sequence of float
         Force on the block in N at each step; a step must be a small part of the rig's fastest oscillation.
 

@@ -1,21 +1,21 @@
-"""The contact marched through a period of arm motion, with the exact tangent of its friction force.
+"""The contact marched through a period of the internal coordinates, with the exact tangent of the force they feel.
 
-The friction force is a functional of the arm's motion: what a sample does depends on what slid before. The tangent
-carries the derivative of the displacement from sample to sample with the same factors.
+That force is a functional of the motion: what a sample does depends on what slid before. The tangent carries the
+derivative of the displacement from sample to sample with the same factors.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.march import Course, march
-from fretflow.contact.kernels.sample import Marched, empty_march
-from fretflow.contact.law import MotionFactor
-from fretflow.core.errors import NonConvergenceError
+from fretflow.contact.kernels.sample import empty_period
+from fretflow.contact.law import FactorAndSlopes
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.sample import (
@@ -23,10 +23,9 @@ from fretflow.solvers.quasi_static.sample import (
     STICK,
     Array,
     ContactSystem,
-    Instant,
+    PeriodHistory,
     SampleSolver,
     SampleState,
-    not_found,
     plain,
 )
 
@@ -38,43 +37,15 @@ HELPS = 0.5  # decrease of the drift with which a former T serves once more
 PERSISTS = 1e-6  # share of I - T below which a position persists; where T is a former one:
 MAY_PERSIST = 1e-3
 SMALL = 1e-3  # drift relative to the mean nodal load; one that is larger a former T might lead elsewhere
+UNPUSHED = 1e-9  # of the loads: force on the coordinates at rest that is round-off
 SLOPE_REPEATS = 1e-3  # change of the displacements' derivatives from period to period, m/m
 
 
 @dataclass(frozen=True)
-class PeriodHistory:
-    """A marched period: arm q_x (N,), u and f (N, 3 n) in component order, arm q_z (N,), state (N, n)."""
-
-    arm: Array
-    displacement: Array
-    force: Array
-    approach: Array
-    state: NDArray[np.int8]
-
-    def sample(self, j: int) -> SampleState:
-        """Return sample j."""
-        return SampleState(self.displacement[j], self.force[j], float(self.approach[j]), self.state[j])
-
-
-    @cached_property
-    def marched(self) -> Marched:
-        """Return the samples as the compiled loops take them."""
-        return Marched(plain(self.displacement), plain(self.force), plain(self.approach),
-                       np.require(self.state, dtype=np.int8, requirements=["C", "W"]))
-
-    @property
-    def friction(self) -> Array:
-        """Return the x force on the upper specimen, (N,) in N."""
-        n = self.state.shape[1]
-        force: Array = self.force[:, :n].sum(axis=1)
-        return force
-
-
-@dataclass(frozen=True)
 class PeriodicMarch:
-    """A period that repeats, and the tangent of its friction force to arm motions, (N, p)."""
+    """A period that repeats, and the tangent of the force on the coordinates to p motions of them, (N, d, p)."""
 
-    trajectory: PeriodHistory
+    history: PeriodHistory
     tangent: Array
     periods: int
 
@@ -83,149 +54,191 @@ class PeriodicMarch:
 class _Pass:
     """One marched period and where it ended; slope (3 n, p) is the end's derivative."""
 
-    trajectory: PeriodHistory
+    history: PeriodHistory
     tangent: Array
     end: SampleState
     slope: Array
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """What changes with the arm's motion x(t): normal load and the factor on friction, with their derivatives.
+class Surroundings:
+    """What of the contact follows the motion beside the pull: friction, by factors of position and speed along x.
 
-    `load`, `grip` (N,); `load_slope`, `grip_slope` (N, p), by the motions that were asked for.
+    `sliding` (d,) is the moving faces' x by the coordinates; `free` (3 n, s) the motions under the normal load alone.
     """
 
-    load: Array
-    grip: Array
-    load_slope: Array
-    grip_slope: Array
-
-    def at(self, j: int) -> Instant:
-        """Return those of sample j."""
-        return Instant(float(self.load[j]), float(self.grip[j]))
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """How the contact's surroundings follow the arm: load ``N + slope x``, friction by factors of x and its rate."""
-
-    omega: float = 1.0
-    load_slope: float = 0.0
-    factors: tuple[MotionFactor, ...] = ()
+    law: Coulomb
+    omega: float
+    sliding: Array
+    free: Array
 
     @classmethod
-    def of(cls, problem: PeriodicProblem) -> Surroundings:
-        """Return those of `problem`."""
-        return cls(problem.omega, problem.load_slope, problem.motion_factors)
+    def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp]) -> Surroundings:
+        """Return those of `problem` and the coordinates `seen`."""
+        return cls(problem.law, problem.omega, problem.boundary.sliding[seen], problem.boundary.free)
 
-    def conditions(self, load: float, arm: Array, directions: Array) -> Conditions:
-        """Return the conditions of a period of arm positions (N,), m, and their derivatives by `directions` (N, p).
+    def friction_factor(self, position: Array) -> FactorAndSlopes:
+        """Return the factor on friction (N,) over a period of coordinates (N, d), and its slopes."""
+        x = position @ self.sliding
+        if not self.law.motion_factors:
+            return FactorAndSlopes(np.ones_like(x), np.zeros_like(x), np.zeros_like(x))
+        return self.law.factor(x, time_derivative(x, self.omega))
+
+    def factor_slope(self, factor: FactorAndSlopes, directions: Array) -> Array:
+        """Return the derivative (N, p) of the factor by directions (N, d, p) of the coordinates."""
+        if not self.law.motion_factors:
+            return np.zeros((len(directions), directions.shape[2]))
+        x = np.einsum("jdp,d->jp", directions, self.sliding)
+        return np.asarray(factor.by_position[:, None] * x
+                          + factor.by_velocity[:, None] * time_derivative(x, self.omega))
+
+    def check(self, pull: Array) -> None:
+        """Check that the normal load never vanishes under the pull (N, 3 n).
 
         Raises
         ------
         NonConvergenceError
-            If the motion would lift the arm off.
+            If the motion would lift the faces off.
         """
-        loads = load + self.load_slope * arm
-        if not loads.min() > 0.0:
+        if self.free.shape[1] and not (pull @ self.free).max() < 0.0:
             raise NonConvergenceError("the normal load vanishes during the motion; lower the load's slope or the drive")
-        grip, grip_slope = np.ones_like(arm), np.zeros_like(directions)
-        if self.factors:
-            velocity, rates = time_derivative(arm, self.omega), time_derivative(directions, self.omega)
-            for factor in self.factors:
-                value, by_position, by_velocity = factor(arm, velocity)
-                grip_slope = value[:, None] * grip_slope + grip[:, None] * (
-                    by_position[:, None] * directions + by_velocity[:, None] * rates)
-                grip = grip * value
-        return Conditions(loads, grip, self.load_slope * directions, grip_slope)
 
 
-def frictionless_preload(system: ContactSystem, flexibility_zz: Array) -> tuple[Array, float, NDArray[np.bool_]]:
-    """Press the faces together without friction by an active-set iteration.
+def press_frictionless(gap: Array, flexibility_zz: Array, free_z: Array, free_load: Array
+                       ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Press faces together without friction by an active-set iteration.
 
     Parameters
     ----------
-    system : ContactSystem
+    gap : (n,)
+        Gap of the nodes where no force acts, m.
     flexibility_zz : (n, n)
-        Normal flexibility of the contact nodes, m/N.
+        Their normal flexibility, m/N.
+    free_z, free_load : (n, s), (s,)
+        Normal motions by free coordinates, and the loads on these, N.
 
     Returns
     -------
-    (n,), float, (n,)
-        Normal forces in N, approach of the arm in m, and which nodes are closed.
+    (n,), (s,), (n,)
+        Normal forces in N, the free coordinates in m, and which nodes are closed.
 
     Raises
     ------
     NonConvergenceError
         If the set of closed nodes does not settle.
     """
-    closed: NDArray[np.bool_] = np.ones(system.size, dtype=bool)
+    closed: NDArray[np.bool_] = np.ones(len(gap), dtype=bool)
     for _ in range(MAX_PRELOAD_STEPS):
         i = np.flatnonzero(closed)
-        matrix = np.ones((len(i) + 1, len(i) + 1))
-        matrix[:-1, :-1], matrix[-1, -1] = flexibility_zz[np.ix_(i, i)], 0.0
-        found = np.linalg.solve(matrix, np.append(-system.gap[i], system.load))
-        force = np.zeros(system.size)
-        force[i], approach = found[:-1], float(found[-1])
-        opening = system.gap + approach + flexibility_zz @ force
+        c, size = len(i), len(i) + len(free_load)
+        matrix = np.zeros((size, size))
+        matrix[:c, :c], matrix[:c, c:], matrix[c:, :c] = flexibility_zz[np.ix_(i, i)], free_z[i], free_z[i].T
+        found = np.linalg.solve(matrix, np.append(-gap[i], free_load))
+        force = np.zeros(len(gap))
+        force[i], free = found[:c], found[c:]
+        opening = gap + free_z @ free + flexibility_zz @ force
         new = np.where(closed, force > 0.0, opening < 0.0)
         if np.array_equal(new, closed):
-            return force, approach, closed
+            return force, free, closed
         closed = new
     raise NonConvergenceError("static preload: the set of closed nodes did not settle; check the gap of the faces")
 
 
-class ContactMarch:
-    """Marches the contact of one system through periods of arm motion."""
+@dataclass(frozen=True)
+class Rest:
+    """The faces before anything moves: flexibility (3 n, 3 n) m/N, free motions (3 n, s) and loads (s,) N on these.
 
-    def __init__(self, system: ContactSystem, flexibility: Array, surroundings: Surroundings | None = None) -> None:
-        """Take the flexibility (3 n, 3 n) in node order, m/N."""
-        self.system = system
-        self.flexibility = flexibility
-        self.surroundings = surroundings or Surroundings()
-        self.solver = SampleSolver(system)
-        self.repeat = 0.0  # N, see `period`
-        self._returning: Array = np.zeros((0, 0))  # (2 n, 2 n), see `_newton_start`
+    `offset` (3 n,) m is what constant loads move.
+    """
+
+    flexibility: Array
+    free: Array
+    free_load: Array
+    offset: Array
 
     @classmethod
-    def of(cls, problem: PeriodicProblem) -> ContactMarch:
-        """Return the contact of `problem`."""
-        joint = problem.joint.quasi_static()
-        return cls(ContactSystem.of(problem, joint.stiffness), joint.flexibility, Surroundings.of(problem))
+    def under(cls, flexibility: Array, load: float) -> Rest:
+        """Return faces of this flexibility of which one moves freely along z under the `load` (N)."""
+        up = np.tile([[0.0], [0.0], [1.0]], (len(flexibility) // 3, 1))
+        return cls(flexibility, up, np.array([load]), np.zeros(len(flexibility)))
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem) -> Rest:
+        """Return the faces of `problem`; internal coordinates are at zero, or where they have to give way."""
+        b, loads = problem.boundary, problem.loads(0)[0].real
+        held = cls(b.flexibility, b.free, b.input_free @ loads, b.input_motion @ loads)
+        pushed = b.input_force @ loads + b.transfer @ held.settled(problem.interface.gap).force
+        if np.abs(pushed).max(initial=0.0) <= UNPUSHED * float(np.abs(loads).sum()):
+            return held
+        yielding = b.motion @ np.linalg.pinv(b.internal.stiffness, hermitian=True)
+        return replace(held, flexibility=b.flexibility + yielding @ b.transfer,
+                       offset=held.offset + yielding @ (b.input_force @ loads))
+
+    def settled(self, gap: Array) -> SampleState:
+        """Return the faces pressed without friction, their nodes' gap being (n,) m."""
+        zz = self.flexibility[2::3, 2::3]
+        normal, free, closed = press_frictionless(gap + self.offset[2::3], zz, self.free[2::3], self.free_load)
+        force = np.zeros(len(self.offset))
+        force[2::3] = normal
+        u = self.offset + self.free @ free + self.flexibility[:, 2::3] @ normal
+        return SampleState(u, force, np.where(closed, STICK, SEPARATION).astype(np.int8))
+
+
+class ContactMarch:
+    """Marches the contact of one system through periods of the internal coordinates."""
+
+    def __init__(self, system: ContactSystem, surroundings: Surroundings | None = None,
+                 rest: Rest | None = None) -> None:
+        """Take the contact, what follows the motion, and the faces at rest, needed only to begin there."""
+        self.system = system
+        self.surroundings = surroundings or Surroundings(system.law, 1.0, np.zeros(len(system.transfer)),
+                                                         np.zeros((len(system.pull), 0)))
+        self.rest = rest
+        self.solver = SampleSolver(system)
+        self.repeat = 0.0  # N, see `period`
+        self._tangential = np.arange(3 * system.size) % 3 != 2
+        self._returning: Array = np.zeros((0, 0))  # (3 n, 3 n), see `_newton_start`
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp]) -> ContactMarch:
+        """Return the contact of `problem` and the coordinates `seen` from it."""
+        return cls(ContactSystem.of(problem, seen), Surroundings.of(problem, seen), Rest.of(problem))
 
     def preloaded(self, frictional: bool = False) -> SampleState:
-        """Return the joint under its normal load, the faces frictionless or not while it is applied."""
-        return self._pressed() if frictional else self._settled()
+        """Return the joint under its normal load, the faces frictionless while it is applied, or not.
+
+        Raises
+        ------
+        NonConvergenceError
+            If the contact does not settle.
+        """
+        if frictional:
+            return self._pressed()
+        if self.rest is None:
+            raise InputError("contact: give the faces at rest to press them")
+        return self.rest.settled(self.system.gap)
 
     def _pressed(self) -> SampleState:
-        """Apply the load in small parts against friction, the arm held along x."""
+        """Apply the load in small parts against friction, the coordinates held."""
         n = self.system.size
-        state = SampleState(np.zeros(3 * n), np.zeros(3 * n), 0.0, np.full(n, STICK, dtype=np.int8))
-        state.displacement[2 * n:] = -self.system.gap
-        for share in np.arange(1, PRELOAD_PARTS + 1) / PRELOAD_PARTS:
-            part = replace(self.system, load=share * self.system.load)
-            state = SampleSolver(part).solve(0.0, state.displacement, state, 0.0)
+        state = SampleState(np.zeros(3 * n), np.zeros(3 * n), np.full(n, STICK, dtype=np.int8))
+        state.displacement[2::3] = -self.system.gap
+        for part in np.arange(1, PRELOAD_PARTS + 1):
+            before, share = ((part - step) / PRELOAD_PARTS for step in (1, 0))
+            solver = SampleSolver(replace(self.system, load=share * self.system.load))
+            state = solver.solve(share * self.system.pull, state.displacement, state, before * self.system.pull)
         return state
 
-    def _settled(self) -> SampleState:
-        n = self.system.size
-        normal, approach, closed = frictionless_preload(self.system, self.flexibility[2::3, 2::3])
-        u = (self.flexibility[:, 2::3] @ normal).reshape(n, 3).T.copy()
-        u[2] += approach
-        force = np.concatenate([np.zeros(2 * n), normal])
-        return SampleState(u.ravel(), force, approach, np.where(closed, STICK, SEPARATION).astype(np.int8))
-
-    def period(self, arm: Array, directions: Array, start: SampleState, guess: PeriodHistory | None,
+    def period(self, position: Array, directions: Array, start: SampleState, guess: PeriodHistory | None,
                tolerance: float, repeat: float = 0.0) -> PeriodicMarch:
         """March until the contact repeats itself, and with it the tangent.
 
         Parameters
         ----------
-        arm : (N,)
-            Arm positions in m.
-        directions : (N, p)
-            Derivative of the arm positions by p parameters.
+        position : (N, d)
+            Coordinates in m.
+        directions : (N, d, p)
+            Their derivative by p parameters.
         start : SampleState
             Contact before the first sample of the first period.
         guess : PeriodHistory or None
@@ -243,70 +256,73 @@ class ContactMarch:
         mean_load = self.system.load / self.system.size
         self.solver.tolerance = tolerance * mean_load
         self.repeat = max(100.0 * tolerance, repeat) * mean_load
-        before, slope, last = start, np.zeros((3 * self.system.size, directions.shape[1])), np.inf
-        run = self._pass(arm, directions, before, slope, guess)
+        before, slope, last = start, np.zeros((3 * self.system.size, directions.shape[2])), np.inf
+        run = self._pass(position, directions, before, slope, guess)
         for period in range(1, MAX_PERIODS):
             drift = self._drift(run, before, slope)
             waits = period <= NEWTON_AFTER and not self._lingers(run, before)
-            led = not waits and drift < HELPS * last and self._knows(run, before)
-            if led:
-                before, slope = self._led(run, before, slope, MAY_PERSIST)
+            shot = not waits and drift < HELPS * last and self._has_monodromy(run, before)
+            if shot:
+                before, slope = self._shooting_step(run, before, slope, MAY_PERSIST)
             elif waits:
                 before, slope = run.end, run.slope
             else:
-                before, slope = self._newton_start(arm, directions, run)
-            last = drift if led else np.inf
+                before, slope = self._newton_start(position, directions, run)
+            last = drift if shot else np.inf
             # the first loading is a poor guess of the way back: there the sample before serves better
-            near = None if guess is None and period == 1 else run.trajectory
+            near = None if guess is None and period == 1 else run.history
             try:
-                run = self._pass(arm, directions, before, slope, near, run)
+                run = self._pass(position, directions, before, slope, near, run)
             except NonConvergenceError:
                 if waits:
                     raise
-                before, slope, last, self._returning = run.end, run.slope, np.inf, np.zeros((0, 0))  # led astray
-                run = self._pass(arm, directions, before, slope, near, run)
-            if self._repeats(run, before, slope) and not (led and self._drift(run, before, slope) > 1.0):
-                return PeriodicMarch(run.trajectory, run.tangent, period + 1)
+                before, slope, last, self._returning = run.end, run.slope, np.inf, np.zeros((0, 0))  # misled
+                run = self._pass(position, directions, before, slope, near, run)
+            if self._repeats(run, before, slope) and not (shot and self._drift(run, before, slope) > 1.0):
+                return PeriodicMarch(run.history, run.tangent, period + 1)
         raise NonConvergenceError(
             f"the contact did not repeat itself within {MAX_PERIODS} periods; it may ratchet under this load")
 
-    def _pass(self, arm: Array, directions: Array, start: SampleState, slope: Array, guess: PeriodHistory | None,
+    def _pass(self, position: Array, directions: Array, start: SampleState, slope: Array, guess: PeriodHistory | None,
               last: _Pass | None = None) -> _Pass:
         """March one period; where it has become the `last` one, the rest is taken from there."""
-        n, samples = self.system.size, len(arm)
-        found, tangent = empty_march(samples, n), np.zeros((samples, directions.shape[1]))
-        under = self.surroundings.conditions(self.system.load, arm, directions)
-        course = Course(*map(plain, (arm, under.load, under.grip, directions, under.load_slope, under.grip_slope)))
-        none = empty_march(0, n)
+        system, samples = self.system, len(position)
+        found, tangent = empty_period(samples, system.size, position.shape[1]), np.zeros(directions.shape)
+        found.position[:] = position
+        pull = position @ system.coupling.T + system.pull
+        self.surroundings.check(pull)
+        factor = self.surroundings.friction_factor(position)
+        slopes = self.surroundings.factor_slope(factor, directions)
+        none = empty_period(0, system.size, position.shape[1])
         until, after = march(
-            self.system.data, self.solver.factors, course, start.alone(), plain(slope),
-            none if guess is None else guess.marched, none if last is None else last.trajectory.marched,
+            system.data, self.solver.factors, Course(*map(plain, (pull, factor.factor, directions, slopes))),
+            start.alone(), plain(slope), none if guess is None else guess, none if last is None else last.history,
             tangent[:0] if last is None else last.tangent, (self.solver.tolerance, self.repeat), found, tangent)
         if until < 0:
-            raise not_found(float(arm[-1 - until]))
-        trajectory = PeriodHistory(arm, *found)
+            raise NonConvergenceError(f"contact at time sample {-1 - until} of {samples} did not converge; use more "
+                                      "samples per period")
         if last is not None and until < samples:
-            return _Pass(trajectory, tangent, last.end, last.slope)
-        return _Pass(trajectory, tangent, trajectory.sample(samples - 1), after)
+            return _Pass(found, tangent, last.end, last.slope)
+        return _Pass(found, tangent, SampleState.of(found), after)
 
-    def _newton_start(self, arm: Array, directions: Array, run: _Pass) -> tuple[SampleState, Array]:
+    def _newton_start(self, position: Array, directions: Array, run: _Pass) -> tuple[SampleState, Array]:
         """Return the contact, and its slope, from which a period should end as it began.
 
         A partly sliding contact creeps toward its shakedown state over many periods. With T the derivative of
         the slid positions after a period by those before it, Newton leads there at once: (I - T) du = drift.
         T costs ten times the period itself, so that it is kept as long as it serves.
         """
-        n, p, memory = self.system.size, directions.shape[1], _memory(run)
+        n, p, memory = self.system.size, directions.shape[2], _memory(run)
         own = np.zeros((3 * n, len(memory)))
         own[memory, np.arange(len(memory))] = 1.0
-        still = np.zeros((len(arm), len(memory)))
-        probe = self._pass(arm, np.hstack([directions, still]), run.end, np.hstack([run.slope, own]), run.trajectory)
-        self._returning = np.zeros((2 * n, 2 * n))
+        moving = np.concatenate([directions, np.zeros((*position.shape, len(memory)))], axis=2)
+        probe = self._pass(position, moving, run.end, np.hstack([run.slope, own]), run.history)
+        self._returning = np.zeros((3 * n, 3 * n))
         self._returning[np.ix_(memory, memory)] = probe.slope[memory, p:]
-        return self._led(replace(probe, slope=probe.slope[:, :p]), run.end, run.slope, PERSISTS, memory)
+        return self._shooting_step(replace(probe, slope=probe.slope[:, :p]), run.end, run.slope, PERSISTS, memory)
 
-    def _led(self, run: _Pass, before: SampleState, slope: Array, persists: float,
-             memory: NDArray[np.intp] | None = None) -> tuple[SampleState, Array]:
+    def _shooting_step(self, run: _Pass, before: SampleState, slope: Array, persists: float,
+                       memory: NDArray[np.intp] | None = None) -> tuple[SampleState, Array]:
         """Return where to start instead of `before` and `slope`, from which `run` was marched, with the T in hand."""
         at = _memory(run) if memory is None else memory
         returning = self._returning[np.ix_(at, at)]
@@ -316,40 +332,39 @@ class ContactMarch:
         slope, displacement = slope.copy(), before.displacement.copy()
         slope[at] += change[:, :-1]
         displacement[at] += change[:, -1]
-        return SampleState(displacement, run.end.force, run.end.approach, run.end.state), slope
+        return SampleState(displacement, run.end.force, run.end.state), slope
 
     def _lingers(self, run: _Pass, before: SampleState) -> bool:
         """Tell whether derivatives are all that has yet to repeat, and that slowly because some node always sticks."""
         repeats = np.abs(run.end.force - before.force).max() < self.repeat
         return bool(run.slope.shape[1] and repeats and not _forgets(run))
 
-    def _knows(self, run: _Pass, before: SampleState) -> bool:
+    def _has_monodromy(self, run: _Pass, before: SampleState) -> bool:
         """Tell whether there is a former T and too little left for it to lead astray."""
         return self._returning.size > 0 and self._moved(run, before) < SMALL * self.system.load / self.system.size
 
     def _moved(self, run: _Pass, before: SampleState) -> float:
         """Return how far from its start a period ends, as a nodal force in N."""
-        moved = np.abs(run.end.displacement - before.displacement)[:2 * self.system.size]
+        moved = np.abs(run.end.displacement - before.displacement)[self._tangential]
         return float(self.system.penalty * moved.max())
 
     def _drift(self, run: _Pass, before: SampleState, slope: Array) -> float:
         """Return how far from its start a period ends, 1 being about where it repeats."""
-        turned = np.abs(run.slope - slope)[:2 * self.system.size].max(initial=0.0)
+        turned = np.abs(run.slope - slope)[self._tangential].max(initial=0.0)
         return float(max(self._moved(run, before) / self.repeat, turned / SLOPE_REPEATS))
 
     def _repeats(self, run: _Pass, before: SampleState, slope: Array) -> bool:
         """Tell whether a period ends with the forces of `before` and with the derivatives that it began with."""
         return bool(np.abs(run.end.force - before.force).max() < self.repeat
-                    and np.abs(run.slope - slope)[:2 * self.system.size].max(initial=0.0) < SLOPE_REPEATS)
+                    and np.abs(run.slope - slope)[self._tangential].max(initial=0.0) < SLOPE_REPEATS)
 
 
 def _memory(run: _Pass) -> NDArray[np.intp]:
     """Return the tangential DOFs of the nodes that do not stick all the period."""
-    n = run.trajectory.state.shape[1]
-    moving = np.flatnonzero(np.any(run.trajectory.state != STICK, axis=0))
-    return np.concatenate([moving, n + moving])
+    moving = np.flatnonzero(np.any(run.history.state != STICK, axis=0))
+    return np.concatenate([3 * moving, 3 * moving + 1])
 
 
 def _forgets(run: _Pass) -> bool:
     """Tell whether no node sticks at some sample: nothing is remembered from there on."""
-    return bool(np.any(np.all(run.trajectory.state != STICK, axis=1)))
+    return bool(np.any(np.all(run.history.state != STICK, axis=1)))

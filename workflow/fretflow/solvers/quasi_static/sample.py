@@ -1,38 +1,37 @@
 """One time sample of quasi-static frictional contact, solved by semi-smooth Newton.
 
-The bodies are massless, so at each sample the relative displacement u, the contact force f and the arm's rigid motion
-(q_x given, q_z free under the normal load) obey
+The contact is massless (see `structure.structure`), so at each sample the relative displacement u and the contact force
+f obey, the internal coordinates q and loads i being given,
 
-    f = K (u - B_x q_x - B_z q_z),    sum f_z = N
+    f = K u - p,    p = R q + P i
     f_z >= 0,  gap + u_z >= 0,  f_z (gap + u_z) = 0
     stick: u_t = u_t(previous sample), |f_t| <= mu f_z
     slip:  f_t = -mu f_z (u_t - u_t(previous)) / |u_t - u_t(previous)|
 
 The conditions are written with the projection of tau = f_t - rho (u_t - u_t(previous)) onto the friction disc
-(Alart and Curnier 1991), for any rho > 0. Displacements are the unknowns, so that stuck and closed DOFs drop out:
-a sticking contact has no unknown but q_z, and a sliding one 2 n + 1. Friction beyond ``mu f_z`` (see `coulomb`) has the
-limit ``L = g l(f_z) (1 - d t_x)`` with t = tau / |tau| and g a factor of the instant.
-
-Arrays are in component order: DOF ``c n + m`` is direction c of node m.
+(Alart and Curnier 1991), for any rho > 0. Displacements are the unknowns, so that stuck and closed DOFs drop out: a
+sticking contact has no unknown, and a sliding one 2 n. Friction beyond ``mu f_z`` has the limit of
+`contact.kernels.cone` with t = tau / |tau|. K is semi-definite where a free coordinate carries the normal load; one
+closed node makes the equations regular.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.coulomb import CoulombLaw
+from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.sample import (
     SEPARATION,
     SLIP,
     STICK,
     Array,
     Contact,
-    Marched,
+    PeriodHistory,
     empty_factor,
     find_in_parts,
 )
@@ -40,46 +39,65 @@ from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.periodic import PeriodicProblem
 
-__all__ = ["SEPARATION", "SLIP", "STICK", "Array", "ContactSystem", "Instant", "SampleChange", "SampleDerivative",
-           "SampleSolver", "SampleState", "plain"]
+__all__ = ["SEPARATION", "SLIP", "STICK", "Array", "ContactSystem", "PeriodHistory", "SampleChange",
+           "SampleDerivative", "SampleSolver", "SampleState", "plain"]
 
 
 @dataclass(frozen=True)
 class ContactSystem:
-    """The condensed contact: stiffness, nodes, friction and load. Arrays in component order.
+    """The contact of a structure: stiffness, nodes and friction.
 
-    `stiffness` (3 n, 3 n) N/m; `gap` (n,) m; `load` N.
+    `stiffness` K (3 n, 3 n) and `coupling` R (3 n, d) in N/m, `transfer` T (d, 3 n), `gap` (n,) m, `pull` P i at rest
+    (3 n,) N; `load` is the size of the normal forces together, N, to which accuracies are relative.
     """
 
     stiffness: Array
+    coupling: Array
+    transfer: Array
     gap: Array
-    law: CoulombLaw
+    law: Coulomb
+    pull: Array
     load: float
     penalty: float  # rho in N/m
 
     @classmethod
-    def build(cls, stiffness: Array, gap: Array, friction: Array, load: float) -> ContactSystem:
-        """Build a contact with the friction coefficients `friction`, () or (n,)."""
-        return cls._ordered(stiffness, gap, CoulombLaw(friction_coefficient=np.asarray(friction, dtype=float)), load)
+    def build(cls, stiffness: Array, gap: Array, friction: Array | float, load: float, coupling: Array | None = None,
+              pull: Array | None = None) -> ContactSystem:
+        """Build a contact with the friction coefficients `friction`, () or (n,).
 
-    @classmethod
-    def of(cls, problem: PeriodicProblem, stiffness: Array | None = None) -> ContactSystem:
-        """Return the contact of `problem`; `stiffness` (3 n, 3 n) in node order is by default the joint's."""
-        own = problem.joint.quasi_static().stiffness if stiffness is None else stiffness
-        return cls._ordered(own, problem.interface.gap, problem.law, problem.normal_load)
-
-    @classmethod
-    def _ordered(cls, stiffness: Array, gap: Array, law: CoulombLaw, load: float) -> ContactSystem:
-        """Reorder a stiffness given node by node (x, y, z per node) and choose rho.
-
-        rho only steers the path to the solution; a tenth of the largest diagonal term was the most robust
-        of the decades tried.
+        By default the bodies' `stiffness` (3 n, 3 n) is that of faces of which one moves rigidly along x, the
+        coordinate, and freely along z under the `load`.
         """
-        n = len(gap)
-        order = np.arange(3 * n).reshape(n, 3).T.ravel()
-        k = np.ascontiguousarray(stiffness[np.ix_(order, order)])
-        return cls(stiffness=k, gap=np.asarray(gap, float), law=law, load=float(load),
-                   penalty=0.1 * float(k.diagonal().max()))
+        lift, slide = (stiffness[:, c::3].sum(axis=1) for c in (2, 0))
+        z = np.arange(2, len(stiffness), 3)
+        if coupling is None or pull is None:
+            across = lift / lift[z].sum()
+            coupling, pull = (slide - across * slide[z].sum())[:, None], -load * across
+            stiffness = stiffness - np.outer(across, lift)
+        transfer = np.zeros((1, len(gap), 3))
+        transfer[0, :, 0] = 1.0
+        return cls.of_parts(stiffness, coupling, transfer.reshape(1, -1), gap,
+                            Coulomb(np.asarray(friction, dtype=float)), pull, load)
+
+    @classmethod
+    def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp] | None = None) -> ContactSystem:
+        """Return the contact of `problem`, with the coordinates `seen`, by default all."""
+        b = problem.boundary
+        which = np.arange(b.size) if seen is None else seen
+        pull = b.input_pull @ problem.loads(0)[0].real
+        load = problem.normal_load or float(np.abs(pull).sum()) or problem.excitation.amplitude or 1.0
+        return cls.of_parts(b.stiffness, b.coupling[:, which], b.transfer[which], problem.interface.gap,
+                            problem.nodal_law, pull, load)
+
+    @classmethod
+    def of_parts(cls, stiffness: Array, coupling: Array, transfer: Array, gap: Array, law: Coulomb, pull: Array,
+                 load: float) -> ContactSystem:
+        """Choose rho: it only steers the path to the solution.
+
+        A tenth of the largest diagonal term was the most robust of the decades tried.
+        """
+        return cls(stiffness=stiffness, coupling=coupling, transfer=transfer, gap=np.asarray(gap, float), law=law,
+                   pull=pull, load=float(load), penalty=0.1 * float(stiffness.diagonal().max(initial=0.0)))
 
     @property
     def friction(self) -> Array:
@@ -92,72 +110,63 @@ class ContactSystem:
         return len(self.gap)
 
     @cached_property
+    def felt_stiffness(self) -> Array:
+        """Return ``T R`` (d, d) in N/m: that of the stuck contact to the coordinates."""
+        return np.asarray(self.transfer @ self.coupling)
+
+    @cached_property
     def data(self) -> Contact:
         """Return the data of the compiled loops."""
-        law, (along, lift) = self.law, self.rigid_forces()
-        return Contact(plain(self.stiffness), plain(along), plain(lift), plain(self.gap), plain(self.friction),
+        law = self.law
+        return Contact(plain(self.stiffness), plain(self.coupling), plain(self.transfer @ self.stiffness),
+                       plain(self.felt_stiffness), plain(self.gap), plain(self.friction),
                        plain(np.broadcast_to(law.reference_force, self.size)), float(law.exponent),
                        float(law.asymmetry), float(self.penalty))
-
-    def rigid_forces(self) -> tuple[Array, Array]:
-        """Return ``K B_x`` and ``K B_z`` (3 n,) in N/m."""
-        n = self.size
-        return self.stiffness[:, :n].sum(axis=1), self.stiffness[:, 2 * n:].sum(axis=1)
 
 
 @dataclass
 class SampleState:
-    """Contact at one sample: u, f (3 n,), arm q_z, state (n,)."""
+    """Contact at one sample: u, f (3 n,), state (n,)."""
 
     displacement: Array
     force: Array
-    approach: float
     state: NDArray[np.int8]
 
-    def alone(self, copied: bool = False) -> Marched:
-        """Return it as a march of one sample."""
-        found = Marched(plain(self.displacement[None]), plain(self.force[None]), np.array([self.approach], dtype=float),
-                        np.require(self.state[None], dtype=np.int8, requirements=["C", "W"]))
+    def alone(self, copied: bool = False) -> PeriodHistory:
+        """Return it as a period of one sample."""
+        found = PeriodHistory(np.zeros((1, 0)), plain(self.displacement[None]), plain(self.force[None]),
+                              np.require(self.state[None], dtype=np.int8, requirements=["C", "W"]))
         if not copied:
             return found
-        return Marched(found.displacement.copy(), found.force.copy(), found.approach, found.state.copy())
+        return PeriodHistory(found.position, found.displacement.copy(), found.force.copy(), found.state.copy())
 
-
-class Instant(NamedTuple):
-    """What a sample is under besides the arm's position: the normal load in N and the factor g on friction."""
-
-    load: float
-    grip: float = 1.0
+    @classmethod
+    def of(cls, period: PeriodHistory, j: int = -1) -> SampleState:
+        """Return sample j of a period, by default the last, which is the one before its beginning."""
+        return cls(period.displacement[j], period.force[j], period.state[j])
 
 
 @dataclass(frozen=True)
 class SampleChange:
     """What p parameters change at a sample by themselves, all else held.
 
-    `arm` (p,) m; `load` (p,) N; `friction` (n, p), of ``g mu``; `force` (3 n, p) N, the elastic contact force.
+    `motion` (d, p) m; `friction` (n, p), of ``g mu``; `force` (3 n, p) N, the elastic contact force, or (0, p).
     """
 
-    arm: Array
-    load: Array
+    motion: Array
     friction: Array
     force: Array
-
-    @classmethod
-    def of_arm(cls, arm: Array, size: int) -> SampleChange:
-        """Return motions of the arm alone; `size` n."""
-        return cls(arm, np.zeros(len(arm)), np.zeros((size, len(arm))), np.zeros((3 * size, len(arm))))
 
 
 @dataclass(frozen=True)
 class SampleDerivative:
     """Derivative of a sample by p parameters.
 
-    `displacement` (3 n, p), its z rows the opening gap + u_z; `approach` (p,); `pressing` (m, p), the normal
-    force at the m slipping nodes.
+    `displacement` (3 n, p), its z rows the opening gap + u_z; `pressing` (m, p), the normal force at the m slipping
+    nodes.
     """
 
     displacement: Array
-    approach: Array
     pressing: Array
 
 
@@ -172,34 +181,29 @@ class SampleSolver:
     def __init__(self, system: ContactSystem) -> None:
         self.system = system
         self.tolerance = 1e-10 * system.load / system.size  # N, largest residual at a node
-        self.kbx, self.kbz = system.data.along, system.data.lift
         self.factors = empty_factor(system.size, single=True), empty_factor(system.size)
 
-    def solve(self, arm: float, previous: Array, guess: SampleState, arm_before: float,
-              instant: Instant | None = None) -> SampleState:
-        """Return the contact at arm position `arm` (m) after a sample with displacement `previous` (3 n,).
+    def solve(self, pull: Array, previous: Array, guess: SampleState, pull_before: Array,
+              friction_factor: float = 1.0) -> SampleState:
+        """Return the contact under the pull ``R q + P i`` (3 n,), N, after a sample with displacement `previous`.
 
-        `instant` is by default that of the system's load and friction coefficients.
-
-        If Newton fails, the arm is moved there from `arm_before` in ever smaller parts, the sample's own
-        history unchanged: each part starts from the solution of the one before.
+        If Newton fails, the pull is brought there from `pull_before` in ever smaller parts, the sample's own history
+        unchanged: each part starts from the solution of the one before.
 
         Raises
         ------
         NonConvergenceError
             If even 2^-8 of the step fails.
         """
-        at = Instant(self.system.load) if instant is None else instant
         sample = guess.alone(copied=True)
-        if not find_in_parts(self.system.data, self.factors[0], (float(arm), float(at.load), float(at.grip)),
-                             float(arm_before), plain(previous), sample, 0, float(self.tolerance)):
-            raise not_found(arm)
-        return SampleState(sample.displacement[0], sample.force[0], float(sample.approach[0]), sample.state[0])
+        if not find_in_parts(self.system.data, self.factors[0], (plain(pull_before), plain(pull)),
+                             float(friction_factor), plain(previous), sample, 0, float(self.tolerance)):
+            raise NonConvergenceError("contact at one time sample did not converge; use more samples per period")
+        return SampleState.of(sample)
 
-    def tangent(self, sample: SampleState, previous: Array, history: Array, arm_direction: Array,
-                instant: Instant | None = None, load: Array | None = None, grip: Array | None = None
-                ) -> tuple[Array, Array]:
-        """Differentiate a converged sample by motions of the arm.
+    def tangent(self, sample: SampleState, previous: Array, history: Array, motion: Array, factor: float = 1.0,
+                factor_slope: Array | None = None) -> tuple[Array, Array]:
+        """Differentiate a converged sample by motions of the coordinates.
 
         Parameters
         ----------
@@ -207,36 +211,27 @@ class SampleSolver:
             The sample and the displacement before it.
         history : (3 n, p)
             Derivative of `previous`.
-        arm_direction, load, grip : (p,)
-            Derivatives of the arm position and of what `instant` holds, by default none.
+        motion : (d, p)
+            Derivative of the coordinates.
+        factor, factor_slope : float, (p,)
+            That on friction, and its derivative, by default none.
 
         Returns
         -------
-        (3 n, p), (p,)
-            Derivatives of the displacement and of the x force on the upper face's nodes together.
+        (3 n, p), (d, p)
+            Derivatives of the displacement and of the force T f on the coordinates.
         """
-        if not len(arm_direction):
-            return history, arm_direction
-        n, change = self.system.size, SampleChange.of_arm(arm_direction, self.system.size)
-        if load is not None and grip is not None:
-            change = SampleChange(arm_direction, load, np.outer(self.system.friction, grip), change.force)
-        found = self.differentiate(sample, previous, history, change, instant)
-        force = self.kbx @ found.displacement - self.kbx[:n].sum() * arm_direction - self.kbz[:n].sum() * found.approach
-        return found.displacement, force
+        slope = np.zeros(motion.shape[1]) if factor_slope is None else factor_slope
+        change = SampleChange(motion, np.outer(self.system.friction, slope), np.zeros((0, motion.shape[1])))
+        moved = self.differentiate(sample, previous, history, change, factor).displacement
+        return moved, self.system.data.felt @ moved - self.system.felt_stiffness @ motion
 
     def differentiate(self, sample: SampleState, previous: Array, history: Array, change: SampleChange,
-                      instant: Instant | None = None) -> SampleDerivative:
+                      factor: float = 1.0) -> SampleDerivative:
         """Differentiate a converged sample by p parameters; history (3 n, p) is the derivative of `previous`."""
         p, slipping = history.shape[1], int(np.count_nonzero(sample.state == SLIP))
-        moved, approach, pressing = np.empty((3 * self.system.size, p)), np.empty(p), np.empty((slipping, p))
-        by = (plain(change.arm), plain(change.load), plain(change.friction), plain(change.force))
-        grip = 1.0 if instant is None else float(instant.grip)
-        differentiate(self.system.data, self.factors[1], grip, plain(previous), sample.alone(), 0, plain(history), by,
-                      moved, approach, pressing)
-        return SampleDerivative(moved, approach, pressing)
-
-
-def not_found(arm: float) -> NonConvergenceError:
-    """Return the error of a sample that was not found."""
-    return NonConvergenceError(
-        f"contact at one time sample did not converge (arm at {arm:.6e} m); use more samples per period")
+        moved, pressing = np.empty((3 * self.system.size, p)), np.empty((slipping, p))
+        by = (plain(change.motion), plain(change.friction), plain(change.force))
+        differentiate(self.system.data, self.factors[1], float(factor), plain(previous), sample.alone(), 0,
+                      plain(history), by, moved, pressing)
+        return SampleDerivative(moved, pressing)

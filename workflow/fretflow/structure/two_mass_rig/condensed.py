@@ -18,15 +18,15 @@ from scipy.linalg import cho_factor, cho_solve
 
 from fretflow.core.records import quantity, record
 from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, ReducedSpecimen
+from fretflow.structure.structure import Structure
 from fretflow.structure.two_mass_rig.joint import (
+    DOWN,
     RIG_DOFS,
     TRANSLATION,
     Joint,
-    JointModel,
     JointMotion,
     QuasiStaticJoint,
     invert_stiffness,
-    rig_loads,
 )
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -103,8 +103,9 @@ class CondensedJoint:
         """Return whether the polynomials hold up to that harmonic of `frequency` (Hz)."""
         return (2.0 * np.pi * frequency * harmonics) ** 2 <= self.scale
 
-    def relative(self, frequency: float, harmonics: int, excitation: float, normal_load: float) -> RelativeStiffness:
-        """Return the relative stiffness and the load at harmonics 0..`harmonics` of `frequency` (Hz)."""
+    def relative(self, frequency: float, loads: NDArray[np.complex128]) -> RelativeStiffness:
+        """Return relative stiffness and load at the harmonics of `frequency` (Hz) under loads (H + 1, 3) in N."""
+        harmonics = len(loads) - 1
         powers, damped = self._powers(frequency, harmonics)
         size = self.stiffness.shape[1]
         levers = np.zeros((harmonics + 1, size, RIG_DOFS), dtype=complex)
@@ -115,20 +116,20 @@ class CondensedJoint:
         series[:, :2, :2] = self.rig.impedance(_omegas(frequency, harmonics))
         series[:, 1:, 1:] += damped[:, None, None] * _at(powers, self.arm) + _transposed(arm) @ levers[:, :, 1:]
         cores = np.linalg.inv(series)
-        held = cores @ rig_loads(harmonics, excitation, normal_load)[:, :, None]
+        held = cores @ (loads * DOWN)[:, :, None]
         sizes = np.abs(powers).max(axis=0) * [np.abs(term).max() for term in self.stiffness]
         kept = sizes > NEGLIGIBLE * sizes[0]
         return RelativeStiffness(terms=self.stiffness[kept], weights=(powers * damped[:, None])[:, kept],
                                  levers=levers, cores=cores, load=-(levers @ held)[:, :, 0])
 
-    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128], excitation: float,
-                          normal_load: float) -> JointMotion:
+    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128],
+                          loads: NDArray[np.complex128]) -> JointMotion:
         """Return the rig's and the observation nodes' motion for relative displacements (H + 1, 3 n) in m."""
         harmonics = len(displacement) - 1
         powers, damped = self._powers(frequency, harmonics)
-        relative = self.relative(frequency, harmonics, excitation, normal_load)
+        relative = self.relative(frequency, loads)
         held = _transposed(relative.levers) @ displacement[:, :, None]
-        rig = relative.cores @ (rig_loads(harmonics, excitation, normal_load)[:, :, None] - held)
+        rig = relative.cores @ ((loads * DOWN)[:, :, None] - held)
         pressed = (relative.apply(displacement) - relative.load)[:, :, None] / damped[:, None, None]
         upper = _at(powers, self.upper_lever) @ rig[:, 1:] + _at(powers, self.upper_compliance) @ pressed
         lower = -_at(powers, self.lower_compliance) @ pressed
@@ -143,7 +144,7 @@ class CondensedJoint:
         return np.asarray(x[:, None] ** np.arange(len(self.stiffness))), damped
 
 
-def condensed(joint: JointModel) -> CondensedJoint | None:
+def condensed(joint: Structure) -> CondensedJoint | None:
     """Return `joint` condensed, or None where it has no such form: springs in series, bodies damped differently."""
     if isinstance(joint, QuasiStaticJoint):
         return _massless(joint)

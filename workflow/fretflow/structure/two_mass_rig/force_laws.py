@@ -1,4 +1,4 @@
-"""Forces on the rig beside its contact (each a `rig.forces.RigForce`)."""
+"""Forces on the rig beside its contact (each a `structure.internal_forces.InternalForce`)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.structure.two_mass_rig.forces import ForceAndSlopes
+from fretflow.structure.internal_forces import ForceAndSlopes
 
 Array = NDArray[np.float64]
 BLOCK, ARM = 0, 1

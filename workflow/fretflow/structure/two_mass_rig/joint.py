@@ -7,7 +7,8 @@ is fixed.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +18,16 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, ReducedSpecimen
+from fretflow.structure.structure import NORMAL_LOAD, DynamicStiffness, MasslessBoundary, Output, Structure
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RIG_DOFS = 3  # block x, arm x, arm z: the first internal DOFs of the upper body
 TRANSLATION = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])  # of a point, by arm motion (x, z)
 
+INPUTS = ("block", "arm", NORMAL_LOAD)
+DOWN = np.array([1.0, 1.0, -1.0])  # from the inputs to loads on block x, arm x and arm z
+
 UNLOADED = np.zeros(0, dtype=complex)
-
-
-@record
-class DynamicStiffness:
-    """Relative dynamic stiffness at the harmonics of one frequency: ``Z_k u_k = load_k + f_k``, k = 0..H.
-
-    f_k is the contact force on the upper nodes; complex amplitudes as in `harmonic.fourier.to_complex`.
-    """
-
-    omega: float = quantity("rad/s")
-    stiffness: NDArray[np.complex128] = quantity("N/m", "(H + 1, 3 n, 3 n)")
-    load: NDArray[np.complex128] = quantity("N", "(H + 1, 3 n)")
 
 
 @record
@@ -45,27 +38,84 @@ class JointMotion:
     upper_observation: NDArray[np.complex128] = quantity("m", "(H + 1, 3)")
     lower_observation: NDArray[np.complex128] = quantity("m", "(H + 1, 3)")
 
+    @property
+    def internal(self) -> NDArray[np.complex128]:
+        """Return that of the internal coordinates, block and arm."""
+        return self.rig
 
-class JointModel(Protocol):
-    """What periodic solvers need of a joint."""
+    @property
+    def outputs(self) -> dict[str, NDArray[np.complex128]]:
+        """Return the outputs by name."""
+        return {"block": self.rig[:, 0], "arm": self.rig[:, 1], "upper": self.upper_observation,
+                "lower": self.lower_observation}
 
-    def dynamic_stiffness(self, frequency: float, harmonics: int, excitation: float,
-                          normal_load: float) -> DynamicStiffness:
-        """Return the relative dynamic stiffness at harmonics 0..`harmonics` of `frequency` (Hz)."""
+
+class JointModel(Structure, Protocol):
+    """A joint on the rig, dynamic or not (a `structure.structure.Structure`)."""
+
+    @property
+    def rig(self) -> LumpedRig:
+        """Return the rig."""
         ...
 
-    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128], excitation: float,
-                          normal_load: float) -> JointMotion:
-        """Return the rig's and the observation nodes' motion for relative displacements (H + 1, 3 n) in m."""
+    def with_rig(self, rig: LumpedRig) -> JointModel:
+        """Return the joint on another rig."""
         ...
 
     def quasi_static(self) -> QuasiStaticJoint:
         """Return the joint with its specimens massless."""
         ...
 
+    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128],
+                          loads: NDArray[np.complex128]) -> JointMotion:
+        """Return the rig's and the observation nodes' motion for relative displacements (H + 1, 3 n) in m."""
+        ...
+
+
+def rig_of(structure: Structure) -> JointModel:
+    """Return `structure` as a joint on the rig.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if not hasattr(structure, "rig"):
+        raise InputError("this acts on the two-mass rig; the structure is another one")
+    return cast(JointModel, structure)
+
+
+def change_rig(structure: Structure, **changes: Any) -> Structure:
+    """Return a joint on the rig with other values of some of the rig's fields; `forces` are added.
+
+    Raises
+    ------
+    InputError
+        If the structure is not on the rig.
+    """
+    joint = rig_of(structure)
+    changes["forces"] = (*joint.rig.forces, *changes.get("forces", ()))
+    return joint.with_rig(replace(joint.rig, **changes))
+
+
+class _OnRig:
+    """What all joints on the rig share."""
+
+    rig: LumpedRig
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Return the names of the loads: x forces on block and arm, and what presses the arm down."""
+        return INPUTS
+
+    @property
+    def linear(self) -> bool:
+        """Return whether the rig is linear and its normal load constant."""
+        return not self.rig.forces and self.rig.load_slope == 0.0
+
 
 @record
-class QuasiStaticJoint:
+class QuasiStaticJoint(_OnRig):
     """Contact condensed statically: ``u = motion q + flexibility f`` with rigid arm motion q = (x, z).
 
     The arm feels ``motion^T f``; `rig` holds the masses, the specimen's own mass added to the arm's.
@@ -101,6 +151,31 @@ class QuasiStaticJoint:
         """Return the joint itself."""
         return self
 
+    def with_rig(self, rig: LumpedRig) -> QuasiStaticJoint:
+        """Return the joint on another rig."""
+        return replace(self, rig=rig)
+
+    def massless_boundary(self) -> MasslessBoundary:
+        """Return the joint as solvers see it: coordinates block and arm x, and the arm's z free under the load."""
+        return self._boundary
+
+    @cached_property
+    def _boundary(self) -> MasslessBoundary:
+        size, none = len(self.stiffness), np.zeros((3, 2))
+        by_arm = none.copy()
+        by_arm[0, 1] = 1.0
+        motion = np.column_stack([np.zeros(size), self.motion[:, 0]])
+        block, arm = np.eye(2)[:, None]
+        return MasslessBoundary(
+            flexibility=self.flexibility, bare_stiffness=self.stiffness, motion=motion, free=self.motion[:, 1:],
+            transfer=motion.T, internal=self.rig, inputs=INPUTS, input_force=np.eye(2, 3),
+            input_motion=np.zeros((size, 3)), input_free=np.array([[0.0, 0.0, 1.0]]),
+            free_coupling=np.array([[0.0, self.rig.load_slope]]), sliding=np.array([0.0, 1.0]), forces=self.rig.forces,
+            outputs={"block": Output(block), "arm": Output(arm),
+                     "upper": Output(by_arm, free=np.eye(3)[:, 2:], force=self.upper_compliance),
+                     "lower": Output(none, force=-self.lower_compliance),
+                     "approach": Output(np.zeros((1, 2)), free=np.ones((1, 1)))})
+
     def part(self, nodes: NDArray[np.bool_]) -> QuasiStaticJoint:
         """Return the joint of the contact `nodes` (n,) alone, the others being free of force."""
         dofs = np.repeat(nodes, 3)
@@ -110,24 +185,23 @@ class QuasiStaticJoint:
             motion=self.motion[dofs], rig=self.rig, upper_compliance=self.upper_compliance[:, dofs],
             lower_compliance=self.lower_compliance[:, dofs])
 
-    def dynamic_stiffness(self, frequency: float, harmonics: int, excitation: float,
-                          normal_load: float) -> DynamicStiffness:
-        """Return the relative dynamic stiffness at harmonics 0..`harmonics` of `frequency` (Hz).
+    def dynamic_stiffness(self, frequency: float, loads: NDArray[np.complex128]) -> DynamicStiffness:
+        """Return the relative dynamic stiffness at the harmonics of `frequency` (Hz) under loads (H + 1, 3) in N.
 
         With rig motion p = (block x, arm x, arm z), ``f = K (u - B p)`` and ``Zr p = g + B^T f``, so that
         ``Z = K - K B S^-1 B^T K`` and ``load = K B S^-1 g`` with ``S = Zr + B^T K B``.
         """
         coupling = self.stiffness @ self._lever
-        series, loads = self._rig_series(frequency, harmonics, excitation, normal_load)
+        series, loads = self._rig_series(frequency, loads), loads * DOWN
         solved = np.linalg.solve(series, np.broadcast_to(coupling.T, (len(series), *coupling.T.shape)))
         rig = np.linalg.solve(series, loads[..., None])[..., 0]
         return DynamicStiffness(omega=2.0 * float(np.pi) * frequency, load=rig @ coupling.T,
                                 stiffness=(self.stiffness - coupling @ solved).astype(complex))
 
-    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128], excitation: float,
-                          normal_load: float) -> JointMotion:
+    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128],
+                          loads: NDArray[np.complex128]) -> JointMotion:
         """Return the rig's and the observation nodes' motion for relative displacements (H + 1, 3 n) in m."""
-        series, loads = self._rig_series(frequency, len(displacement) - 1, excitation, normal_load)
+        series, loads = self._rig_series(frequency, loads), loads * DOWN
         coupling = self.stiffness @ self._lever
         rig = np.linalg.solve(series, (loads + displacement @ coupling)[..., None])[..., 0]
         force = displacement @ self.stiffness - rig @ coupling.T
@@ -148,18 +222,17 @@ class QuasiStaticJoint:
         """Return B (3 n, 3): contact motion by rig motion (block x, arm x, arm z)."""
         return np.hstack([np.zeros((len(self.stiffness), 1)), self.motion])
 
-    def _rig_series(self, frequency: float, harmonics: int, excitation: float, normal_load: float
-                    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return S (H + 1, 3, 3) and the loads g (H + 1, 3) of the rig; the arm's z has no impedance."""
-        omegas = 2.0 * np.pi * frequency * np.arange(harmonics + 1)
-        series = np.zeros((harmonics + 1, RIG_DOFS, RIG_DOFS), dtype=complex)
+    def _rig_series(self, frequency: float, loads: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return S (H + 1, 3, 3) of the rig for as many harmonics as the loads have; the arm's z has no impedance."""
+        omegas = 2.0 * np.pi * frequency * np.arange(len(loads))
+        series = np.zeros((len(loads), RIG_DOFS, RIG_DOFS), dtype=complex)
         series[:, :2, :2] = self.rig.impedance(omegas)
         series += self._lever.T @ self.stiffness @ self._lever
-        return series, rig_loads(harmonics, excitation, normal_load)
+        return series
 
 
 @record
-class Joint:
+class Joint(_OnRig):
     """Both specimens and the rig."""
 
     upper: ReducedSpecimen
@@ -178,9 +251,8 @@ class Joint:
             raise InputError(f"joint: {len(self.upper.contact_nodes)} contact nodes on the upper specimen, "
                              f"{len(self.lower.contact_nodes)} on the lower; mesh both faces alike")
 
-    def dynamic_stiffness(self, frequency: float, harmonics: int, excitation: float,
-                          normal_load: float) -> DynamicStiffness:
-        """Return the relative dynamic stiffness at harmonics 0..`harmonics` of `frequency` (Hz).
+    def dynamic_stiffness(self, frequency: float, loads: NDArray[np.complex128]) -> DynamicStiffness:
+        """Return the relative dynamic stiffness at the harmonics of `frequency` (Hz) under loads (H + 1, 3) in N.
 
         Each body is condensed exactly onto its contact DOFs; then, with contact forces f and -f,
         ``Z = Z_A - Z_A (Z_A + Z_B)^-1 Z_A`` and ``load = g_A - Z_A (Z_A + Z_B)^-1 g_A``, which needs no
@@ -188,9 +260,9 @@ class Joint:
         """
         upper, lower = self._bodies()
         omega, size = 2.0 * float(np.pi) * frequency, self.upper.contact_size
-        stiffness = np.empty((harmonics + 1, size, size), dtype=complex)
-        load = np.empty((harmonics + 1, size), dtype=complex)
-        for k, rig_load in enumerate(rig_loads(harmonics, excitation, normal_load)):
+        stiffness = np.empty((len(loads), size, size), dtype=complex)
+        load = np.empty((len(loads), size), dtype=complex)
+        for k, rig_load in enumerate(loads * DOWN):
             za, ga = upper.condensed(k * omega, rig_load)
             zb, _ = lower.condensed(k * omega, UNLOADED)
             solved = solve(za + zb, np.column_stack([za, ga]), check_finite=False)
@@ -198,8 +270,8 @@ class Joint:
             load[k] = ga - za @ solved[:, -1]
         return DynamicStiffness(omega=omega, stiffness=stiffness, load=load)
 
-    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128], excitation: float,
-                          normal_load: float) -> JointMotion:
+    def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128],
+                          loads: NDArray[np.complex128]) -> JointMotion:
         """Return the rig's and the observation nodes' motion for relative displacements (H + 1, 3 n) in m.
 
         ``Z_A (u + u_B) + Z_B u_B = g_A`` gives the lower face's motion, hence both bodies' inner DOFs.
@@ -208,7 +280,7 @@ class Joint:
         harmonics, omega = len(displacement) - 1, 2.0 * np.pi * frequency
         rig = np.empty((harmonics + 1, 2), dtype=complex)
         observed = np.empty((2, harmonics + 1, OBSERVATION_DOFS), dtype=complex)
-        for k, rig_load in enumerate(rig_loads(harmonics, excitation, normal_load)):
+        for k, rig_load in enumerate(loads * DOWN):
             za, ga = upper.condensed(k * omega, rig_load)
             zb, _ = lower.condensed(k * omega, UNLOADED)
             face = solve(za + zb, ga - za @ displacement[k], check_finite=False)
@@ -216,6 +288,18 @@ class Joint:
             rig[k], observed[0, k] = inner[:2], inner[RIG_DOFS:RIG_DOFS + OBSERVATION_DOFS]
             observed[1, k] = lower.inner(k * omega, UNLOADED, face)[:OBSERVATION_DOFS]
         return JointMotion(rig=rig, upper_observation=observed[0], lower_observation=observed[1])
+
+    def with_rig(self, rig: LumpedRig) -> Joint:
+        """Return the joint on another rig."""
+        return replace(self, rig=rig)
+
+    def massless_boundary(self) -> MasslessBoundary:
+        """Return the joint with its specimens massless, as solvers see it."""
+        return self._massless.massless_boundary()
+
+    @cached_property
+    def _massless(self) -> QuasiStaticJoint:
+        return self.quasi_static()
 
     def quasi_static(self) -> QuasiStaticJoint:
         """Return the joint with its specimens massless, but for the upper one's mass, added to the arm's."""
@@ -306,9 +390,9 @@ def _sliding_mass(body: ReducedSpecimen) -> float:
 
 
 def rig_loads(harmonics: int, excitation: float, normal_load: float) -> NDArray[np.complex128]:
-    """Return the loads (H + 1, 3) on block x, arm x and arm z in N; the normal load pushes the arm down."""
+    """Return loads (H + 1, 3) in N by `INPUTS`: a vibrating force on the block and a constant normal load."""
     loads = np.zeros((harmonics + 1, RIG_DOFS), dtype=complex)
-    loads[0, 2] = -normal_load
+    loads[0, 2] = normal_load
     loads[1, 0] = excitation
     return loads
 

@@ -15,11 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.records import quantity, record
+from fretflow.structure.internal_forces import InternalForce
+
+MATRICES = ("moving_mass", "arm_mass", "ground_stiffness", "hinge_stiffness", "ground_damping", "hinge_damping")
 
 
 @record
 class LumpedRig:
-    """Masses, springs and dashpots of the rig."""
+    """Masses, springs and dashpots of the rig (a `structure.structure.Internal`), and what else acts on it.
+
+    Further forces act on block and arm along x; where the arm runs up a wedge, the normal load is ``N + load_slope x``.
+    """
 
     moving_mass: float = quantity("kg")
     arm_mass: float = quantity("kg")
@@ -27,6 +33,8 @@ class LumpedRig:
     hinge_stiffness: float = quantity("N/m")
     ground_damping: float = quantity("N s/m")
     hinge_damping: float = quantity("N s/m")
+    load_slope: float = quantity("N/m", default=0.0)
+    forces: tuple[InternalForce, ...] = ()
 
     @classmethod
     def from_modes(cls, moving_mass: float, arm_mass: float, in_phase: float, out_of_phase: float,
