@@ -11,12 +11,15 @@ import re
 import runpy
 import subprocess
 import sys
+import tomllib
 from enum import Enum
 from pathlib import Path
 from types import ModuleType
 
 import fretflow as ff
 import pytest
+from fretflow.core.errors import PlatformError
+from fretflow.core.plugins import FIGURES, MESHES, provided
 
 SOURCE = Path(ff.__file__)
 ROOT = Path(__file__).parents[2]
@@ -109,3 +112,27 @@ def test_a_user_s_file_passes_strict_type_checks(tmp_path):
 def test_the_picture_of_the_architecture_shows_the_house_as_it_is():
     drawn = runpy.run_path(str(ROOT / "docs" / "draw_architecture.py"))["draw"]()
     assert (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8") == drawn, "run docs/draw_architecture.py"
+
+
+def test_what_other_packages_provide_is_there():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for group in (FIGURES, MESHES):
+        for name in project["entry-points"][group]:
+            assert callable(provided(group, name))
+    with pytest.raises(PlatformError, match=r"fretflow\.figures.*'absent'.*install"):
+        provided(FIGURES, "absent")
+
+
+def test_a_recording_that_is_not_there_is_named():
+    with pytest.raises(ff.InputError, match="no/such: there is no such folder"):
+        ff.diagnose("no/such")
+
+
+def test_results_of_a_stage_that_was_not_run_are_refused_with_the_way_out(tmp_path):
+    found = ff.RunResults({}, ff.load_case(ROOT / "examples" / "quick.toml"), tmp_path)
+    with pytest.raises(ff.InputError, match="stage wear was not run; run the case until wear or further"):
+        found.wear  # noqa: B018
+    with pytest.raises(ff.InputError, match="stage reduce was not run"):
+        found.loops  # noqa: B018
+    assert found.curves == {}
+    assert found.summary == {}
