@@ -98,15 +98,15 @@ def test_examples_in_docstrings_hold(room, monkeypatch):
 
 def test_a_user_s_file_passes_strict_type_checks(tmp_path):
     """As the nine lines that the package aims at use the names."""
-    file = tmp_path / "mine.py"
-    file.write_text(USE, encoding="utf-8")
-    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--config-file=",
-                           "--cache-dir", tmp_path, file], capture_output=True, text=True, cwd=tmp_path, timeout=300)
-    assert done.returncode == 0, done.stdout
-    file.write_text(USE.replace("limit: float | None", "limit: str"), encoding="utf-8")
-    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--config-file=",
-                           "--cache-dir", tmp_path, file], capture_output=True, text=True, cwd=tmp_path, timeout=300)
-    assert "[assignment]" in done.stdout  # the names have types, they are not Any
+    (tmp_path / "mine.py").write_text(USE, encoding="utf-8")
+    (tmp_path / "wrong.py").write_text(USE.replace("limit: float | None", "limit: str"), encoding="utf-8")
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--config-file=", "--cache-dir",
+               tmp_path, "mine.py", "wrong.py"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    errors = [line for line in done.stdout.splitlines() if ": error:" in line]
+    assert len(errors) == 1, done.stdout + done.stderr
+    assert errors[0].startswith("wrong.py")  # the names have types, they are not Any
+    assert errors[0].endswith("[assignment]")
 
 
 def test_the_picture_of_the_architecture_shows_the_house_as_it_is():
