@@ -1,5 +1,9 @@
 """The products and factors that compiled loops take from BLAS and LAPACK, against NumPy."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from fretflow.core.compiled import compiled, factorise, multiply, multiply_symmetric, substitute
@@ -48,3 +52,29 @@ def test_division_by_zero_is_infinite_as_in_numpy():
 
     assert ratio(1.0, 0.0) == np.inf
     assert np.isnan(ratio(0.0, 0.0))
+
+
+def test_code_kept_of_an_earlier_version_is_no_obstacle(tmp_path):
+    """Its types may be gone: numba reads them before it sees that the source has changed."""
+    source = """
+from typing import NamedTuple
+from fretflow.core.compiled import compiled
+
+
+class {name}(NamedTuple):
+    value: float
+
+
+@compiled
+def double(pair):
+    return 2.0 * pair.value
+
+
+print(double({name}(3.0)))
+"""
+    module = tmp_path / "kept.py"
+    for name in ("Earlier", "Later"):
+        module.write_text(source.format(name=name), encoding="utf-8")
+        done = subprocess.run([sys.executable, "-c", "import kept"], cwd=tmp_path, capture_output=True, text=True,
+                              env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}, timeout=120)
+        assert done.stdout == "6.0\n", done.stderr

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fretflow.case.config import Case as Case
     from fretflow.case.config import load_case as load_case
+    from fretflow.contact.coulomb import Coulomb as Coulomb
     from fretflow.contact.interface import Interface as Interface
     from fretflow.core import units as units
     from fretflow.core.errors import AuditError as AuditError
@@ -34,12 +35,17 @@ if TYPE_CHECKING:
     from fretflow.recordings.hysteresis import LoopReadings as LoopReadings
     from fretflow.recordings.hysteresis import read_loop as read_loop
     from fretflow.recordings.recording import read_recording as read_recording
+    from fretflow.solvers.periodic import Harmonic as Harmonic
+    from fretflow.solvers.periodic import NormalLoad as NormalLoad
+    from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
+    from fretflow.solvers.periodic import PeriodicSolution as PeriodicSolution
 
     __version__ = own_version()
 
 # What is public, by the module that it is in; the imports above tell type checkers and editors the same.
 _PUBLIC = {
     "case.config": ("Case", "load_case"),
+    "contact.coulomb": ("Coulomb",),
     "contact.interface": ("Interface",),
     "core": ("units",),
     "core.errors": ("AuditError", "FretflowError", "InputError", "NonConvergenceError", "RecordingError"),
@@ -51,13 +57,15 @@ _PUBLIC = {
     "pipeline.run": ("run",),
     "recordings.hysteresis": ("HysteresisLoop", "LoopReadings", "read_loop"),
     "recordings.recording": ("read_recording",),
+    "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution"),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
-    "ALL_KINDS", "AuditError", "Block", "Case", "Diagnosis", "Effect", "FretflowError", "HysteresisLoop", "InputError",
-    "Interface", "LoopReadings", "Motion", "NonConvergenceError", "RecordingError", "RunResults", "add_effects",
-    "catalogue", "diagnose", "load_case", "parameter", "read_loop", "read_recording", "run", "units",
+    "ALL_KINDS", "AuditError", "Block", "Case", "Coulomb", "Diagnosis", "Effect", "FretflowError", "Harmonic",
+    "HysteresisLoop", "InputError", "Interface", "LoopReadings", "Motion", "NonConvergenceError", "NormalLoad",
+    "PeriodicProblem", "PeriodicSolution", "RecordingError", "RunResults", "add_effects", "catalogue", "diagnose",
+    "load_case", "parameter", "read_loop", "read_recording", "run", "units",
 ]
 
 

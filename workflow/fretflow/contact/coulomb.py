@@ -27,6 +27,13 @@ class Coulomb:
     Its coefficient may fall with the normal force, ``mu (f_n / f_0)^-b``, differ with the direction of the friction
     force t by the factor ``1 - d t_x`` (sliding to positive x, against t_x = -1, meets ``mu (1 + d)``), and follow how
     the faces move as a whole by `motion_factors`.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> ff.Coulomb(0.6).slip_limit(np.array([0.0, 10.0]))  # N
+    array([0., 6.])
     """
 
     friction_coefficient: Array | float = quantity("1", "() or (nodes,)", kw_only=False)

@@ -23,9 +23,20 @@ def compiled(function: Compiled) -> Compiled:
     """Compile `function`; divisions by zero give inf and nan, as NumPy's do."""
     try:
         made = njit(cache=True, error_model="numpy")(function)
+        _forget_outdated(made)
     except RuntimeError:  # no folder where the machine code could be kept
         made = njit(error_model="numpy")(function)
     return cast(Compiled, made)
+
+
+def _forget_outdated(made: Any) -> None:
+    """Remove what was kept of an earlier version and names types that are no more, which numba stumbles over."""
+    if not hasattr(made, "_cache"):  # compiling is switched off
+        return
+    try:
+        made._cache._cache_file._load_index()
+    except (AttributeError, ImportError):
+        made._cache.flush()
 
 
 def _routine(library: str, name: str, arguments: int) -> Any:

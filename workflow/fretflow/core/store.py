@@ -113,58 +113,65 @@ def read_record(path: Path, cls: type[T]) -> T:
 
 def _write_group(group: h5py.Group, record: Any) -> None:
     group.attrs["record"] = type(record).__name__
+    written: list[tuple[Field[Any], h5py.Dataset]] = []
     for f in fields(record):
         value = getattr(record, f.name)
         if value is None:
             continue
         if is_dataclass(value):
             _write_group(group.create_group(f.name), value)
-            continue
-        if isinstance(value, Mapping):
+        elif isinstance(value, Mapping):
             place = group.create_group(f.name)
-            for name, item in value.items():
-                _write_dataset(place, name, np.asarray(item))
-            continue
-        dataset = _write_dataset(group, f.name, _plain_value(value))
-        for key, attribute in (("unit", "unit"), ("unit", "units"), ("shape", "shape")):
-            if f.metadata.get(key):
-                dataset.attrs[attribute] = f.metadata[key]
-        if codes := f.metadata.get("codes"):
-            dataset.attrs["flag_values"] = np.array([int(code) for code in codes], dtype=dataset.dtype)
-            dataset.attrs["flag_meanings"] = " ".join(code.name.lower() for code in codes)
-    _name_dimensions(group, record)
+            written += [(f, _write_dataset(place, name, np.asarray(item))) for name, item in value.items()]
+        else:
+            written.append((f, _write_dataset(group, f.name, _plain_value(value))))
+    for f, dataset in written:
+        _describe(f, dataset)
+    _name_dimensions(group, written)
 
 
-def _name_dimensions(group: h5py.Group, record: Any) -> None:
+def _describe(f: Field[Any], dataset: h5py.Dataset) -> None:
+    for key, attribute in (("unit", "unit"), ("unit", "units"), ("shape", "shape")):
+        if f.metadata.get(key):
+            dataset.attrs[attribute] = f.metadata[key]
+    if codes := f.metadata.get("codes"):
+        dataset.attrs["flag_values"] = np.array([int(code) for code in codes], dtype=dataset.dtype)
+        dataset.attrs["flag_meanings"] = " ".join(code.name.lower() for code in codes)
+
+
+def _name_dimensions(group: h5py.Group, written: Sequence[tuple[Field[Any], h5py.Dataset]]) -> None:
     """Attach a dimension scale to each axis, named by the shape of its field, or by the coordinate that it has."""
-    arrays = {f: group[f.name] for f in fields(record) if isinstance(group.get(f.name), h5py.Dataset)
-              and group[f.name].ndim}
-    owners = {_symbols(f)[0]: f.name for f in arrays if f.metadata.get("coordinate")}
+    owners = {_symbols(f, 1)[0]: f.name for f, _ in written if f.metadata.get("coordinate")}
     for name in owners.values():
         group[name].make_scale(name)
-    for f, dataset in arrays.items():
-        symbols, used = _symbols(f), {f.name}
+    for f, dataset in written:
+        name, symbols = dataset.name.rpartition("/")[2], _symbols(f, dataset.ndim)
+        used = {name}
         for axis, size in enumerate(dataset.shape if f.name not in owners.values() else ()):
-            symbol = symbols[axis] if len(symbols) == dataset.ndim else ""
-            scale = owners.get(symbol) or DIMENSIONS.get(symbol, re.sub(r"\W+", "_", symbol).strip("_"))
-            known = scale not in group or (group[scale].is_scale and group[scale].shape == (size,))
+            scale = owners.get(symbols[axis]) or DIMENSIONS.get(
+                symbols[axis], re.sub(r"\W+", "_", symbols[axis]).strip("_"))
+            known = scale not in group or (group[scale].attrs.get("CLASS") == b"DIMENSION_SCALE"
+                                           and group[scale].shape == (size,))
             if not scale or scale in used or not known:  # a square matrix, or two sizes under one symbol
-                scale = f"{f.name}_{axis}"
+                scale = f"{name}_{axis}"
             if scale not in group:
                 _write_scale(group, scale, size)
             dataset.dims[axis].attach_scale(group[scale])
             used.add(scale)
 
 
-def _symbols(f: Field[Any]) -> tuple[str, ...]:
-    """Return the symbols of the axes in the shape of field `f`, none where it does not say them."""
-    found = _SHAPE.match(f.metadata.get("shape", ""))
-    return tuple(part.strip() for part in found[1].split(",") if part.strip()) if found else ()
+def _symbols(f: Field[Any], axes: int) -> tuple[str, ...]:
+    """Return the symbols of so many axes in the shape of field `f`, such as "(N,) or (N, k)"; empty if not there."""
+    for found in _SHAPE.findall(f.metadata.get("shape", "")):
+        symbols = tuple(part.strip() for part in found.split(",") if part.strip())
+        if len(symbols) == axes:
+            return symbols
+    return ("",) * axes
 
 
 def _write_scale(group: h5py.Group, name: str, size: int) -> None:
     """Write a dimension: of directions their names, else a netCDF dimension without a variable."""
-    if name == "direction":
+    if name == "direction" and size == len("xyz"):
         group.create_dataset(name, data=np.array(["x", "y", "z"], dtype=h5py.string_dtype())).make_scale(name)
     else:
         group.create_dataset(name, data=np.zeros(size, dtype=np.float32)).make_scale(f"{_NO_VARIABLE}{size:10d}")

@@ -30,6 +30,13 @@ class Harmonic:
     """A force ``Re F exp(i omega t)`` at named inputs: ``Harmonic(100, {"tip": 53})``.
 
     `overtones` are further harmonics, ``(k, {"tip": F_k})`` with ``Re F_k exp(i k omega t)``; those of one k add up.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> force = ff.Harmonic(100, {"tip": 53})  # Hz, N
+    >>> force.amplitude, force.of_amplitude(60).amplitudes
+    (53.0, {'tip': 60})
     """
 
     frequency: float = quantity("Hz", kw_only=False)
@@ -93,6 +100,12 @@ class NormalLoad:
     """A constant load that presses the faces together: ``NormalLoad(60)``.
 
     On a structure with an input of that name it acts there, as on the rig's arm; otherwise as a uniform pressure.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> ff.NormalLoad(60).force  # N
+    60
     """
 
     force: float = quantity("N", kw_only=False)
@@ -101,7 +114,15 @@ class NormalLoad:
 
 @record
 class PeriodicProblem:
-    """A structure with a contact under a periodic force: everything that the period depends on."""
+    """A structure with a contact under a periodic force: everything that the period depends on, in SI.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> problem = ff.PeriodicProblem(joint, ff.Interface(nodes, areas, gap), ff.Coulomb(0.6),  # doctest: +SKIP
+    ...                              ff.Harmonic(100, {"tip": 53}), preload=ff.NormalLoad(60))
+    >>> problem.vary(frequency=80.0, amplitude=75.0)  # the same under another force  # doctest: +SKIP
+    """
 
     structure: Structure = field(kw_only=False)
     interface: Interface = field(kw_only=False)
@@ -200,6 +221,12 @@ class PeriodicSolution:
     """One steady period on N equidistant samples, ``t_j = j T / N``.
 
     `error_estimate` is the relative error of the sliding distance, from a finer solution; nan when none was made.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> found = ff.RunResults.of("runs/test1").periods[0]  # doctest: +SKIP
+    >>> found.dissipated_energy, found.output("block").shape  # J, (N,) in m  # doctest: +SKIP
     """
 
     method: str
