@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import shutil
 import types
@@ -41,6 +42,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 def make_pages(app: Sphinx) -> None:
     """Write all pages of this module; runs of scripts begin afresh, and are then shared among them."""
+    forget_effects({}, "")
     for folder in ("tutorials", "gallery"):
         shutil.rmtree(DOCS / folder / "runs", ignore_errors=True)
     write("cli.md", commands())
@@ -474,7 +476,15 @@ def check_links(app: Sphinx, error: Exception | None) -> None:
                 LOG.warning("%s: there is no %s", page.relative_to(site), link)
 
 
-# Pictures of tutorials
+# Scripts
+
+def forget_effects(gallery_conf: dict[str, Any], file: str) -> None:
+    """Take back the effects that a script, or who builds the site, has added."""
+    from fretflow.effects.catalogue import FOLDERS
+
+    os.environ.pop(FOLDERS, None)
+
+
 
 def shown_pictures(block: Any, variables: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
     """Return what a block of a script ends with as pictures: a figure, a picture's path, or a list of either."""
