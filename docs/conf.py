@@ -16,7 +16,6 @@ release = version = installed("fretflow")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon",
               "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery", "pages"]
 exclude_patterns = ["_build", "tutorials", "gallery", "_made/effect_list.md", "_made/*_keys.md", "_made/api.rst"]
-suppress_warnings = ["toc.empty_glob"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence", "attrs_block"]
 myst_heading_anchors = 3
 default_role = "literal"  # single backticks of docstrings
