@@ -35,6 +35,7 @@ LOG = logging.getLogger(__name__)
 def setup(app: Sphinx) -> dict[str, bool]:
     """Have the pages made before Sphinx looks for its sources, and the trials' own pages copied into the site."""
     app.connect("builder-inited", make_pages, priority=100)  # before sphinx-gallery, whose pages link to these
+    app.connect("autodoc-process-docstring", keep_bars, priority=1)  # before its sections become reST
     app.connect("build-finished", copy_trials)
     app.connect("build-finished", check_links, priority=900)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
@@ -331,6 +332,13 @@ def public_names() -> str:
             lines += ["   :members:"] if title in ("Classes", "Modules") else []
             lines += [""]
     return "\n".join(lines)
+
+
+def keep_bars(app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
+    """Have the bars of absolute values in docstrings read as such, not as reST's substitutions."""
+    for row, line in enumerate(lines):
+        parts = re.split(r"(``.+?``)", line)
+        lines[row] = "".join(part if part.startswith("``") else part.replace("|", "\\|") for part in parts)
 
 
 # Verification
