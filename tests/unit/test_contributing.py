@@ -1,0 +1,37 @@
+"""The worked example of the contributor's guide does what it says, in under 40 lines."""
+
+import re
+from pathlib import Path
+
+import fretflow as ff
+import numpy as np
+import pytest
+from fretflow.effects.catalogue import FOLDERS
+
+GUIDE = Path(__file__).parents[2] / "CONTRIBUTING.md"
+BLOCKS = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def block(name):
+    """Return the code of the example whose first line names it."""
+    [found] = [text for text in BLOCKS if text.startswith(f"# {name}")]
+    return found
+
+
+@pytest.mark.parametrize("text", BLOCKS, ids=lambda text: text.partition("\n")[0])
+def test_examples_are_short(text):
+    assert len(text.splitlines()) < 40
+    assert max(map(len, text.splitlines())) <= 120
+
+
+def test_an_effect(tmp_path, monkeypatch):
+    (tmp_path / "friction_ramp.py").write_text(block("effects/friction_ramp.py"), encoding="utf-8")
+    monkeypatch.setenv(FOLDERS, "")
+    kind = ff.add_effects(tmp_path)["friction-ramp"]
+    x = np.linspace(-5e-6, 5e-6, 11)
+    motion = ff.Motion(step=1e-4, displacement=x, velocity=np.ones(11), acceleration=np.zeros(11))
+    assert all(np.array_equal(factor, np.ones(11)) for factor in kind.neutral().limit(motion))
+    factor, back = kind(rise=0.2, length="5 um").limit(motion)
+    assert factor[[0, 5, 10]] == pytest.approx([1.2, 1.0, 1.2])
+    assert np.array_equal(factor, back)
+    assert ff.catalogue()["friction-ramp"] is kind
