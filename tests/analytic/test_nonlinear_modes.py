@@ -73,7 +73,7 @@ def test_work_of_a_cycle_is_what_friction_dissipates(structures):
     level = 40.0 * np.concatenate([np.linspace(0, 1, 41), np.linspace(1, -1, 81), np.linspace(-1, 1, 81)])
     own = joint.structure
     shape = own.boundary_mass @ mode.contact + own.coupling.T @ mode.modes
-    history = joint.follow(joint.bolts + level[:, None] * shape, joint.preloaded.slid[0], joint.preloaded.state[0])
+    history = joint.follow(joint.bolts + level[:, None] * shape, joint.preloaded)
     middle = 0.5 * (history.force[1:] + history.force[:-1])
     step = np.diff(history.displacement, axis=0)
     # forces outside, contact forces, and the strain energy: three ways to one balance, exact for trapezia

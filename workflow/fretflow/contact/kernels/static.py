@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 States = NDArray[np.int8]
 Indices = NDArray[np.int64]
 STICK, SLIP, SEPARATION = int(ContactState.STICK), int(ContactState.SLIP), int(ContactState.SEPARATION)
-MAX_ITERATIONS = 60
+CAREFUL = 14  # iterations, after which one point changes its state at a time, as states go round in circles
+PIVOTS = 3  # times as many iterations as there are points may follow
 MOST_PARTS = 64
 
 
@@ -67,20 +68,31 @@ def _forces(c: StaticContact, load: Array, u: Array, f: Array, before: Array, st
 
 
 @compiled
-def _asked(c: StaticContact, u: Array, f: Array, trial: Array, state: States, tolerance: float) -> bool:
+def _asked(c: StaticContact, u: Array, f: Array, trial: Array, used: Array, state: States, tolerance: float, one: bool
+           ) -> bool:
     """Put the states that the trial forces ask for into `state`; return whether any is another one.
 
-    Within the tolerance a point keeps its state, as there both give the same forces.
+    Within the tolerance a point keeps its state, as there both give the same forces. With `one` the point changes that
+    violates its state most, and no other. One whose trial force turned against the direction `used` (3, n), in which it
+    was to slide, would slide with its friction instead of against it: it sticks.
     """
-    n, changed = len(c.gap), False
+    n, changed, most, place, its = len(c.gap), False, 0.0, -1, SEPARATION
     for i in range(n):
         pressing = f[2 * n + i] - c.penalty * (c.gap[i] + u[2 * n + i])
-        asked = SEPARATION
+        asked, violation = SEPARATION, -pressing
         if pressing > (tolerance if state[i] == SEPARATION else -tolerance):
             beyond = trial[2, i] - _limit(c, i, max(pressing, 0.0), trial[0, i])[0]
-            asked = SLIP if beyond > (-tolerance if state[i] == SLIP else tolerance) else STICK
+            turned = state[i] == SLIP and trial[0, i] * used[0, i] + trial[1, i] * used[1, i] < 0.0
+            asked = STICK if turned or beyond < (-tolerance if state[i] == SLIP else tolerance) else SLIP
+            violation = pressing if state[i] == SEPARATION else abs(beyond)
         if state[i] != asked:
-            state[i], changed = asked, True
+            changed = True
+            if not one:
+                state[i] = asked
+            elif violation > most:
+                most, place, its = violation, i, asked
+    if place >= 0:
+        state[place] = its
     return changed
 
 
@@ -157,16 +169,21 @@ def _largest(values: Array) -> float:
 
 
 @compiled
-def _step(c: StaticContact, load: Array, before: Array, u: Array, f: Array, state: States, tolerance: float) -> bool:
-    """Find displacement, force and state under `load` after the displacement `before`; they hold the guess."""
+def _step(c: StaticContact, load: Array, before: Array, u: Array, f: Array, state: States, tolerance: float,
+          careful: int) -> bool:
+    """Find displacement, force and state under `load` after the displacement `before`; they hold the guess.
+
+    After `careful` iterations one point changes its state at a time.
+    """
     n = len(state)
-    trial = np.empty((3, n))
+    trial, used = np.empty((3, n)), np.zeros((3, n))
     matrix, pivots = np.empty(9 * n * n), np.empty(3 * n, dtype=np.int32)
     _forces(c, load, u, f, before, state, trial)
-    for iteration in range(MAX_ITERATIONS):
-        settled = iteration > 0 and not _asked(c, u, f, trial, state, tolerance)
+    for iteration in range(careful + PIVOTS * n):
+        settled = iteration > 0 and not _asked(c, u, f, trial, used, state, tolerance, iteration > careful)
         if iteration > 0 and not settled:
             _forces(c, load, u, f, before, state, trial)
+        used[:] = trial
         m, unknown = _unknowns(state)
         q = len(unknown)
         residual = _residual(c, f, trial, m, unknown)
@@ -193,14 +210,14 @@ def _hold_still(state: States) -> None:
 
 
 @compiled
-def follow_loads(c: StaticContact, loads: Array, start: Array, first: States, tolerance: float, u: Array, f: Array,
-                 state: States) -> int:
+def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, first: States, tolerance: float, u: Array,
+                 f: Array, state: States) -> int:
     """Find contact displacement and force under each of the `loads` (S, 3 n) in turn, from `start` (3 n,) on.
 
     Parameters
     ----------
-    start, first
-        Displacement before the first load, and a guess of the states (n,) under it.
+    start, under, first
+        Displacement before the first load, the load there (3 n,), and a guess of the states (n,) under it.
     tolerance
         Of the forces, N.
     u, f, state
@@ -212,24 +229,24 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, first: States, to
         The number of loads that were found.
     """
     steps, n = state.shape
-    from_load, reached, held = np.zeros(3 * n), start.copy(), first.copy()
+    from_load, reached, held = under.copy(), start.copy(), first.copy()
     for j in range(steps):
         parts, found = 1, False
         while parts <= MOST_PARTS and not found:
             if parts == 1:
                 u[j], state[j] = reached, held
-                found = _step(c, loads[j], reached, u[j], f[j], state[j], tolerance)
+                found = _step(c, loads[j], reached, u[j], f[j], state[j], tolerance, CAREFUL)
             else:
                 here, state[j] = reached.copy(), held
                 found = True
-                for part in range(1, parts):
+                for part in range(1, max(parts, 3) - 1):
                     if found:
-                        load = from_load + (loads[j] - from_load) * (part / (parts - 1))
+                        load = from_load + (loads[j] - from_load) * (part / (max(parts, 3) - 2))
                         _hold_still(state[j])
                         u[j] = here
-                        found = _step(c, load, here, u[j], f[j], state[j], tolerance)
+                        found = _step(c, load, here, u[j], f[j], state[j], tolerance, CAREFUL if parts == 2 else 0)
                         here = u[j].copy()
-            parts = 2 if parts == 1 else 2 * parts - 1  # in 1, 2, 4.. parts, the first twice: as before, and still
+            parts = parts + 1 if parts < 3 else 2 * parts - 2  # one part thrice: as before, still, carefully
         if not found:
             return j
         from_load, reached, held = loads[j].copy(), u[j].copy(), state[j].copy()

@@ -41,6 +41,12 @@ class StaticHistory:
     force: Array = quantity("N", "(S, 3 m)")
     state: NDArray[np.int8] = quantity("1", "(S, m)")
     slid: Array = quantity("m", "(S, 3 m), of the sliders alone")
+    load: Array = quantity("N", "(S, 3 m)")
+
+    def last(self, count: int) -> StaticHistory:
+        """Return the last `count` loads alone."""
+        return StaticHistory(displacement=self.displacement[-count:], force=self.force[-count:],
+                             state=self.state[-count:], slid=self.slid[-count:], load=self.load[-count:])
 
 
 @record
@@ -139,8 +145,8 @@ class BoltedJoint:
                              np.array(np.broadcast_to(self.law.reference_force, m), dtype=float),
                              self.law.exponent, self.law.asymmetry, float(np.mean(stiffness.diagonal())))
 
-    def follow(self, loads: Array, start: Array | None = None, states: NDArray[np.int8] | None = None) -> StaticHistory:
-        """Return the contact under each of the loads (S, 3 m) on u in turn, from sliders at `start` (3 m,) on.
+    def follow(self, loads: Array, start: StaticHistory | None = None) -> StaticHistory:
+        """Return the contact under each of the loads (S, 3 m) on u in turn, from the end of `start` or no load on.
 
         Raises
         ------
@@ -150,18 +156,18 @@ class BoltedJoint:
         m, steps = self.structure.contacts, len(loads)
         u, f = np.zeros((steps, 3 * m)), np.zeros((steps, 3 * m))
         state = np.zeros((steps, m), dtype=np.int8)
-        begin = np.zeros(3 * m) if start is None else start[self.order]
-        first = np.zeros(m, dtype=np.int8) if states is None else states
-        under = np.ascontiguousarray((loads @ self._series.T)[:, self.order])
-        scale = float(np.abs(self.bolts).max())
-        made = follow_loads(self._contact, under, np.ascontiguousarray(begin), np.array(first), TOLERANCE * scale, u, f,
-                            state)
+        begin, before, first = np.zeros(3 * m), np.zeros(3 * m), np.zeros(m, dtype=np.int8)
+        if start is not None:
+            begin, before, first = start.slid[-1], start.load[-1], np.array(start.state[-1])
+        under = np.ascontiguousarray((np.vstack([before, loads]) @ self._series.T)[:, self.order])
+        made = follow_loads(self._contact, under[1:], begin[self.order], under[0], first,
+                            TOLERANCE * float(np.abs(self.bolts).max()), u, f, state)
         if made < steps:
             raise NonConvergenceError(f"static contact: no equilibrium under load {made + 1} of {steps}; the joint "
                                       "slides or opens as a whole, ask for smaller amplitudes")
         slid, force = np.empty_like(u), np.empty_like(f)
         slid[:, self.order], force[:, self.order] = u, f
-        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=state, slid=slid)
+        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=state, slid=slid, load=loads)
 
     @cached_property
     def preloaded(self) -> StaticHistory:
@@ -181,8 +187,7 @@ class BoltedJoint:
         if not float(history.force[-1, 2::3].max()) > PRESSED * float(np.abs(self.bolts).max()):
             raise InputError("preload: the bolts' forces find no path through the joint, all faces are open; check "
                              "their signs and those of the normal rows of contact_map")
-        return replace(history, **{name: getattr(history, name)[-1:]
-                                   for name in ("displacement", "force", "state", "slid")})
+        return history.last(1)
 
     @cached_property
     def closed(self) -> NDArray[np.bool_]:

@@ -30,7 +30,6 @@ Complex = NDArray[np.complex128]
 DYNAMIC = 30.0  # modes up to so many times the mode's frequency carry inertia: beyond, it changes them by 1e-3
 REMEMBERED = 6  # iterates that the acceleration uses
 MOST_ITERATIONS = 60
-FIRST_PERIODS = 2  # after which the contact has forgotten its start
 
 
 @record
@@ -74,9 +73,13 @@ class MasslessJoint:
         return cls(joint=replace(joint, structure=replace(own, stiffness=own.stiffness + carried)),
                    eigenvalues=own.eigenvalues, coupling=own.coupling)
 
-    def follow(self, y: Array, start: Array | None = None, states: NDArray[np.int8] | None = None) -> StaticHistory:
-        """Return the contact for motions (S, modes) of y beside what the bolts alone give."""
-        return self.joint.follow(self.joint.bolts + (y * self.eigenvalues) @ self.coupling, start, states)
+    def follow(self, y: Array, start: StaticHistory) -> StaticHistory:
+        """Return the contact for motions (S, modes) of y beside what the bolts alone give, after `start`."""
+        return self.joint.follow(self.joint.bolts + (y * self.eigenvalues) @ self.coupling, start)
+
+    def at_rest(self, rest: StaticHistory) -> StaticHistory:
+        """Return the preloaded joint with the load that it is under while y is held."""
+        return replace(rest, load=self.joint.bolts + (self.pulled(rest) * self.eigenvalues) @ self.coupling)
 
     def pulled(self, history: StaticHistory) -> Array:
         """Return ``m u`` (S, modes), about which y would vibrate."""
@@ -104,7 +107,7 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
     rest = joint.preloaded
     first[0] = massless.pulled(rest)[0]
     first[1] = amplitude * shape / np.linalg.norm(shape)
-    slid, states = rest.slid[0], rest.state[0]
+    before = massless.at_rest(rest)
     if start is not None:
         moved = np.fft.rfft(start.modes, axis=0)[:harmonics + 1] / len(start.modes)
         first[1:] = 2.0 * moved[1:] * amplitude / start.amplitude
@@ -114,10 +117,10 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
     y = next(solve)
     for iteration in range(MOST_ITERATIONS):
         path = _synthesis(y, samples)
-        periods = FIRST_PERIODS if iteration == 0 else 1
-        found = massless.follow(np.tile(path, (periods, 1)), slid, states)
-        found = _last(found, samples)
-        slid, states = found.slid[-1], found.state[-1]
+        if iteration == 0:  # from rest to the end of the stroke, and once round
+            rise = np.linspace(0.0, 1.0, samples // 4)[1:, None]
+            before = massless.follow(np.vstack([first[0].real + rise * (path[0] - first[0].real), path]), before)
+        before = found = massless.follow(path, before.last(1))
         pull = _analysis(massless.pulled(found), harmonics)
         ratio = massless.eigenvalues[own] * (1.0 - pull[1, own] / y[1, own])
         square, loss = float(ratio.real), float(ratio.imag)  # Omega^2, 2 zeta Omega^2
@@ -185,11 +188,6 @@ def _analysis(values: Array, harmonics: int) -> Complex:
     found = np.fft.rfft(values, axis=0)[:harmonics + 1] * (2.0 / len(values))
     found[0] *= 0.5
     return np.asarray(found)
-
-
-def _last(history: StaticHistory, samples: int) -> StaticHistory:
-    return StaticHistory(**{name: getattr(history, name)[-samples:] for name in ("displacement", "force", "state",
-                                                                                   "slid")})
 
 
 def _anderson(first: Complex) -> Generator[Complex, Complex, None]:

@@ -136,7 +136,7 @@ def _masing(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tupl
 def _respond(joint: BoltedJoint, shape: _Shape, level: Array) -> tuple[Array, Array, StaticHistory]:
     """Return modal amplitude (S,) and outputs (S, outputs) under the loads `level` (S,), from the preload on."""
     rest = joint.preloaded
-    history = joint.follow(joint.bolts + level[:, None] * shape.contact, rest.slid[0], rest.state[0])
+    history = joint.follow(joint.bolts + level[:, None] * shape.contact, rest)
     moved = history.displacement - rest.displacement
     return (moved @ shape.contact + shape.compliance * level,
             moved @ shape.outputs.T + level[:, None] * shape.output_modes, history)

@@ -63,14 +63,13 @@ def ring_down(joint: BoltedJoint, mode: LinearMode, amplitude: float, periods: i
     rest = joint.preloaded
     shape = (joint.structure.coupling @ mode.contact + mode.modes)[:modes]
     still = massless.pulled(rest)[0]
-    y, slid, states = np.zeros((count, modes)), rest.slid[0], rest.state[0]
-    displacement = np.zeros((count, len(slid)))
+    y, found = np.zeros((count, modes)), massless.at_rest(rest)
+    displacement = np.zeros((count, rest.slid.shape[1]))
     y[0] = still + amplitude * shape / np.linalg.norm(shape)
     before, now = y[0], y[0]
     begun = True
     for k in range(count):
-        found = massless.follow(now[None], slid, states)
-        slid, states = found.slid[0], found.state[0]
+        found = massless.follow(now[None], found)
         y[k], displacement[k] = now, found.displacement[0]
         pull = massless.eigenvalues * (massless.pulled(found)[0] - now)
         if begun:  # from rest: half a step's acceleration
