@@ -13,7 +13,8 @@ from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
-from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Sketch, parameter
+from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Prior, Sketch, parameter
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.march import press_frictionless
 from fretflow.structure.two_mass_rig.compliant import with_springs
@@ -22,6 +23,9 @@ from fretflow.wear.slow import SlowState
 SMALLEST_PRESSURE = 0.01  # of the reference; below it asperities are linear
 MAX_ITERATIONS = 100
 TOLERANCE = 1e-13  # of the load, change of a nodal force
+# Tangential stiffness over area of flat metal faces, N/m^3: from milled flanges, a tenth of the least of Fantetti's
+# specimens, up to the stiffest of these.
+FLAT_FACES = (1e12, 1.5e14)
 RIGID = 1e-12  # compliance of a node over the bodies' own, below which asperities are left out
 
 
@@ -133,6 +137,26 @@ class ContactStiffness(Effect):
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the springs in."""
         return with_asperities(problem, self.asperities(problem))
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Put the springs in, each as stiff as under the static pressure of rigid faces."""
+        areas = joint.structure.areas
+        own = Asperities(stiffness=self.ratio * self.stiffness / float(areas.sum()), exponent=self.exponent,
+                         ratio=self.ratio, reference_pressure=self.reference_pressure)
+        pressure = np.maximum(joint.preloaded.force[0, 2::3], 0.0) / areas
+        soft = own.compliance(pressure) / areas
+        springs = np.stack([self.ratio * soft, self.ratio * soft, soft], axis=1).ravel()
+        return replace(joint, springs=springs if joint.springs is None else joint.springs + springs)
+
+    @classmethod
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+        """Return the stiffness of all the faces' area, and a reference pressure about the mean one."""
+        if field == "stiffness":
+            area = float(joint.structure.areas.sum())
+            return replace(prior, low=FLAT_FACES[0] * area, high=FLAT_FACES[1] * area, logarithmic=True)
+        if field == "reference_pressure":
+            return replace(prior, low=joint.bolted_pressure / 1.5, high=joint.bolted_pressure * 1.5)
+        return prior
 
     def asperities(self, problem: PeriodicProblem) -> Asperities:
         """Return the springs per area of the contact of `problem`."""

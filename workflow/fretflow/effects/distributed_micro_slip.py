@@ -10,6 +10,7 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.effects.effect import Array, Block, Effect, Kind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
 from fretflow.wear.slow import SlowState
@@ -70,14 +71,22 @@ class DistributedMicroSlip(Effect):
         """Spread the friction coefficients of the nodes."""
         if self.spread == self.lean == 0.0:
             return problem
-        areas = problem.interface.areas
-        # ranks of the sequence instead of its values: even at few nodes
-        order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
-        factors = self.shares((order + 0.5) / len(areas))
-        factors = factors / (factors @ areas / areas.sum())
+        factors = self._factors(problem.interface.areas)
         return replace(problem, law=replace(
             problem.law, friction_coefficient=np.asarray(problem.friction_coefficient * factors),
             asymmetry=problem.law.asymmetry + self.lean))
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Spread the friction coefficients of the contact points."""
+        factors = self._factors(joint.structure.areas)
+        return replace(joint, law=replace(joint.law, friction_coefficient=joint.law.friction_coefficient * factors))
+
+    def _factors(self, areas: Array) -> Array:
+        """Return the factors on friction (nodes,), whose mean over the areas is 1."""
+        # ranks of the sequence instead of its values: even at few nodes
+        order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
+        factors = self.shares((order + 0.5) / len(areas))
+        return np.asarray(factors / (factors @ areas / areas.sum()))
 
     def sketch(self) -> Sketch:
         """Return a loop with a round knee."""

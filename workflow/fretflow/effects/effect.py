@@ -5,6 +5,7 @@ below, each of which does nothing unless it is overridden:
 
 - `period` changes the problem of one period (friction, load, gap, joint, forces on the rig, excitation);
 - `initial_memory`, `evolve` and `wear_factor` act over cycles;
+- `bolted` changes a structure's joint, where frequency and damping of its modes were recorded over amplitude;
 - `volume_laws` change the worn volumes of a series of tests;
 - `sense` changes what the sensors show;
 - `moved`, `limit`, `sliders` and `force` act where a measured motion drives the joint (recordings without a full
@@ -32,6 +33,7 @@ from fretflow.structure.motion import Motion as Motion  # what effects need is i
 if TYPE_CHECKING:
     from fretflow.contact.interface import Interface
     from fretflow.effects.volume_law import VolumeLaw, WornTests
+    from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
     from fretflow.solvers.periodic import PeriodicProblem
     from fretflow.structure.driven import Sliders
     from fretflow.structure.sensors import Signals
@@ -58,9 +60,11 @@ class Kind(StrEnum):
     FRETTING_RIG = "fretting-rig"
     IMPOSED_DISPLACEMENT = "imposed-displacement"
     LUMPED = "lumped"
+    STRUCTURE = "structure"
 
 
-ALL_KINDS = frozenset(Kind)
+ALL_KINDS = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
+STRUCTURES = frozenset({Kind.STRUCTURE})
 RIG_ONLY = frozenset({Kind.FRETTING_RIG})
 DRIVEN = frozenset({Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
 
@@ -199,6 +203,27 @@ class Effect(Section):
         The gap of `problem` includes the wear of `slow`.
         """
         return problem
+
+    # In a bolted structure whose modes are recorded over their amplitude
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Return a bolted joint with the effect in it; it acts on structures if it overrides this."""
+        return joint
+
+    @classmethod
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+        """Return the range of a parameter at the size of a bolted joint.
+
+        Parameters
+        ----------
+        field, prior
+            Which parameter, and its range on the rig.
+        joint
+            The joint without effects, its parameters in the middle of their ranges.
+        largest
+            Largest recorded modal amplitude in m kg^0.5 and the damping ratio there.
+        """
+        return prior
 
     # Over cycles
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Sketch, parameter
+from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -47,9 +48,17 @@ class InitialGap(Effect):
         middle = 0.5 * (face.nodes.min(axis=0) + face.nodes.max(axis=0))
         half = np.maximum(0.5 * np.ptp(face.nodes, axis=0), np.finfo(float).tiny)
         x, y = ((face.nodes - middle) / half).T
+        return replace(problem, interface=replace(face, gap=face.gap + self._height(x, y)))
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Open the gap between the faces before the bolts are tightened."""
+        return replace(joint, gap=joint.clearance + self._height(*joint.across.T))
+
+    def _height(self, x: Array, y: Array) -> Array:
+        """Return the gap at places over half the width, zero where it is smallest."""
         gap = (0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.tilt_y * (1.0 + y) + 0.5 * self.crown * (x**2 + y**2)
                + self.cylinder * x**2)
-        return replace(problem, interface=replace(face, gap=face.gap + gap - gap.min()))
+        return np.asarray(gap - gap.min())
 
     def sketch(self) -> Sketch:
         """Return the gap along the sliding direction."""

@@ -10,7 +10,8 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Kind, Prior, Sketch, parameter
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -47,6 +48,19 @@ class LoadDependentFriction(Effect):
         """Let friction follow the pressure."""
         return replace(problem, law=replace(problem.law, exponent=self.exponent,
                                             reference_pressure=self.reference_pressure))
+
+    @classmethod
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+        """Return a reference pressure about the mean one."""
+        if field == "reference_pressure":
+            return replace(prior, low=joint.bolted_pressure / 1.5, high=joint.bolted_pressure * 1.5)
+        return prior
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Let friction follow the pressure."""
+        areas = joint.structure.areas
+        pressure = joint.bolted_pressure if self.reference_pressure is None else self.reference_pressure
+        return replace(joint, law=replace(joint.law, exponent=self.exponent, reference_force=pressure * areas))
 
     def sketch(self) -> Sketch:
         """Return the factor against pressure."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.kernels.cone import SMALLEST_LOAD
+from fretflow.contact.kernels.cone import limit
 from fretflow.contact.law import ContactState
 from fretflow.core.compiled import compiled, factorise, multiply_symmetric, substitute
 
@@ -41,12 +41,7 @@ class StaticContact(NamedTuple):
 @compiled
 def _limit(c: StaticContact, i: int, normal: float, along: float) -> tuple[float, float]:
     """Return the friction limit at node i and its derivative by the normal force, direction of the force `along` x."""
-    factor = c.friction[i] * (1.0 - c.asymmetry * along)
-    if c.exponent == 0.0:
-        return factor * normal, factor
-    share = normal / c.reference[i]
-    grown = factor * max(share, SMALLEST_LOAD)**-c.exponent
-    return grown * normal, grown * (1.0 - c.exponent if share > SMALLEST_LOAD else 1.0)
+    return limit((c.friction[i], c.reference[i], c.exponent, c.asymmetry), 1.0, normal, along)
 
 
 @compiled
@@ -122,8 +117,8 @@ def _residual(c: StaticContact, f: Array, trial: Array, m: int, unknown: Indices
         residual[k] = f[unknown[k]]
     for k in range(m):
         i = unknown[k]
-        limit = _limit(c, i, max(f[2 * n + i], 0.0), trial[0, i])[0]
-        residual[k], residual[m + k] = f[i] - limit * trial[0, i], f[n + i] - limit * trial[1, i]
+        radius = _limit(c, i, max(f[2 * n + i], 0.0), trial[0, i])[0]
+        residual[k], residual[m + k] = f[i] - radius * trial[0, i], f[n + i] - radius * trial[1, i]
     return residual
 
 
@@ -138,10 +133,10 @@ def _differentiate(c: StaticContact, f: Array, trial: Array, m: int, unknown: In
     for k in range(m):
         i = unknown[k]
         x, y = trial[0, i], trial[1, i]
-        limit, slope = _limit(c, i, max(f[2 * n + i], 0.0), x)
-        # tau turns by w across itself: limit * t changes by w times the direction below
-        turned = limit / trial[2, i]
-        plain = limit / max(1.0 - c.asymmetry * x, 1e-300)
+        radius, slope = _limit(c, i, max(f[2 * n + i], 0.0), x)
+        # tau turns by w across itself: the limit's force changes by w times the direction below
+        turned = radius / trial[2, i]
+        plain = radius / max(1.0 - c.asymmetry * x, 1e-300)
         ax = -turned * y + c.asymmetry * plain / trial[2, i] * y * x
         ay = turned * x + c.asymmetry * plain / trial[2, i] * y * y
         for r in range(q):
@@ -228,7 +223,7 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
     int
         The number of loads that were found.
     """
-    steps, n = state.shape
+    steps = len(state)
     from_load, reached, held = under.copy(), start.copy(), first.copy()
     for j in range(steps):
         parts, found = 1, False

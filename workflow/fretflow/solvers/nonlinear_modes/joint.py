@@ -167,7 +167,8 @@ class BoltedJoint:
                                       "slides or opens as a whole, ask for smaller amplitudes")
         slid, force = np.empty_like(u), np.empty_like(f)
         slid[:, self.order], force[:, self.order] = u, f
-        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=state, slid=slid, load=loads)
+        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=state, slid=slid,
+                             load=loads)
 
     @cached_property
     def preloaded(self) -> StaticHistory:
@@ -206,8 +207,14 @@ class BoltedJoint:
         k[own, own] += 1.0 / self.compliance[sprung]
         free = np.r_[np.flatnonzero(~stuck | sprung), np.arange(contact, len(k))]
         last = min(count, len(free)) - 1
-        values, vectors = eigh(k[np.ix_(free, free)], m[np.ix_(free, free)], subset_by_index=[0, last])
+        here, mass = k[np.ix_(free, free)], m[np.ix_(free, free)]
+        try:  # of the inverse, as contact points may have no mass
+            inverse, vectors = eigh(mass, here, subset_by_index=[len(free) - 1 - last, len(free) - 1])
+        except np.linalg.LinAlgError as error:
+            raise InputError("preload: what the bolts press together leaves parts of the structure free to move; check "
+                             "that they press faces on all parts") from error
+        values, vectors = 1.0 / np.maximum(inverse[::-1], np.finfo(float).tiny), vectors[:, ::-1]
         shapes = np.zeros((len(k), last + 1))
-        shapes[free] = vectors
+        shapes[free] = vectors / np.sqrt(np.sum(vectors * (mass @ vectors), axis=0))
         return tuple(LinearMode(frequency=float(np.sqrt(max(value, 0.0))) / (2.0 * np.pi), contact=shape[:contact],
                                 modes=shape[contact:]) for value, shape in zip(values, shapes.T, strict=True))

@@ -1,0 +1,80 @@
+"""Property: an effect of a bolted structure does nothing where it is neutral, and else what its equation says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fretflow.contact.coulomb import Coulomb
+from fretflow.effects.catalogue import catalogue
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
+from fretflow.structure.reduction.contact_modes import reduce_structure
+
+ACTING = tuple(name for name, kind in catalogue().items() if "bolted" in vars(kind))
+ASKED = np.geomspace(2e-6, 5e-5, 6)
+
+
+@pytest.fixture(scope="module")
+def joint(structures):
+    return BoltedJoint(structure=reduce_structure(structures.lap_beam(25)), law=Coulomb(0.45), bolt_load=6e3,
+                       modal_damping=1e-3)
+
+
+def curve(joint):
+    return quasi_static_backbone(joint, joint.linear_modes(1)[0], ASKED)
+
+
+def test_the_effects_that_act_are_those_that_were_asked_for():
+    assert set(ACTING) >= {"contact-stiffness", "distributed-micro-slip", "initial-gap", "load-dependent-friction",
+                           "joint-damping", "bolt-load-spread", "bending-gap"}
+
+
+@pytest.mark.parametrize("name", ACTING)
+def test_a_neutral_effect_changes_nothing_and_a_plain_one_something(joint, name):
+    plain = curve(joint)
+    neutral = curve(catalogue()[name].neutral().bolted(joint))
+    assert neutral.frequency == pytest.approx(plain.frequency, rel=1e-9)
+    assert neutral.damping == pytest.approx(plain.damping, rel=1e-6)
+    kind = catalogue()[name]
+    ranges = {field: kind.bolted_range(field, prior, joint, (5e-5, 0.02)) for field, prior in kind.priors().items()}
+    inside = {field: float(np.sqrt(one.low * one.high)) if one.low > 0.0 else one.high
+              for field, one in ranges.items()}
+    changed = curve(kind().changed(**inside).bolted(joint))
+    assert max(np.abs(changed.frequency / plain.frequency - 1.0).max(),
+               np.abs(changed.damping / plain.damping - 1.0).max()) > 1e-3
+
+
+def test_unevenly_pulling_bolts_keep_their_sum(joint):
+    uneven = catalogue()["bolt-load-spread"]().changed(ends=0.4, middle=-0.2).bolted(joint)
+    force = uneven.preloaded.force[0, 2::3]
+    assert force.sum() == pytest.approx(joint.preloaded.force[0, 2::3].sum(), rel=1e-9)
+    place = joint.across[:, 0]
+    assert force @ place / force.sum() > 0.05
+
+
+def test_an_arch_touches_at_its_ends_and_bolts_close_it(joint):
+    kind = catalogue()["bending-gap"]
+    arch, hump = (kind().changed(height=height).bolted(joint) for height in (2e-5, -2e-5))
+    assert arch.clearance[[0, -1]] == pytest.approx(0.0, abs=1e-20)
+    assert hump.clearance[12] == pytest.approx(0.0, abs=1e-20)
+    assert arch.clearance[12] == pytest.approx(2e-5)
+    pressed = arch.preloaded.force[0, 2::3]
+    assert pressed[[0, -1]].sum() > joint.preloaded.force[0, [2, -1]].sum()
+    assert pressed.sum() == pytest.approx(joint.preloaded.force[0, 2::3].sum(), rel=1e-9)
+
+
+def test_damping_of_the_rest_grows_in_proportion(joint):
+    found = curve(catalogue()["joint-damping"](slope=40.0).bolted(joint))
+    plain = curve(joint)
+    assert found.damping - plain.damping == pytest.approx(40.0 * plain.amplitude, rel=1e-9)
+
+
+def test_asperities_soften_the_mode_by_their_closed_form(structures):
+    """One point of the contact carries all: its spring is in series with the body's own."""
+    bare = BoltedJoint(structure=reduce_structure(structures.sliders(np.array([4e4]), np.array([50.0]))),
+                       law=Coulomb(1.0), bolt_load=1.0)
+    area = float(bare.structure.areas.sum())
+    kind = catalogue()["contact-stiffness"]
+    soft = kind().changed(stiffness=6e4, exponent=0.5, reference_pressure=50.0 / area).bolted(bare)
+    series = 1.0 / (1.0 / 4e4 + 1.0 / 6e4)
+    assert soft.linear_modes(1)[0].frequency == pytest.approx(np.sqrt((3e4 + series) / 2.0) / (2.0 * np.pi), rel=1e-9)

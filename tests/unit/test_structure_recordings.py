@@ -1,0 +1,134 @@
+"""Property: a recording of a structure is read to the letter of its keys, in SI, and what cannot be is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fretflow.core.errors import FretflowError
+from fretflow.recordings.kinds.structures import Control, read_structure_recording
+
+TOML = """
+format = "fretflow-recording/1"
+title = "a beam"
+[test]
+kind = "structure"
+[structure]
+matrices = "structure.npz"
+friction_coefficient = 0.6
+[structure.unknown]
+bolt_load = ["2 kN", "20 kN"]
+modal_damping = {{ low = 1e-4, high = "1 %" }}
+[backbone]
+file = "backbone.csv"
+amplitude_of = "{of}"
+amplitude = {{ column = "a", unit = "{unit}", calibration_sd = 0.02 }}
+frequency = {{ column = "f", unit = "Hz", sd = "0.01 Hz" }}
+damping = {{ column = "zeta", unit = "%" }}
+[[frf]]
+file = "frf.csv"
+control = "response"
+of = "tip"
+level = "5 um"
+frequency = {{ column = "f", unit = "Hz" }}
+force = {{ column = "F", unit = "mN" }}
+amplitude = {{ column = "x", unit = "um" }}
+phase = {{ column = "phi", unit = "deg" }}
+[ring_down]
+file = "ring.csv"
+time = {{ column = "t", unit = "ms" }}
+tip = {{ column = "acc", unit = "m/s^2" }}
+[profile]
+file = "profile.csv"
+"""
+BACKBONE = "a,f,zeta\n1,80.0,0.1\n2,79.9,0.2\n3,79.8,0.4\n"
+
+
+@pytest.fixture
+def folder(tmp_path, structures):
+    """Return a function that writes a recording and returns its folder."""
+    def make(text=TOML, of="tip", unit="m/s^2", backbone=BACKBONE, **also):
+        beam = structures.lap_beam(5, 3)
+        np.savez(tmp_path / "structure.npz", M=beam.mass, K=beam.stiffness, contact_map=beam.contact_map,
+                 areas=beam.areas, points=beam.points, preload=beam.preload, **also,
+                 **{f"outputs/{name}": row for name, row in beam.outputs.items()})
+        (tmp_path / "recording.toml").write_text(text.format(of=of, unit=unit) if text is TOML else text)
+        (tmp_path / "backbone.csv").write_text(backbone)
+        (tmp_path / "frf.csv").write_text("f,F,x,phi\n79,100,5,10\n80,50,5,90\n81,100,5,170\n")
+        (tmp_path / "ring.csv").write_text("t,acc\n0,1\n1,0.5\n2,-1\n")
+        return tmp_path
+
+    return make
+
+
+def test_every_block_is_read_in_si(folder):
+    found = read_structure_recording(folder())
+    assert found.known == {"friction_coefficient": 0.6}
+    assert found.unknown == {"bolt_load": (2e3, 2e4), "modal_damping": (1e-4, 1e-2)}
+    backbone, (response,), ring = found.backbone, found.responses, found.ring_down
+    assert backbone.amplitude_unit == "m/s^2"
+    assert backbone.damping == pytest.approx([1e-3, 2e-3, 4e-3])
+    assert (backbone.frequency_sd, backbone.damping_sd, backbone.calibration_sd) == (0.01, None, 0.02)
+    assert response.control is Control.RESPONSE
+    assert response.level == pytest.approx(5e-6)
+    assert response.force == pytest.approx([0.1, 0.05, 0.1])
+    assert response.amplitude == pytest.approx([5e-6] * 3)
+    assert response.phase == pytest.approx(np.deg2rad([10, 90, 170]))
+    assert ring.time == pytest.approx([0.0, 1e-3, 2e-3])
+    assert ring.units == {"tip": "m/s^2"}
+    assert set(found.matrices.outputs) == {"tip", "end"}
+    assert any("profile" in str(note) for note in found.notes)
+
+
+@pytest.mark.parametrize("unit", ["m*kg^0.5", "mm*kg^0.5", ""])
+def test_a_modal_amplitude_is_mass_normalised(folder, unit):
+    found = read_structure_recording(folder(of="modal", unit=unit))
+    assert found.backbone.amplitude == pytest.approx(np.array([1.0, 2.0, 3.0]) * (1e-3 if unit[:2] == "mm" else 1.0))
+
+
+def test_damping_in_the_matrices_is_known_and_what_nothing_is_said_of_is_noted(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace('bolt_load = ["2 kN", "20 kN"]', "").replace(
+        'modal_damping = { low = 1e-4, high = "1 %" }', "")
+    found = read_structure_recording(folder(text, modal_damping=0.002))
+    assert found.known["modal_damping"] == 0.002
+    assert set(found.unknown) == {"bolt_load"}
+    assert any("bolt_load is neither known nor given a range" in str(note) for note in found.notes)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"backbone": "a,f,zeta\n0,80,0.1\n2,79.9,0.2\n3,79.8,0.4\n"}, "amplitude must be positive, row 1 has 0"),
+    ({"backbone": "a,f,zeta\n1,80,0.1\n3,79.9,0.2\n2,79.8,0.4\n"}, "the amplitude falls at row 3"),
+    ({"backbone": "a,f,zeta\n1,80,0.1\n2,nan,0.2\n3,79.8,0.4\n"}, "frequency, row 2: no number"),
+    ({"backbone": "a,f,zeta\n1,80,0.1\n2,79.9,0.2\n"}, "2 points tell no trend"),
+    ({"backbone": "a,f,zeta\n1,80,1\n2,79.9,200\n3,79,3\n"}, "damping must be a ratio from 0 to 1"),
+    ({"backbone": "a,g,zeta\n1,80,0.1\n2,79.9,0.2\n3,79.8,0.4\n"}, "has no column 'f'"),
+    ({"of": "nose"}, "'nose' is no output of the structure; it has tip, end"),
+    ({"unit": "N"}, "backbone.amplitude.unit: 'N' is no unit like m or m/s or m/s^2"),
+    ({"unit": ""}, "backbone.amplitude.unit: is required"),
+])
+def test_a_bad_backbone_is_told_in_one_line(folder, change, words):
+    with pytest.raises(FretflowError) as caught:
+        read_structure_recording(folder(**change))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('matrices = "structure.npz"', "", "give one of matrices"),
+    ('matrices = "structure.npz"', 'matrices = "none.npz"', "none.npz: there is no such file"),
+    ("friction_coefficient = 0.6", 'friction_coefficient = "much"', "'much' is no number"),
+    ("friction_coefficient = 0.6", "friction_coefficient = -1.0", "structure.friction_coefficient"),
+    ('["2 kN", "20 kN"]', '["20 kN", "2 kN"]', "the lower end must be positive and below the upper one"),
+    ('["2 kN", "20 kN"]', "[2, 20]", "structure.unknown.bolt_load"),
+    ("[structure.unknown]", "[structure.unknown]\nfriction_coefficient = [0.1, 0.2]", "both a value and"),
+    ('kind = "structure"', 'kind = "structure"\nspeed = 3', "unknown key"),
+    ('level = "5 um"', 'level = "5 N"', "frf.level"),
+    ('control = "response"', 'control = "none"', "frf.0.control"),
+    ("[ring_down]", "[ring_down]\nextra = 3", "ring_down: each key but file is a table"),
+    ('format = "fretflow-recording/1"', 'format = "x"', "format: must be"),
+])
+def test_a_bad_key_is_named(folder, old, new, words):
+    text = TOML.format(of="tip", unit="m/s^2")
+    assert old in text
+    with pytest.raises(FretflowError) as caught:
+        read_structure_recording(folder(text.replace(old, new)))
+    assert words in str(caught.value)

@@ -1,0 +1,53 @@
+"""Faces that are bent: they touch at the ends and gape in the middle, or the other way round."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.case.config import Case
+from fretflow.core import units as u
+from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, Kind, Sketch, parameter
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+
+
+class BendingGap(Effect):
+    """An arch ``h (1 - x^2)`` between the faces before the bolts are tightened, x from -1 to 1 along them.
+
+    Negative h is a hump, open at the ends. Bolts close it as far as they bend the bodies; bending in a vibration opens
+    and closes what is left, so that the frequency may rise with the amplitude.
+    """
+
+    id: ClassVar[str] = "bending-gap"
+    title: ClassVar[str] = "faces that are bent along the joint"
+    block: ClassVar[Block] = Block.GEOMETRY
+    equation: ClassVar[str] = "g_0 = h (1 - x^2), less its smallest value"
+    formula: ClassVar[str] = r"g_0 = h\,(1 - x^2) - \min, \qquad x \in [-1, 1]"
+    source: ClassVar[str] = ("M. R. W. Brake (ed.), The Mechanics of Jointed Structures (Springer 2018): form and "
+                             "pressure of the faces of the Brake-Reuss beam")
+    told_by: ClassVar[str] = "the form of both faces before they were joined, by a profilometer"
+    observables: ClassVar[tuple[str, ...]] = ("frequency over amplitude that rises again", "contact pressure")
+    kinds: ClassVar[frozenset[Kind]] = STRUCTURES
+
+    height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", 1e-6, 60e-6,
+                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 um of form")
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return plane faces."""
+        return cls().changed(height=0.0)
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Open the gap."""
+        return replace(joint, gap=joint.clearance + self._height(joint.across[:, 0]))
+
+    def _height(self, x: Array) -> Array:
+        gap = self.height * (1.0 - x**2)
+        return np.asarray(gap - gap.min())
+
+    def sketch(self) -> Sketch:
+        """Return the gap along the faces."""
+        x = np.linspace(-1.0, 1.0, 101)
+        return Sketch("place along the faces over half their length", "gap in um", {"": (x, 1e6 * self._height(x))})

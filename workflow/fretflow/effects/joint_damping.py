@@ -1,0 +1,55 @@
+"""Damping of the rest of a structure that grows with the amplitude: other joints, supports, the air."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fretflow.case.config import Case
+from fretflow.effects.effect import STRUCTURES, Block, Effect, Kind, Prior, Sketch, parameter
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+
+
+class JointDamping(Effect):
+    """A damping ratio ``zeta = s a`` besides that of the joint, a the mass-normalised modal amplitude.
+
+    The part that does not depend on the amplitude is the structure's own modal damping, which every recording refits.
+    What grows in proportion is drag of the air, which goes with the square of the velocity, and micro-slip of joints
+    that are not in the model, whose work goes with the cube of the amplitude.
+    """
+
+    id: ClassVar[str] = "joint-damping"
+    title: ClassVar[str] = "damping of the rest that grows with the amplitude"
+    block: ClassVar[Block] = Block.RIG
+    equation: ClassVar[str] = "zeta + s a, a the modal amplitude"
+    formula: ClassVar[str] = r"\zeta(a) = \zeta_0 + s\,a"
+    source: ClassVar[str] = ("L. E. Goodman, J. H. Klumpp, J. Appl. Mech. 23 (1956) 421, cubic work; W. E. Baker, "
+                             "W. E. Woolam, D. Young, Int. J. Mech. Sci. 9 (1967) 743, air")
+    told_by: ClassVar[str] = "the same backbone in vacuum, or of a structure of one piece on the same supports"
+    observables: ClassVar[tuple[str, ...]] = ("damping over amplitude without a change of frequency",)
+    kinds: ClassVar[frozenset[Kind]] = STRUCTURES
+
+    slope: float = parameter(1.0, "s: damping ratio over modal amplitude in m kg^0.5", 0.1, 10.0, ge=0.0,
+                             source="a tenth of to three times the damping recorded at the largest amplitude")
+
+    @classmethod
+    def neutral(cls, case: Case | None = None) -> Self:
+        """Return no further damping."""
+        return cls(slope=0.0)
+
+    @classmethod
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+        """Return the slope that makes a tenth of to three times the largest amplitude's damping."""
+        slope = largest[1] / largest[0]
+        return replace(prior, low=0.1 * slope, high=3.0 * slope)
+
+    def bolted(self, joint: BoltedJoint) -> BoltedJoint:
+        """Add the damping."""
+        return replace(joint, damping_slope=joint.damping_slope + self.slope)
+
+    def sketch(self) -> Sketch:
+        """Return the ratio over the amplitude."""
+        amplitude = np.linspace(0.0, 1e-3, 50)
+        return Sketch("modal amplitude in m kg^0.5", "damping ratio", {"": (amplitude, self.slope * amplitude)})

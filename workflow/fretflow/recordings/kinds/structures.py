@@ -1,0 +1,451 @@
+"""Recordings of structures with friction joints: what is known of the structure, and how it was seen to vibrate.
+
+::
+
+    [test]
+    kind = "structure"
+    [structure]
+    matrices = "structure.npz"
+    friction_coefficient = 0.6
+    [structure.unknown]
+    bolt_load = ["2 kN", "20 kN"]
+    modal_damping = [1e-4, 1e-2]
+    [backbone]
+    file = "backbone.csv"
+    amplitude_of = "tip"
+    amplitude = { column = "a", unit = "m/s^2" }
+    frequency = { column = "f", unit = "Hz" }
+    damping = { column = "zeta", unit = "%" }
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fretflow.case.config import Section
+from fretflow.core import units as u
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError
+from fretflow.core.reasons import reason
+from fretflow.core.records import quantity, record
+from fretflow.recordings.channels import split_heading
+from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.readers.structure_files import read_structure
+from fretflow.recordings.readers.tables import Table, read_table
+from fretflow.recordings.schema import FILE, FORMAT
+from fretflow.structure.matrices import StructureMatrices
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+Array = NDArray[np.float64]
+
+KIND = "structure"
+MODAL = "modal"  # the amplitude is the mass-normalised one of the mode
+MODAL_UNIT = "m*kg^0.5"
+MOTIONS = ("m", "m/s", "m/s^2")
+FEWEST = 3  # points of a backbone
+TYPICAL = {  # where nothing is said of them
+    "bolt_load": (100.0, 1e5),  # N, from an M3 to an M24 bolt at two thirds of the proof load of class 8.8
+    "friction_coefficient": (0.1, 1.0),  # dry metals
+    "modal_damping": (1e-5, 1e-2),  # from a free-free bar of steel to a bolted assembly
+}
+
+
+class Control(StrEnum):
+    """What was held while a response was recorded."""
+
+    FORCE = "force"
+    RESPONSE = "response"
+
+
+def _parsed(value: object, unit: str) -> float:
+    """Return a number with its unit, or in per cent where it counts."""
+    if unit != "1":
+        return u.parse_quantity(value, unit)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    text = str(value).strip()
+    try:
+        return 0.01 * float(text[:-1]) if text.endswith("%") else float(text)
+    except ValueError as error:
+        raise ValueError(f'{value!r} is no number; write it as 0.01 or "1 %"') from error
+
+
+def _number(unit: str) -> BeforeValidator:
+    """Return what reads a number; nothing stays nothing."""
+    return BeforeValidator(lambda value: None if value is None else _parsed(value, unit))
+
+
+def _range(unit: str) -> BeforeValidator:
+    """Return what reads a range: a pair, or a table of low and high."""
+    def parse(value: object) -> tuple[float, float]:
+        pair = [value.get("low"), value.get("high")] if isinstance(value, dict) else value
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            example = '["1 kN", "20 kN"]' if unit == "N" else "[0.1, 0.9]"
+            raise ValueError(f"{value!r} is no range; give its two ends, such as {example}")
+        low, high = (_parsed(end, unit) for end in pair)
+        if not 0.0 < low < high:
+            raise ValueError(f"{value!r}: the lower end must be positive and below the upper one")
+        return low, high
+
+    return BeforeValidator(parse)
+
+
+class UnknownRanges(Section):
+    """What is to be found, each within a range."""
+
+    bolt_load: Annotated[tuple[float, float] | None, _range("N")] = None
+    modal_damping: Annotated[tuple[float, float] | None, _range("1")] = None
+    friction_coefficient: Annotated[tuple[float, float] | None, _range("1")] = None
+
+
+class StructureSection(Section):
+    """The structure, and what is known and unknown of its joint."""
+
+    matrices: str | None = Field(None, description="file of its matrices, from the folder of recording.toml")
+    mesh: str | None = Field(None, description="file of its mesh")
+    material: str | dict[str, Any] | None = None
+    bolt_load: Annotated[float | None, _number("N")] = Field(None, gt=0.0)
+    modal_damping: Annotated[float | None, _number("1")] = Field(None, ge=0.0, lt=1.0)
+    friction_coefficient: Annotated[float | None, _number("1")] = Field(None, gt=0.0)
+    unknown: UnknownRanges = Field(default_factory=UnknownRanges)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> StructureSection:
+        if (self.matrices is None) == (self.mesh is None):
+            raise ValueError('give one of matrices, such as "structure.npz", and mesh')
+        for name in TYPICAL:
+            if getattr(self, name) is not None and getattr(self.unknown, name) is not None:
+                raise ValueError(f"{name}: is given both a value and, in structure.unknown, a range")
+        return self
+
+
+class StructureColumn(Section):
+    """A column of a file: its heading or place, unit, and errors."""
+
+    column: str | int
+    unit: str = ""
+    sd: str | float | None = None
+    calibration_sd: float = Field(0.0, ge=0.0, lt=1.0)
+
+
+class BackboneBlock(Section):
+    """Natural frequency and damping over amplitude."""
+
+    file: str
+    amplitude_of: str = Field(description='a named output, or "modal"')
+    mode: int | None = Field(None, ge=1, description="its number among the elastic modes, from 1")
+    amplitude: StructureColumn
+    frequency: StructureColumn
+    damping: StructureColumn | None = None
+
+
+class ResponseBlock(Section):
+    """A frequency response under control."""
+
+    file: str
+    control: Control
+    of: str = Field(description="a named output")
+    at: str | None = Field(None, description="a named input, where it is driven")
+    level: str | float | None = None
+    frequency: StructureColumn
+    force: StructureColumn | None = None
+    amplitude: StructureColumn
+    phase: StructureColumn | None = None
+
+
+class FreeBlock(Section):
+    """A table whose columns are free to choose."""
+
+    file: str | None = None
+    columns: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather(cls, value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        return {"file": value.get("file"), "columns": {key: entry for key, entry in value.items() if key != "file"}}
+
+
+class StructureTest(Section):
+    """What was done."""
+
+    kind: Literal["structure"]
+    cycles: int | None = Field(None, ge=0)
+
+
+class StructureFile(Section):
+    """A whole ``recording.toml`` of a structure."""
+
+    format: Literal["fretflow-recording/1"]
+    title: str = ""
+    source: str = ""
+    licence: str = ""
+    test: StructureTest
+    structure: StructureSection
+    backbone: BackboneBlock | None = None
+    frf: tuple[ResponseBlock, ...] = ()
+    ring_down: FreeBlock | None = None
+    profile: FreeBlock | None = None
+    wear_depth: FreeBlock | None = None
+    volumes: FreeBlock | None = None
+
+
+@record
+class Backbone:
+    """A measured backbone of P points, amplitude rising."""
+
+    amplitude_of: str
+    mode: int | None
+    amplitude: Array = quantity("SI", "(P,), in `amplitude_unit`")
+    amplitude_unit: str
+    frequency: Array = quantity("Hz", "(P,)")
+    damping: Array | None = quantity("1", "(P,)")
+    frequency_sd: float | None = quantity("Hz")
+    damping_sd: float | None = quantity("1")
+    calibration_sd: float = quantity("1", "of the amplitude")
+
+
+@record
+class ControlledResponse:
+    """A measured frequency response of P points, force and amplitude as they were."""
+
+    control: Control
+    of: str
+    at: str | None
+    level: float | None
+    frequency: Array = quantity("Hz", "(P,)")
+    force: Array | None = quantity("N", "(P,)")
+    amplitude: Array = quantity("SI", "(P,)")
+    amplitude_unit: str
+    phase: Array | None = quantity("rad", "(P,)")
+
+
+@record
+class RingDown:
+    """Free decays: time (P,) in s and named channels (P,) in SI."""
+
+    time: Array = quantity("s", "(P,)")
+    channels: Mapping[str, Array]
+    units: Mapping[str, str]
+
+
+@record
+class StructureRecording:
+    """A recording of a structure, in SI."""
+
+    path: Path
+    title: str
+    matrices: StructureMatrices
+    known: Mapping[str, float]  # bolt_load N, modal_damping, friction_coefficient: those that are given
+    unknown: Mapping[str, tuple[float, float]]  # and the ranges of the others
+    backbone: Backbone | None
+    responses: tuple[ControlledResponse, ...]
+    ring_down: RingDown | None
+    notes: tuple[Note, ...]
+
+
+def is_structure(path: Path) -> bool:
+    """Return whether `path` is a recording that says that it is of a structure."""
+    toml = path / FILE if path.is_dir() else path
+    if toml.suffix != ".toml":
+        return False
+    try:
+        test = tomllib.loads(toml.read_text(encoding="utf-8")).get("test")
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return False  # which its own reader says
+    return isinstance(test, dict) and test.get("kind") == KIND
+
+
+def read_structure_recording(path: Path) -> StructureRecording:
+    """Read a recording of a structure: its folder or its ``recording.toml``.
+
+    Raises
+    ------
+    RecordingError
+        If a file is damaged, or a backbone has gaps, amplitudes that fall, or one of zero.
+    InputError
+        Naming the file and the field or matrix that cannot be.
+    """
+    toml = path / FILE if path.is_dir() else path
+    file = _load(toml)
+    own = file.structure
+    if own.matrices is None:
+        raise ConfigError(f"{toml}: structure.mesh: meshes are not read yet; assemble them and give structure.matrices")
+    matrices = read_structure(toml.parent / own.matrices)
+    notes: list[Note] = []
+    known = {name: float(value) for name in TYPICAL if (value := getattr(own, name)) is not None}
+    if matrices.modal_damping is not None and own.unknown.modal_damping is None:
+        known.setdefault("modal_damping", matrices.modal_damping)
+    unknown = {}
+    for name, typical in TYPICAL.items():
+        if name in known:
+            continue
+        stated = getattr(own.unknown, name)
+        unknown[name] = stated or typical
+        if stated is None:
+            notes.append(Note("structure", f"{name} is neither known nor given a range; {typical[0]:g} to "
+                                           f"{typical[1]:g} in SI is taken"))
+    backbone = None if file.backbone is None else _backbone(file.backbone, toml.parent, matrices)
+    responses = tuple(_response(block, toml.parent, matrices) for block in file.frf)
+    ring_down = None if file.ring_down is None else _ring_down(file.ring_down, toml.parent)
+    if backbone is None and not responses and ring_down is None:
+        raise ConfigError(f"{toml}: give at least one of the blocks backbone, frf and ring_down")
+    notes += [Note(name, "is read by no part of a diagnosis yet") for name in ("profile", "wear_depth", "volumes")
+              if getattr(file, name) is not None]
+    return StructureRecording(path=path, title=file.title or path.stem, matrices=matrices, known=known, unknown=unknown,
+                              backbone=backbone, responses=responses, ring_down=ring_down, notes=tuple(notes))
+
+
+def _load(toml: Path) -> StructureFile:
+    try:
+        raw = tomllib.loads(toml.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CorruptRecordingError(f"{toml}: cannot be read ({error.strerror}); a recording is a folder with a "
+                                    f"{FILE}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CorruptRecordingError(f"{toml}: not valid TOML: {error}") from error
+    if raw.get("format") != FORMAT:
+        raise ConfigError(f"{toml}: format: must be {FORMAT!r}")
+    if isinstance(raw.get("frf"), dict):
+        raw["frf"] = [raw["frf"]]
+    try:
+        return StructureFile.model_validate(raw)
+    except ValidationError as error:
+        first, *rest = error.errors()
+        field = ".".join(str(part) for part in first["loc"])
+        clearer = {"extra_forbidden": "unknown key; DESIGN section 8 lists those there are", "missing": "is required",
+                   "model_type": "must be a table of keys"}
+        more = f" (and {len(rest)} more)" if rest else ""
+        raise ConfigError(f"{toml}: {field}: {reason(first, clearer)}{more}") from error
+
+
+def _size(block: str, name: str, unit: str, choices: tuple[str, ...]) -> tuple[float, str]:
+    """Return the size of `unit` in SI, and which of the SI units in `choices` it is one of."""
+    if "1" in choices and unit in ("", "1", "%"):
+        return (0.01 if unit == "%" else 1.0), "1"
+    if not unit:
+        raise ConfigError(f"{block}.{name}.unit: is required, for example {choices[0]!r}")
+    for si in choices:
+        if si == "1":
+            continue
+        try:
+            return u.parse_quantity(f"1 {unit}", si), si
+        except ValueError:
+            continue
+    raise ConfigError(f"{block}.{name}.unit: {unit!r} is no unit like {' or '.join(choices)}")
+
+
+def _column(table: Table, block: str, name: str, spec: StructureColumn, choices: tuple[str, ...]
+            ) -> tuple[Array, str]:
+    """Return a column in SI and the SI unit it is in; none of its numbers may be missing."""
+    heading, values = table.column(spec.column)
+    size, si = _size(block, name, spec.unit, choices)
+    stated = table.units.get(heading) or split_heading(heading)[1]
+    if stated and stated != spec.unit:
+        try:
+            other = _size(block, name, stated, choices)
+        except ConfigError:  # part of a name that is no unit
+            other = (size, si)
+        if other != (size, si):
+            raise UnreliableRecordingError(f"{block}.{name}.unit: is {spec.unit!r}, but the file {table.path} says "
+                                           f"{stated!r} of column {heading}; correct the one that is wrong")
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if wrong.size:
+        raise UnreliableRecordingError(f"{table.path}: {name}, {rows_in_words(row_ranges(wrong))}: no number; remove "
+                                       "these rows")
+    return values * size, si
+
+
+def _sd(block: str, name: str, spec: StructureColumn, si: str) -> float | None:
+    if spec.sd is None:
+        return None
+    try:
+        sd = _parsed(spec.sd, si)
+    except ValueError as error:
+        raise ConfigError(f"{block}.{name}.sd: {error}") from error
+    if not sd > 0.0:
+        raise ConfigError(f"{block}.{name}.sd: must be positive, got {spec.sd!r}")
+    return sd
+
+
+def _named(block: str, name: str, there: Mapping[str, Array], what: str) -> None:
+    if name not in there:
+        raise ConfigError(f"{block}: {name!r} is no {what} of the structure; it has {', '.join(there) or 'none'}")
+
+
+def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -> Backbone:
+    modal = block.amplitude_of == MODAL
+    if not modal:
+        _named("backbone.amplitude_of", block.amplitude_of, matrices.outputs, "output")
+    wanted = [str(spec.column) for spec in (block.amplitude, block.frequency, block.damping) if spec is not None]
+    table = read_table(folder / block.file, wanted)
+    amplitude, unit = _column(table, "backbone", "amplitude", block.amplitude, (MODAL_UNIT, "1") if modal else MOTIONS)
+    frequency, _ = _column(table, "backbone", "frequency", block.frequency, ("Hz",))
+    damping = None if block.damping is None else _column(table, "backbone", "damping", block.damping, ("1",))[0]
+    where = f"{table.path}: backbone"
+    if len(amplitude) < FEWEST:
+        raise UnreliableRecordingError(f"{where}: {len(amplitude)} points tell no trend; give {FEWEST} or more")
+    for name, values in (("amplitude", amplitude), ("frequency", frequency)):
+        if not np.all(values > 0.0):
+            raise UnreliableRecordingError(f"{where}: {name} must be positive, row {int(np.argmin(values)) + 1} has "
+                                           f"{values.min():g}; leave such rows out")
+    falls = np.flatnonzero(np.diff(amplitude) < 0.0)
+    if falls.size:
+        raise UnreliableRecordingError(f"{where}: the amplitude falls at row {falls[0] + 2}; sort the rows by it")
+    if damping is not None and not np.all((damping >= 0.0) & (damping < 1.0)):
+        raise UnreliableRecordingError(f"{where}: damping must be a ratio from 0 to 1, it goes from {damping.min():g} "
+                                       f"to {damping.max():g}; name its unit, for example \"%\"")
+    return Backbone(
+        amplitude_of=block.amplitude_of, mode=block.mode, amplitude=amplitude,
+        amplitude_unit=MODAL_UNIT if modal else unit, frequency=frequency, damping=damping,
+        frequency_sd=_sd("backbone", "frequency", block.frequency, "Hz"),
+        damping_sd=None if block.damping is None else _sd("backbone", "damping", block.damping, "1"),
+        calibration_sd=block.amplitude.calibration_sd)
+
+
+def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -> ControlledResponse:
+    _named("frf.of", block.of, matrices.outputs, "output")
+    if block.at is not None:
+        _named("frf.at", block.at, matrices.inputs, "input")
+    specs = {"frequency": ("Hz",), "force": ("N",), "amplitude": MOTIONS, "phase": ("rad",)}
+    table = read_table(folder / block.file, [str(own.column) for name in specs
+                                             if (own := getattr(block, name)) is not None])
+    found: dict[str, Array] = {}
+    unit = ""
+    for name, choices in specs.items():
+        spec = getattr(block, name)
+        if spec is not None:
+            found[name], si = _column(table, "frf", name, spec, choices)
+            unit = si if name == "amplitude" else unit
+    level = block.level
+    if isinstance(level, str):
+        try:
+            level = u.parse_quantity(level, "N" if block.control is Control.FORCE else unit)
+        except ValueError as error:
+            raise ConfigError(f"frf.level: {error}") from error
+    return ControlledResponse(control=block.control, of=block.of, at=block.at, level=level, amplitude_unit=unit,
+                              frequency=found["frequency"], force=found.get("force"), amplitude=found["amplitude"],
+                              phase=found.get("phase"))
+
+
+def _ring_down(block: FreeBlock, folder: Path) -> RingDown:
+    try:
+        specs = {name: StructureColumn.model_validate(entry) for name, entry in block.columns.items()}
+    except ValidationError as error:
+        raise ConfigError(f'ring_down: each key but file is a table such as {{ column = "a", unit = "m/s^2" }} '
+                          f"({error.errors()[0]['msg']})") from error
+    if block.file is None or "time" not in specs or len(specs) < 2:
+        raise ConfigError("ring_down: file, time and at least one channel are required")
+    table = read_table(folder / block.file, [str(spec.column) for spec in specs.values()])
+    time, _ = _column(table, "ring_down", "time", specs.pop("time"), ("s",))
+    if not np.all(np.diff(time) > 0.0):
+        raise UnreliableRecordingError(f"{table.path}: ring_down: time does not rise throughout")
+    columns = {name: _column(table, "ring_down", name, spec, MOTIONS) for name, spec in specs.items()}
+    return RingDown(time=time, channels={name: values for name, (values, _) in columns.items()},
+                    units={name: unit for name, (_, unit) in columns.items()})
