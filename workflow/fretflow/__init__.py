@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fretflow.core.provenance import own_version
     from fretflow.effects.catalogue import add_effects as add_effects
     from fretflow.effects.catalogue import catalogue as catalogue
+    from fretflow.effects.cycle import march_wear as march_wear
     from fretflow.effects.effect import ALL_KINDS as ALL_KINDS
     from fretflow.effects.effect import Block as Block
     from fretflow.effects.effect import Effect as Effect
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from fretflow.solvers.periodic import NormalLoad as NormalLoad
     from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
     from fretflow.solvers.periodic import PeriodicSolution as PeriodicSolution
+    from fretflow.wear.archard import Archard as Archard
 
     __version__ = own_version()
 
@@ -50,6 +52,7 @@ _PUBLIC = {
     "core": ("units",),
     "core.errors": ("AuditError", "FretflowError", "InputError", "NonConvergenceError", "RecordingError"),
     "effects.catalogue": ("add_effects", "catalogue"),
+    "effects.cycle": ("march_wear",),
     "effects.effect": ("ALL_KINDS", "Block", "Effect", "Motion", "parameter"),
     "inference.verdict": ("Diagnosis",),
     "pipeline.diagnose": ("diagnose",),
@@ -58,14 +61,15 @@ _PUBLIC = {
     "recordings.hysteresis": ("HysteresisLoop", "LoopReadings", "read_loop"),
     "recordings.recording": ("read_recording",),
     "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution"),
+    "wear.archard": ("Archard",),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
-    "ALL_KINDS", "AuditError", "Block", "Case", "Coulomb", "Diagnosis", "Effect", "FretflowError", "Harmonic",
-    "HysteresisLoop", "InputError", "Interface", "LoopReadings", "Motion", "NonConvergenceError", "NormalLoad",
-    "PeriodicProblem", "PeriodicSolution", "RecordingError", "RunResults", "add_effects", "catalogue", "diagnose",
-    "load_case", "parameter", "read_loop", "read_recording", "run", "units",
+    "ALL_KINDS", "Archard", "AuditError", "Block", "Case", "Coulomb", "Diagnosis", "Effect", "FretflowError",
+    "Harmonic", "HysteresisLoop", "InputError", "Interface", "LoopReadings", "Motion", "NonConvergenceError",
+    "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError", "RunResults", "add_effects", "catalogue",
+    "diagnose", "load_case", "march_wear", "parameter", "read_loop", "read_recording", "run", "units",
 ]
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.case.config import Solver, Wear
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.effects.effect import Effect
@@ -17,7 +20,10 @@ from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals
+from fretflow.wear.archard import Archard
 from fretflow.wear.cycle import CycleResponse, summarise_cycle
+from fretflow.wear.history import WearHistory, WearSettings
+from fretflow.wear.march import run_history
 from fretflow.wear.slow import SlowState
 
 
@@ -73,6 +79,61 @@ class PeriodicCycle:
     def gap(self, slow: SlowState) -> NDArray[np.float64]:
         """Return the gap of the undeformed faces, (nodes,), m."""
         return self.model.problem(slow).interface.gap
+
+
+def march_wear(problem: PeriodicProblem, law: Archard, cycles: int, *, effects: Iterable[Effect] = (),
+               solver: PeriodicSolver | None = None, folder: Path | str | None = None,
+               progress: Callable[[int, int], None] | None = None, **settings: Any) -> WearHistory:
+    """Wear the contact of a joint over millions of cycles: jumps, each followed by a new period.
+
+    Parameters
+    ----------
+    problem : PeriodicProblem
+        The unworn joint.
+    law : Archard
+        Wear coefficient in m^2/N, and the upper face's share.
+    cycles : int
+        Length of the test.
+    effects : iterable of Effect, optional
+        Physics beyond the baseline.
+    solver : PeriodicSolver, optional
+        By default the quasi-static one.
+    folder : Path or str, optional
+        Keeps a checkpoint of each jump; the same call goes on from the last one.
+    progress : callable, optional
+        Takes the cycles done and the cycles asked after each jump.
+    settings
+        Of `fretflow.wear.history.WearSettings`: ``stops``, ``scheme`` (by default implicit jumps), ``tolerance`` of a
+        jump, ``max_depth_per_jump`` in m, ``vanishing_rate``.
+
+    Returns
+    -------
+    WearHistory
+        Depth in m at each node, volume in m^3, energy in J and more after each jump; ``arrays`` is an `xarray.Dataset`.
+
+    Raises
+    ------
+    InputError
+        If a setting is out of range.
+    NonConvergenceError
+        If a period is not found.
+
+    Notes
+    -----
+    Jumps are those of `fretflow.wear`; the law is J. F. Archard's, J. Appl. Phys. 24 (1953).
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> worn = ff.march_wear(problem, ff.Archard(1.1e-14), cycles=1_900_000)  # doctest: +SKIP
+    >>> worn.arrays.volume.isel(cycles=-1)  # m^3  # doctest: +SKIP
+    """
+    from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+
+    asked = WearSettings(coefficient=law.coefficient, upper_share=law.upper_share, cycles=cycles,
+                         **{"scheme": Wear().scheme, **settings})
+    model = PeriodicCycle(solver or QuasiStaticSolver(Solver(estimate_error=False)), problem, effects)
+    return run_history(model, asked, None if folder is None else Path(folder), progress)
 
 
 def _normal_flexibility(problem: PeriodicProblem) -> NDArray[np.float64]:

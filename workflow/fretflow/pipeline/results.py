@@ -182,11 +182,7 @@ class RunResults(RunRecords):
     @cached_property
     def wear(self) -> xr.Dataset:
         """Return the wear history: dimension cycles for all jumps, and (cycles, node) for ``depth`` and ``rate``."""
-        history = self.history
-        along = {"volume": "m^3", "dissipated_energy": "J", "sliding_distance": "m", "energy": "J", "approach": "m"}
-        data: dict[str, Labelled] = {name: (("cycles",), getattr(history, name), unit) for name, unit in along.items()}
-        data |= {name: (("cycles", "node"), getattr(history, name), "m") for name in ("depth", "rate")}
-        return to_dataset(data, {"cycles": (("cycles",), history.cycles, "1"), **self._places})
+        return self.history.arrays.assign_coords(to_dataset({}, self._places).coords)
 
     @cached_property
     def curves(self) -> dict[str, xr.Dataset]:

@@ -22,27 +22,17 @@ def _slice(case: Case) -> list[object]:
 def _run(context: StageContext) -> Figures:
     """Write ``history.h5`` (WearHistory) and, in ``checkpoints``, the period at each asked cycle count."""
     from fretflow.effects.catalogue import parse_effects
-    from fretflow.effects.cycle import PeriodicCycle
+    from fretflow.effects.cycle import march_wear
     from fretflow.pipeline.problem import make_problem, make_solver
-    from fretflow.wear.history import WearSettings
-    from fretflow.wear.march import run_history
+    from fretflow.wear.archard import Archard
 
     case = context.case
-    settings = WearSettings(
-        coefficient=case.wear.coefficient,
-        cycles=case.test.total_cycles,
-        scheme=case.wear.scheme,
-        stops=stops(case),
-        tolerance=case.wear.tolerance,
-        max_depth_per_jump=case.wear.max_depth_per_jump,
-        vanishing_rate=case.wear.vanishing_rate,
-        upper_share=case.wear.upper_share,
-    )
-    problem = make_problem(case, context.inputs["reduce"])
-    model = PeriodicCycle(make_solver(case.solver), problem, parse_effects(case.effects))
-    history = run_history(
-        model, settings, context.folder / CHECKPOINTS,
-        lambda done, asked: context.progress(done / max(asked, 1), f"{done:_} of {asked:_} cycles"))
+    history = march_wear(
+        make_problem(case, context.inputs["reduce"]), Archard(case.wear.coefficient, upper_share=case.wear.upper_share),
+        case.test.total_cycles, effects=parse_effects(case.effects), solver=make_solver(case.solver),
+        folder=context.folder / CHECKPOINTS, scheme=case.wear.scheme, stops=stops(case), tolerance=case.wear.tolerance,
+        max_depth_per_jump=case.wear.max_depth_per_jump, vanishing_rate=case.wear.vanishing_rate,
+        progress=lambda done, asked: context.progress(done / max(asked, 1), f"{done:_} of {asked:_} cycles"))
     write_record(context.folder / "history.h5", history)
     return {"jumps": len(history.cycles) - 1, "solutions": history.solves, "stopped_by": history.stopped_by,
             "shortened_jumps": history.shortened_jumps, "volume_m3": float(history.volume[-1]),

@@ -14,7 +14,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.records import quantity, record
 from fretflow.wear.cycle import CycleResponse
+
+
+@record
+class Archard:
+    """Archard's law with one coefficient K_w, ``Archard(1.1e-14)``; see this module for its form.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> ff.Archard(1.1e-14).coefficient  # m^2/N: volume worn off both faces over load and sliding
+    1.1e-14
+    """
+
+    coefficient: float = quantity("m^2/N", kw_only=False)
+    upper_share: float = quantity("1", default=0.5)  # of the depth, taken from the upper face
 
 
 def wear_rate(coefficient: float, response: CycleResponse) -> NDArray[np.float64]:

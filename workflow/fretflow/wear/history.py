@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.case.config import WearScheme
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import quantity, record, to_dataset, unit_of
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @record
@@ -95,6 +99,14 @@ class WearHistory:
     solves: int  # periodic solutions that the history took
     shortened_jumps: int = 0  # jumps that were cut at the explicit scheme's stability bound
     stopped_by: str  # "cycles" or "vanishing rate"
+
+    @property
+    def arrays(self) -> xr.Dataset:
+        """Return the history with dimension cycles, ``depth`` and ``rate`` (cycles, node); units as attributes."""
+        several = {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
+        labelled = {name: (("cycles", "node")[:values.ndim], values, unit_of(WearHistory, name))
+                    for name, values in several.items()}
+        return to_dataset(labelled, {"cycles": labelled.pop("cycles")})
 
     def slow(self, row: int) -> SlowState:
         """Return the slow state at `row`; -1 is the end."""
