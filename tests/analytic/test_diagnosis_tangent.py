@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
-from fretflow.experiments.rig.coordinates import Space
+from fretflow.experiments.rig.experiment import BASELINE, hypothesis
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.tangent import neighbours
+from fretflow.inference.experiment import Point
+from fretflow.inference.parameters import Parameters
 from fretflow.recordings.schema import SweepCondition
 
 CHANNELS = ("displacement", "friction_force", "normal_force", "approach")
@@ -48,17 +50,18 @@ def counted_from(rig, channel):
     (("wear-power-law",), "excitation"), (("directional-friction", "excitation-distortion"), "excitation"),
     (("viscous", "sensor-path-compliance"), "displacement")])
 def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
-    model, space = counted_from(rig, aligned_to), Space.of(effects)
+    model, space = counted_from(rig, aligned_to), Parameters.of(BASELINE, effects)
     z = np.zeros(space.size)
-    base = model.simulate(space.hypothesis(z))
+    base = model.simulate(hypothesis(Point(space, z)))
     step = 0.02
-    found = neighbours(model, base, space.beside(z, step))
+    beside, _ = Point(space, z).beside(step)
+    found = neighbours(model, base, [hypothesis(one) for one in beside])
     for i, coordinate in enumerate(space.coordinates):
         ends = []
         for sign in (-1.0, 1.0):
             moved = z.copy()
             moved[i] += sign * step
-            ends.append(model.predict(model.simulate(space.hypothesis(moved), base)))
+            ends.append(model.predict(model.simulate(hypothesis(Point(space, moved)), base)))
         difference = 0.5 * (ends[1] - ends[0])
         places = [(piece.channel, piece.place) for piece in model.observation.pieces]
         for channel, place in places:
@@ -101,8 +104,8 @@ def test_a_neighbour_without_data_at_the_motion_is_left_out_alone(rig):
 def test_normal_force_and_approach_are_those_of_the_period(rig):
     """The contact carries the load at every sample; the backs stand nearer by what the mean pressure gives way."""
     model = rig
-    space = Space.of(("normal-load-coupling",))
-    base = model.simulate(space.hypothesis(np.zeros(space.size)))
+    space = Parameters.of(BASELINE, ["normal-load-coupling"])
+    base = model.simulate(hypothesis(Point(space, np.zeros(space.size))))
     for period in (base.loops[0], base.sweep[1]):
         found = model.signals(period)
         carried = period.solution.force[:, :, 2].sum(axis=1)
@@ -124,13 +127,13 @@ def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep(monkeypatch):
     monkeypatch.setattr(small_rig, "HARMONICS", 19)
     monkeypatch.setattr(small_rig, "SAMPLES", 39)
     model = small_rig.rig(small_rig.observed(dict.fromkeys(CHANNELS, 1.0), COUNTS, CONDITIONS, 1.0, 1.0))
-    space = Space.of(())
+    space = Parameters.of(BASELINE, [])
     z = np.zeros(space.size)
-    base = model.simulate(space.hypothesis(z))
+    base = model.simulate(hypothesis(Point(space, z)))
     moved = z.copy()
     moved[0] = 0.02
-    factor = space.hypothesis(moved).friction / space.hypothesis(z).friction
-    change = neighbours(model, base, [space.hypothesis(moved)])[:, 0]
+    factor = hypothesis(Point(space, moved)).friction / hypothesis(Point(space, z)).friction
+    change = neighbours(model, base, [hypothesis(Point(space, moved))])[:, 0]
     before = model.predict(base)
     for piece in model.observation.pieces:
         if piece.channel == "friction_force" and piece.block == "sweep":

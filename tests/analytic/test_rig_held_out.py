@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.experiments.rig.coordinates import Space
-from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.experiment import BASELINE, RigExperiment
 from fretflow.experiments.rig.held_out import held_out
 from fretflow.experiments.rig.model import Hypothesis
-from fretflow.experiments.rig.search import RigSearch
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.search import FAST, Search
 from fretflow.recordings.schema import SweepCondition
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
@@ -31,20 +31,23 @@ def model(monkeypatch):
 
 
 def test_what_is_held_out_does_not_move_its_own_prediction(model):
-    space, start = Space.of(()), model.simulate(Hypothesis())
-    z, true = np.zeros(space.size), model.predict(start)
+    start = model.simulate(Hypothesis())
+    true = model.predict(start)
     rows = model.observation.rows(label="condition 1")
     shift = 2.0 * rows * model.observation.rows(channel="friction_force") * np.sign(true)
 
     def unseen(change, friction):
         seen = replace(model, observation=replace(model.observation, values=true + change))
-        fitter = Fitter(seen, Covariance(seen.observation.variance, seen.observation.modes), np.zeros(len(true)))
-        fit = fitter.fit(space, friction, start, 0)
-        looked = RigSearch(fitter, lambda function, arguments: [function(one) for one in arguments],
-                           {frozenset(): fit})
-        return held_out(looked, frozenset()), fitter.fit(space, friction, start, 2), fit
+        experiment = RigExperiment(seen, np.zeros(len(true)), np.zeros((len(true), 0)))
+        fitter = Fitter(experiment, experiment.measurement.covariance())
+        point = Point(experiment.parameters(()), friction)
+        near = Prediction(Point(point.parameters, np.zeros(len(friction))), true, start)
+        fit = fitter.at(point, near)
+        looked = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST,
+                        {frozenset(): fit})
+        return held_out(looked, experiment, frozenset()), fitter.fit(point, near, 2), fit
 
-    off = z + 0.1 * (np.arange(len(z)) == 0)  # friction 3 % too large
+    off = 0.1 * (np.arange(len(BASELINE)) == 0)  # friction 3 % too large
     (plain, _, fit), (shifted, all_seen, _) = unseen(0.0, off), unseen(shift, off)
     assert plain.labels == {"condition 1"}
     assert shifted.before[rows] == pytest.approx(plain.before[rows], rel=1e-6)

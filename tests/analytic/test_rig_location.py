@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.rig.blocks import cuts
-from fretflow.experiments.rig.coordinates import Space
-from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.experiment import RigExperiment
 from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.phases import PHASES, Strokes
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.least_squares import Fitter
 from fretflow.recordings.schema import SweepCondition
 
 HERE = Path(__file__).parent
@@ -48,12 +48,15 @@ def baseline():
 
 
 def fitted(change):
-    """Return the fitter and the baseline, not fitted any further, for a recording that differs by `change` (M,)."""
-    model, space = rig(), Space.of(())
+    """Return the experiment and the baseline, not fitted any further, for a recording that differs by `change` (M,)."""
+    model = rig()
     noise = np.random.default_rng(5).standard_normal(len(change)) * np.sqrt(model.observation.variance)
     seen = replace(model.observation, values=model.predict(baseline()) + change + noise)
-    fitter = Fitter(replace(model, observation=seen), Covariance(seen.variance, seen.modes), np.zeros(len(change)))
-    return fitter, fitter.fit(space, np.zeros(space.size), baseline(), 0)
+    experiment = RigExperiment(replace(model, observation=seen), np.zeros(len(change)), np.zeros((len(change), 0)))
+    space = experiment.parameters(())
+    point = Point(space, np.zeros(space.size))
+    fitter = Fitter(experiment, experiment.measurement.covariance())
+    return experiment, fitter.linearised(Prediction(point, model.predict(baseline()), baseline()))
 
 
 def of_effect(name, **parameters):

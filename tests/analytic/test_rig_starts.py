@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.effect import in_sensors_alone
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
-from fretflow.experiments.rig.coordinates import Space
-from fretflow.experiments.rig.detection import REPEATS, detect
-from fretflow.experiments.rig.fit import Fitter
+from fretflow.experiments.rig.experiment import RigExperiment, resensed
 from fretflow.experiments.rig.model import Hypothesis, RigModel
-from fretflow.experiments.rig.screening import changes, in_sensors_alone, seen_through, signatures, starts_beside
-from fretflow.experiments.rig.search import SLACK, RigSearch
+from fretflow.experiments.rig.run import corrected
 from fretflow.experiments.rig.setup import RICHARDSON, first_simulation
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Point
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.search import Effort, Search, points_task
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
 
@@ -34,46 +34,46 @@ def recorded(monkeypatch):
     def fit(*effects):
         true = model.predict(model.simulate(Hypothesis(effects=effects)))
         seen = replace(model, observation=replace(model.observation, values=true))
-        fitter = Fitter(seen, Covariance(seen.observation.variance, seen.observation.modes), np.zeros(len(true)))
-        return fitter, fitter.fit(Space.of(()), np.zeros(Space.of(()).size), None, 0)
+        experiment = RigExperiment(seen, np.zeros(len(true)), np.zeros((len(true), 0)))
+        fitter, space = Fitter(experiment, experiment.measurement.covariance()), experiment.parameters(())
+        return fitter, fitter.at(Point(space, np.zeros(space.size)), None)
 
     return fit
+
+
+def begun(fitter, fit, name):
+    """Return the points at which the fits of an effect begin."""
+    return [point for point in points_task((fitter, fit)) if point.effects == {name}]
 
 
 @pytest.mark.parametrize("frequency", [330.0, 520.0, 760.0])
 def test_a_resonance_of_the_force_path_is_found_wherever_it_is(recorded, frequency):
     fitter, fit = recorded(ExtraMode().changed(frequency=frequency, damping_ratio=0.05))
-    found = Space.of(("extra-mode",)).hypothesis(
-        np.concatenate([np.zeros(Space.of(()).size), seen_through(fitter, fit, "extra-mode").z]))
-    assert found.effects[0].frequency == pytest.approx(frequency, rel=0.08)  # half a step of the points is 4 %
+    (point,) = begun(fitter, fit, "extra-mode")
+    (mode,) = point.built()
+    assert mode.frequency == pytest.approx(frequency, rel=0.08)  # half a step of the points is 4 %
 
 
-def test_only_what_leaves_the_contact_alone_is_seen_through():
-    assert in_sensors_alone("extra-mode")
-    assert in_sensors_alone("sensor-inertia")
-    assert not in_sensors_alone("viscous")
-    assert not in_sensors_alone("third-body")
+def test_what_sensors_alone_show_needs_no_simulation_and_is_exact(recorded):
+    """The change to a resonance in the force path is that of another simulation; the contact's states are shared."""
+    assert in_sensors_alone(ExtraMode)
+    assert not in_sensors_alone(NormalLoadCoupling)
+    fitter, fit = recorded()
+    space = fitter.experiment.parameters(["extra-mode"])
+    point = Point(space, np.append(fit.z, np.array([0.3, -0.5])))
+    change = fitter.experiment.changes(fit.prediction, [point])[:, 0]
+    again = fitter.experiment.predict(point).values
+    assert resensed(fit.prediction, point).loops is fit.prediction.state.loops
+    assert np.abs(change + fit.predicted - again).max() < 1e-6 * np.abs(again).max()
 
 
 @pytest.mark.parametrize("slope", [4e5, -4e5])
-def test_either_sign_is_begun_with_the_right_one_first(recorded, slope):
+def test_either_sign_is_begun_and_the_right_one_promises_more(recorded, slope):
     fitter, fit = recorded(NormalLoadCoupling().changed(slope=slope))
-    starts = starts_beside(fit, ("normal-load-coupling",))
-    begun = signatures(fitter, fit, starts, changes(fitter, fit, starts)).begin("normal-load-coupling")
-    signs = [one.signs["normal-load-coupling.slope"] for one in begun]
-    assert signs == [np.sign(slope), -np.sign(slope)]
-
-
-def test_a_start_far_off_is_not_given_up_before_its_first_step(recorded):
-    """Friction that falls with pressure lowers all friction where it begins, which the first step sets right."""
-    fitter, fit = recorded()
-    space = Space.of(("load-dependent-friction",))
-    z = np.zeros(space.size)
-    z[-1] = 1.2  # a reference pressure far above the mean: less friction everywhere
-    begun, then = (fitter.fit(space, z, fit.simulation, steps).objective for steps in (0, 1))
-    assert then < 0.6 * begun
-    assert fitter.fit(space, z, fit.simulation, 1, worth=0.3 * begun).objective == pytest.approx(then)
-    assert fitter.fit(space, z, fit.simulation, 1, worth=0.01 * begun).objective == pytest.approx(begun)
+    promised = {point.parameters.signs["normal-load-coupling.slope"]: fitter.at(point, fit.prediction).promise
+                for point in begun(fitter, fit, "normal-load-coupling")}
+    assert set(promised) == {1.0, -1.0}
+    assert promised[np.sign(slope)] < promised[-np.sign(slope)]
 
 
 def test_a_start_without_a_simulation_is_left_out(recorded, monkeypatch):
@@ -87,50 +87,50 @@ def test_a_start_without_a_simulation_is_left_out(recorded, monkeypatch):
         return simulate(model, hypothesis, near)
 
     monkeypatch.setattr(RigModel, "simulate", failing)
-    stuck = replace(fitter.rig, problem=fitter.rig.problem.vary(friction_coefficient=50.0))
-    for models in ((stuck, fitter.rig), (fitter.rig, stuck)):
-        assert first_simulation(models)[0] is fitter.rig
+    stuck = replace(fitter.experiment.rig, problem=fitter.experiment.rig.problem.vary(friction_coefficient=50.0))
+    for models in ((stuck, fitter.experiment.rig), (fitter.experiment.rig, stuck)):
+        assert first_simulation(models)[0] is fitter.experiment.rig
     with pytest.raises(NonConvergenceError, match="too much friction"):
         first_simulation([stuck, stuck])
 
 
 def test_the_reading_whose_displacement_is_nearest_is_the_start(recorded):
     fitter, _ = recorded()
-    other = replace(fitter.rig, problem=fitter.rig.problem.vary(friction_coefficient=0.7))
-    assert first_simulation([other, fitter.rig])[0] is fitter.rig
+    other = replace(fitter.experiment.rig, problem=fitter.experiment.rig.problem.vary(friction_coefficient=0.7))
+    assert first_simulation([other, fitter.experiment.rig])[0] is fitter.experiment.rig
 
 
 def test_correction_at_a_fit_is_kept_where_it_lessens_the_misfit(recorded):
     """A recording of the denser model is met once the plain model is corrected by it; a wrong check changes nothing."""
     fitter, _ = recorded()
-    denser = replace(fitter.rig, samples=2 * fitter.rig.samples)
-    exact = fitter.rig.predict(fitter.rig.simulate(Hypothesis()))
+    rig = fitter.experiment.rig
+    denser = replace(rig, samples=2 * rig.samples)
+    exact = rig.predict(rig.simulate(Hypothesis()))
     twice = exact + RICHARDSON * (denser.predict(denser.simulate(Hypothesis())) - exact)
-    seen = replace(fitter.rig, observation=replace(fitter.rig.observation, values=twice))
-    sharp = Covariance(0.1 * fitter.covariance.variance, fitter.covariance.modes)
-    plain, space, none = replace(fitter, rig=seen, covariance=sharp), Space.of(()), frozenset()
+    seen = replace(rig, observation=replace(rig.observation, values=twice, variance=0.1 * rig.observation.variance))
+    space, one = fitter.experiment.parameters(["viscous"]), frozenset({"viscous"})
+    still = Point(space, np.zeros(space.size), neutral=one)
 
     def looked(check):
-        fit = plain.fit(space, np.zeros(space.size), None, 0)
-        found = RigSearch(plain, lambda function, arguments: [function(one) for one in arguments], {none: fit},
-                          (seen, check))
-        found.correct([none], 0)
-        return fit, found
+        experiment = RigExperiment(seen, np.zeros(len(exact)), np.zeros((len(exact), 0)))
+        own = Fitter(experiment, experiment.measurement.covariance())
+        found = Search(experiment, lambda function, arguments: [function(one) for one in arguments],
+                       Effort(0, 1, 0, 1, 0), {one: own.at(still, None), frozenset(): own.at(still, None)})
+        found.fitter = own
+        before = found.fits[one]
+        corrected(found, (seen, check))
+        return before, found
 
-    fit, found = looked(replace(seen, samples=denser.samples))
-    assert fit.chi_squared > found.expected * SLACK
-    assert found.fits[none].chi_squared < 1e-6 * fit.chi_squared
-    assert found.fitter_of(none) is not plain
-    fit, found = looked(replace(seen, problem=seen.problem.vary(friction_coefficient=0.7)))
-    assert found.fits[none] is fit
-    assert found.fitter_of(none) is plain
+    before, found = looked(replace(seen, samples=denser.samples))
+    assert found.fits[one].chi_squared < 1e-6 * before.chi_squared
+    assert found.fitter_of(one) is not found.fitter
+    before, found = looked(replace(seen, problem=seen.problem.vary(friction_coefficient=0.7)))
+    assert found.fits[one] is before
+    assert found.fitter_of(one) is found.fitter
 
 
-def test_repeats_that_differ_smoothly_are_detected_whatever_the_mean_loops_show(recorded):
-    fitter, fit = recorded()
-    starts = starts_beside(fit, ("viscous", "channel-delay"))
-    seen = signatures(fitter, fit, starts, changes(fitter, fit, starts))
-    steady, wandering = (detect(replace(fitter.rig.observation, smooth_share=share), fit, seen) for share in (0.2, 0.8))
-    assert steady.p_value > steady.false_alarm_rate
-    assert wandering.p_value < 1e-3 * wandering.false_alarm_rate
-    assert wandering.statistic == REPEATS
+def test_repeats_that_differ_smoothly_are_told(recorded):
+    fitter, _ = recorded()
+    observation = fitter.experiment.rig.observation
+    assert not replace(observation, smooth_share=0.2).unsteady
+    assert replace(observation, smooth_share=0.8).unsteady

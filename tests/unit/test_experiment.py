@@ -45,12 +45,16 @@ class Line:
         """Return differences."""
         return differences(self, prediction, points)
 
+    def finer(self) -> None:
+        """Return nothing: there are no numerical errors."""
+
 
 def line() -> Line:
     """Return the experiment; what it measured plays no part."""
     zero, rows = np.zeros(3), np.zeros(3, dtype=int)
     return Line(Measurement(
-        values=zero, variance=zero + 1.0, modes=np.zeros((3, 0)), repeatable=zero + 1.0, channel=rows, channels=("a",),
+        values=zero, variance=zero + 1.0, modes=np.zeros((3, 0)), code_error=np.zeros((3, 0)),
+        repeatable=zero + 1.0, channel=rows, channels=("a",),
         phase=zero, group=rows, groups=("b",), cycles=zero, condition=rows, held_out=np.zeros(3, dtype=bool)))
 
 

@@ -2,30 +2,56 @@
 
 import numpy as np
 import pytest
-from fretflow.experiments.rig.words import next_measurement, sentence, separating, unfinished
-from fretflow.inference.verdict import Location, ResidualLaw, Verdict
+from fretflow.experiments.rig.words import at_bounds, next_measurement, sentence, separating, unfinished
+from fretflow.inference.parameters import Parameters
+from fretflow.inference.posterior import Found, Posterior
+from fretflow.inference.verdict import Candidate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import after_model
 
 PLACE = Location(block="contact law", channel="friction force", phase="knee", cycles=(0, 1000), zone="")
 LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),
                   y=np.zeros(1), sd=np.zeros(1), explained=0.7)
+REST = Remainder(share=0.07, times_noise=4.7, where="friction force, the knee")
+
+
+def found(verdict: Verdict, *sets: set[str], explained: float = 0.93, probability: float = 0.95) -> Found:
+    """Return a verdict on some alternatives; backlash explains 30 % in the ranking."""
+    near = Candidate(effects=("backlash",), probability=0.1, explained=0.3, chi_squared=9.0, degrees_of_freedom=5,
+                     log_evidence=0.0)
+    names = tuple(map(frozenset, sets))
+    return Found(verdict, names, names[0] if names else frozenset(), explained, probability, (near,),
+                 Posterior({frozenset(): 0.0}, 0.0, {}))
 
 
 def test_a_pair_and_a_single_effect_are_named():
-    assert "leaves out viscous, which explains 93 %" in sentence(Verdict.NAMED, [{"viscous"}], 0.93, PLACE, None)
-    assert "backlash and viscous, which explain 93 %" in sentence(
-        Verdict.NAMED, [{"viscous", "backlash"}], 0.93, PLACE, None)
+    one, two = (sentence(found(Verdict.NAMED, names), REST, PLACE, None) for names in (
+        {"viscous"}, {"viscous", "backlash"}))
+    assert "Very probably, the model leaves out viscous, which explains 93 %" in one
+    assert "backlash and viscous, which explain 93 %" in two
+
+
+def test_what_remains_is_told_with_its_place():
+    text = sentence(found(Verdict.NAMED, {"viscous"}), REST, PLACE, None)
+    assert "what remains (7 % of the difference, 4.7 times the noise) is not explained" in text
+    assert "it lies in friction force, the knee" in text
+
+
+@pytest.mark.parametrize(("probability", "word"), [(0.995, "Almost surely"), (0.95, "Very probably"),
+                                                   (0.8, "Probably"), (0.55, "Perhaps")])
+def test_how_sure_it_is_has_a_word(probability, word):
+    text = sentence(found(Verdict.NAMED, {"viscous"}, probability=probability), REST, PLACE, None)
+    assert text.startswith(word)
 
 
 def test_what_all_alternatives_share_is_sure():
-    text = sentence(Verdict.AMBIGUOUS, [{"viscous", "backlash"}, {"channel-delay", "backlash"}], 0.9, PLACE, None)
+    text = sentence(found(Verdict.AMBIGUOUS, {"viscous", "backlash"}, {"channel-delay", "backlash"}), REST, PLACE, None)
     assert "leaves out backlash, and one of viscous, or channel-delay" in text
 
 
-def test_an_unlisted_effect_is_told_by_its_place_and_law():
-    text = sentence(Verdict.UNKNOWN, [], 0.3, PLACE, LAW)
-    for part in ("not in the catalogue", "'contact law'", "friction force", "'knee'", "30 %",
-                 "follows the displacement"):
+def test_an_unlisted_effect_is_told_by_its_place_law_and_nearest():
+    text = sentence(found(Verdict.UNKNOWN, explained=0.3), REST, PLACE, LAW)
+    for part in ("not in the catalogue", "'contact law'", "friction force", "'knee'", "backlash would explain 30 %",
+                 "4.7 times the noise", "follows the displacement"):
         assert part in text
     assert "displacement" in next_measurement(LAW)
 
@@ -33,11 +59,17 @@ def test_an_unlisted_effect_is_told_by_its_place_and_law():
 def test_a_law_that_explains_little_is_not_told():
     weak = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),
                        y=np.zeros(1), sd=np.zeros(1), explained=0.1)
-    assert "follows" not in sentence(Verdict.UNKNOWN, [], 0.3, PLACE, weak)
+    assert "follows" not in sentence(found(Verdict.UNKNOWN), REST, PLACE, weak)
 
 
 def test_nothing_found_says_so():
-    assert "explains the recording" in sentence(Verdict.NONE, [], 0.0, PLACE, None)
+    assert "explains the recording" in sentence(found(Verdict.NONE), REST, PLACE, None)
+
+
+def test_parameters_far_outside_of_their_ranges_are_warned_of():
+    space = Parameters.of((), ["backlash"])
+    assert "backlash.play stands far outside" in at_bounds(space, np.array([4.0]))[0]
+    assert at_bounds(space, np.array([1.0])) == []
 
 
 @pytest.mark.parametrize(("one", "other", "wanted"), [
@@ -82,17 +114,3 @@ def test_fits_that_were_stopped_are_told():
     assert "baseline alone was stopped" in alone
     assert "baseline with backlash and viscous was stopped" in beside
     assert unfinished([]) == []
-
-
-def test_an_unknown_that_is_explained_in_part_says_why_it_has_no_name():
-    """More than the gate explained, and no name: the rest is no noise, or the motion does not repeat itself."""
-    assert "explains 88 % of what the baseline leaves, but not down to the noise" in sentence(
-        Verdict.UNKNOWN, [], 0.88, PLACE, None)
-    assert "noise" not in sentence(Verdict.UNKNOWN, [], 0.5, PLACE, None)
-    assert "does not repeat itself" in sentence(Verdict.UNKNOWN, [], 1.0, PLACE, None, repeats=False)
-
-
-def test_an_effect_that_predicts_nothing_is_said_to():
-    assert "predicts loops that it was not fitted to no better" in sentence(
-        Verdict.UNKNOWN, [], 1.0, PLACE, None, predicts=False)
-    assert "predicts" not in sentence(Verdict.UNKNOWN, [], 0.0, PLACE, None, predicts=False)  # nothing was chosen

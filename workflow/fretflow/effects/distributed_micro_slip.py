@@ -40,6 +40,7 @@ class DistributedMicroSlip(Effect):
                              "Mech. 72 (2005)")
     observables: ClassVar[tuple[str, ...]] = ("knee of a loop between stick and plateau",
                                               "dissipated energy over amplitude below gross slip")
+    extends: ClassVar[frozenset[str]] = frozenset({"directional-friction"})  # by c
     kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
 
     spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)

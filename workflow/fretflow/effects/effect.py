@@ -167,6 +167,7 @@ class Effect(Section):
     source: ClassVar[str]  # of the equation, in the literature
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
     kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
+    extends: ClassVar[frozenset[str]] = frozenset()  # ids of other effects whose law its own holds
     excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
     needs_time: ClassVar[bool] = False  # whether it acts by rates or times, which points off a figure lack
     told_by: ClassVar[str] = ""  # the measurement that shows it besides those recorded
@@ -284,6 +285,11 @@ class Effect(Section):
     def force(self, motion: Motion) -> Array | float:
         """Return the force that is added to the friction, () or (N,) in N, positive against positive motion."""
         return 0.0
+
+
+def in_sensors_alone(kind: type[Effect]) -> bool:
+    """Tell whether an effect changes nothing but what the sensors show."""
+    return kind.sense is not Effect.sense and kind.period is Effect.period
 
 
 def in_sensing_order(effects: Iterable[Effect]) -> list[Effect]:

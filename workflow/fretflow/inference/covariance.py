@@ -14,10 +14,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# By which squares, and gains in log evidence, count less than this covariance has it: independent codes differ by more
-# than it knows even where nothing is hidden, and laws are never exactly those of the catalogue.
-SYSTEMATIC = 4.0
-
 
 @dataclass(frozen=True)
 class Covariance:

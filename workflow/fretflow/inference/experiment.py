@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import FretflowError
 from fretflow.core.records import quantity, record
+from fretflow.effects.effect import Effect
 from fretflow.inference.covariance import Covariance
 from fretflow.inference.parameters import Array, Parameters
 
@@ -32,7 +33,8 @@ class Measurement:
 
     values: Array = quantity("SI", "(M,)")
     variance: Array = quantity("SI^2", "(M,), of independent errors")
-    modes: Array = quantity("SI", "(M, B), of errors that rows share: gains, zeros, code error")
+    modes: Array = quantity("SI", "(M, B), of errors that rows share: gains, zeros")
+    code_error: Array = quantity("SI", "(M, C), modes of what a finer solution of the model would change")
     repeatable: Array = quantity("1", "(M,), share of the variance that repeats show")
     channel: NDArray[np.int64] = quantity("1", "(M,), index into `channels`")
     channels: tuple[str, ...]
@@ -51,25 +53,37 @@ class Measurement:
     def covariance(self, kept: NDArray[np.bool_] | None = None) -> Covariance:
         """Return the errors' covariance, of the rows (M,) that are `kept`."""
         rows = np.ones(len(self.values), dtype=bool) if kept is None else kept
-        return Covariance(self.variance[rows], self.modes[rows])
+        return Covariance(self.variance[rows], np.hstack([self.modes, self.code_error])[rows])
 
 
 @dataclass(frozen=True)
 class Point:
-    """A hypothesis: coordinates and their values z (size,), standard normal beforehand."""
+    """A hypothesis: coordinates and their values z (size,); some of its effects may be put out of work."""
 
     parameters: Parameters
     z: Array
+    neutral: frozenset[str] = frozenset()
 
     @property
     def effects(self) -> frozenset[str]:
         """Return the effects of the hypothesis."""
         return frozenset(self.parameters.effects)
 
+    def built(self) -> tuple[Effect, ...]:
+        """Return the effects with their parameters."""
+        return tuple(put_out(one) if one.id in self.neutral else one for one in self.parameters.built(self.z))
+
     def beside(self, step: float = STEP) -> tuple[list[Point], Array]:
         """Return the points a step away along each coordinate, toward the middle, and the steps (size,) taken."""
         steps = np.where(self.z <= 0.0, step, -step)
         return [Point(self.parameters, self.z + own) for own in np.diag(steps)], steps
+
+
+def put_out(effect: Effect) -> Effect:
+    """Return an effect with what its law is named after at the value that does nothing; the rest is as it was."""
+    plain, neutral = type(effect)(), type(effect).neutral()
+    return effect.changed(**{name: getattr(neutral, name) for name in type(effect).priors()
+                             if getattr(neutral, name) != getattr(plain, name)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +130,10 @@ class Experiment(Protocol):
 
         A column of nan says that nothing is known of one. `differences` does for models that are cheap.
         """
+        ...
+
+    def finer(self) -> Experiment | None:
+        """Return the same with smaller numerical errors, for fits that these bring to a halt; None if there is none."""
         ...
 
 

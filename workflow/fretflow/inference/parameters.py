@@ -20,7 +20,7 @@ from fretflow.effects.effect import Effect, Prior, parameter_limits
 Array = NDArray[np.float64]
 
 WIDTH = 2.0 * float(norm.ppf(0.95))  # of a 90 % interval, in standard deviations
-FARTHEST = 4.0  # standard deviations that a coordinate may go: beyond, six of 1e5 draws from the prior lie
+FARTHEST = 6.0  # standard deviations that a coordinate may go: beyond, the prior holds two of 1e9
 
 Scaled = Callable[[str, str, Prior], Prior]  # effect, field and its range: the range at the size of what was measured
 

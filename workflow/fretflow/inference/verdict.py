@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.plugins import FIGURES, provided
+from fretflow.core.provenance import commit, own_version
 from fretflow.core.records import quantity, record
 from fretflow.core.store import write_whole
 
@@ -99,6 +100,15 @@ class HeldOut:
     before: float
     after: float
     floor: float
+
+
+@record
+class Remainder:
+    """What the model of the verdict does not explain."""
+
+    share: float  # of what the baseline leaves beyond noise
+    times_noise: float  # rms over that of repeats
+    where: str  # in words, empty where it is nowhere more than by chance
 
 
 @record
@@ -198,6 +208,8 @@ class Diagnosis:
     wear_map: WearMap | None = None
     wear_tests: WearTests | None = None
     residual_law: ResidualLaw | None = None
+    remainder: Remainder | None = None
+    warnings: tuple[str, ...] = ()  # what makes the verdict less sure than its probability
     notes: tuple[str, ...] = ()  # warnings of the recording, limits of the diagnosis
     case_file: str = ""  # text of a case with the named effects that `fretflow run` takes
     after_model: str = ""  # what "after" was predicted with: "baseline + friction-run-in"
@@ -224,7 +236,11 @@ class Diagnosis:
                                       "unit": one.unit} for one in self.parameters},
             "fit": {} if fit is None else {"held_out": fit.what, "before": _plain(fit.before),
                                            "after": _plain(fit.after), "floor": _plain(fit.floor)},
-            "separating_measurement": self.separating_measurement}
+            "separating_measurement": self.separating_measurement,
+            "remainder": {} if self.remainder is None else {
+                "share": _plain(self.remainder.share), "times_noise": _plain(self.remainder.times_noise),
+                "where": self.remainder.where},
+            "warnings": list(self.warnings), "version": own_version(), "commit": commit() or ""}
         if path is not None:
             write_whole(Path(path), (json.dumps(content, indent=1) + "\n").encode())
         return content

@@ -24,9 +24,9 @@ from scipy import stats
 
 from fretflow.core.records import quantity, record
 from fretflow.experiments.rig.changes import MAKERS, Loop
-from fretflow.experiments.rig.fit import Fit, Fitter
+from fretflow.experiments.rig.experiment import RigExperiment, simulation_of
 from fretflow.experiments.rig.observation import Array
-from fretflow.inference.covariance import SYSTEMATIC
+from fretflow.inference.least_squares import Fit
 
 AMPLITUDES = np.geomspace(1e-4, 10.0, 21)  # of a space's changes, over the size of what they change
 COMMON_SHARES = (0.0, 0.1, 1.0)  # of the amplitude: what a loop has by itself beside what all have in common
@@ -72,18 +72,18 @@ class Cut:
     p_value: float  # that noise alone gains as much
 
 
-def cuts(fitter: Fitter, base: Fit) -> tuple[Cut, ...]:
+def cuts(experiment: RigExperiment, base: Fit) -> tuple[Cut, ...]:
     """Return the blocks, the most probable first; to first order about the fitted baseline."""
     residual = projected(base, base.residual)
-    excess = max(float(residual @ residual) - float(fitter.rig.observation.noise.sum()), 1.0)
+    excess = max(float(residual @ residual) - float(experiment.measurement.expected), 1.0)
     best: dict[str, Cut] = {}
-    for space in spaces(fitter, base):
+    for space in spaces(experiment, base):
         gain, taken = space.evidence(residual)
         rest = residual - taken
         share = float(np.clip((residual @ residual - rest @ rest) / excess, 0.0, 1.0))
         if space.block not in best or gain > best[space.block].gain:
             # twice the log ratio of likelihoods with one parameter, the amplitude; the gain is what Occam leaves of it
-            chance = float(stats.chi2.sf(2.0 * max(gain, 0.0) / SYSTEMATIC, 1))
+            chance = float(stats.chi2.sf(2.0 * max(gain, 0.0), 1))
             best[space.block] = Cut(space.block, gain, share, chance)
     return tuple(sorted(best.values(), key=lambda cut: -cut.gain))
 
@@ -94,11 +94,12 @@ def projected(base: Fit, columns: Array) -> Array:
     return np.asarray(columns - basis @ (basis.T @ columns))
 
 
-def spaces(fitter: Fitter, base: Fit) -> list[Space]:
+def spaces(experiment: RigExperiment, base: Fit) -> list[Space]:
     """Return the spaces of all blocks at a fitted baseline."""
-    loops = [Loop.of(fitter.rig, base, period) for period in (*base.simulation.loops, *base.simulation.sweep)]
+    solved, covariance = simulation_of(base.prediction), experiment.measurement.covariance()
+    loops = [Loop.of(experiment.rig, base, period) for period in (*solved.loops, *solved.sweep)]
     found = []
     for block, make in MAKERS:
-        shared, single = (projected(base, fitter.covariance.whiten(part)) for part in make(fitter.rig, base, loops))
+        shared, single = (projected(base, covariance.whiten(part)) for part in make(experiment.rig, base, loops))
         found.append(Space(block=block, shared=shared, single=single))
     return found

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from fretflow.experiments.rig.fit import Fit
+from fretflow.experiments.rig.experiment import simulation_of
 from fretflow.experiments.rig.model import HARMONICS, Period, RigModel
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
+from fretflow.inference.least_squares import Fit
 from fretflow.solvers.direction import Direction, gap, rig_force
 from fretflow.solvers.fourier import derivative_matrix
 from fretflow.solvers.quasi_static.internal import InternalEquations
@@ -46,10 +47,10 @@ class Loop:
     @classmethod
     def of(cls, rig: RigModel, base: Fit, period: Period) -> Loop:
         """Return the loop of a period of a fitted baseline."""
-        pieces = {piece.channel: piece for piece, seen in rig.pieces(base.simulation) if seen is period}
+        pieces = {piece.channel: piece for piece, seen in rig.pieces(simulation_of(base.prediction)) if seen is period}
         signals = rig.signals(period)
         return cls(rig, base, period, {name: piece.place for name, piece in pieces.items()}, signals,
-                   rig.sensed(base.simulation.model, signals))
+                   rig.sensed(simulation_of(base.prediction).model, signals))
 
     def harmonics(self, most: int) -> Array:
         """Return a constant, cosines and sines (N, 2 H + 1) over the loop's samples."""
@@ -63,7 +64,7 @@ class Loop:
         """Add to a vector (M,) what small changes (N,) of true channels show."""
         moved: dict[str, Any] = {name: getattr(self.signals, name) + SMALL * change
                                  for name, change in changes.items() if getattr(self.signals, name) is not None}
-        after = self.rig.sensed(self.base.simulation.model, replace(self.signals, **moved))
+        after = self.rig.sensed(simulation_of(self.base.prediction).model, replace(self.signals, **moved))
         for name, place in self.places.items():
             vector[place] += (getattr(after, name) - getattr(self.shown, name)) / SMALL
 
@@ -197,7 +198,7 @@ def _parallel(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
 
 def _beside(loop: Loop) -> list[dict[str, Array]]:
     """Return forces between the specimens beside the contact, functions of the motion that all loops share."""
-    first = loop.base.simulation.loops[0].solution.rig_displacement[:, 1]
+    first = simulation_of(loop.base.prediction).loops[0].solution.rig_displacement[:, 1]
     x = loop.signals.arm / (0.5 * float(np.ptp(first)))
     rates = loop.harmonics(HARMONICS) @ derivative_matrix(HARMONICS, loop.period.problem.frequency
                                                          / loop.rig.problem.frequency)

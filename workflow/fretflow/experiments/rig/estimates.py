@@ -7,34 +7,26 @@ import numpy as np
 from fretflow.case.casefile import dump_case, entries
 from fretflow.case.config import Case
 from fretflow.effects.catalogue import catalogue, tables
-from fretflow.experiments.rig.coordinates import Coordinate
-from fretflow.experiments.rig.fit import Fit
+from fretflow.experiments.rig.experiment import hypothesis
 from fretflow.experiments.rig.model import RigModel
-from fretflow.inference.covariance import SYSTEMATIC
+from fretflow.inference.experiment import Point
+from fretflow.inference.parameters import Array, Coordinate, Parameters
+from fretflow.inference.search import HALF
 from fretflow.inference.verdict import Estimate
 from fretflow.structure.two_mass_rig.joint import rig_of
 
-HALF = 1.645  # standard deviations of a 90 % interval
 TURN = 2.0 * np.pi  # width of the range of an angle
 
 BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coefficient"),
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
             "mass": ("rig.moving_mass", "kg", "mass of the driven block")}
 
-# Beyond noise and codes: without it 86 % of the intervals of strong effects held the truth, and 84 % of friction's, in
-# 300 recordings of trials (seeds 2027 and 2028).
-HONEST = 1.2
 
-
-def estimates(rig: RigModel, fit: Fit, widened: float = 1.0) -> tuple[Estimate, ...]:
-    """Return the baseline's parameters and those of the fit's effects; `widened` multiplies the intervals."""
-    spread = np.sqrt(np.diag(np.linalg.inv(fit.information))) * HALF * np.sqrt(SYSTEMATIC) * HONEST * widened
-    found = []
-    for coordinate, z, half in zip(fit.space.coordinates, fit.z, spread, strict=True):
-        made = _estimate(rig, coordinate, float(z), float(half))
-        if made is not None:
-            found.append(made)
-    return tuple(found)
+def estimates(rig: RigModel, space: Parameters, mean: Array, spread: Array) -> tuple[Estimate, ...]:
+    """Return the baseline's parameters and those of effects, of coordinates with a mean and a spread (size,)."""
+    made = [_estimate(rig, coordinate, float(z), HALF * float(sd))
+            for coordinate, z, sd in zip(space.coordinates, mean, spread, strict=True)]
+    return tuple(one for one in made if one is not None)
 
 
 def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float) -> Estimate | None:
@@ -57,17 +49,17 @@ def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float) -> E
     return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning)
 
 
-def case_text(case: Case, rig: RigModel, fit: Fit) -> str:
+def case_text(case: Case, rig: RigModel, point: Point) -> str:
     """Return `case` with the fitted parameters and effects, as a file that `fretflow run` takes."""
-    hypothesis = fit.space.hypothesis(fit.z)
-    soft = hypothesis.compliance
+    found = hypothesis(point)
+    soft = found.compliance
     sides = {side: own.model_copy(update={"youngs_modulus": own.youngs_modulus / soft})
              for side in ("upper", "lower") for own in (getattr(case.specimen, side),)}
     changed = case.model_copy(update={
         "contact": case.contact.model_copy(update={
-            "friction_coefficient": hypothesis.friction * float(np.mean(rig.problem.friction_coefficient))}),
-        "wear": case.wear.model_copy(update={"coefficient": hypothesis.wear * rig.wear_coefficient}),
-        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * hypothesis.mass}),
+            "friction_coefficient": found.friction * float(np.mean(rig.problem.friction_coefficient))}),
+        "wear": case.wear.model_copy(update={"coefficient": found.wear * rig.wear_coefficient}),
+        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * found.mass}),
         "specimen": case.specimen.model_copy(update=sides),
-        "effects": tables(hypothesis.effects)})
+        "effects": tables(found.effects)})
     return dump_case(changed)

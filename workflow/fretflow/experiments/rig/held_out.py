@@ -6,19 +6,19 @@ prediction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from fretflow.experiments.rig.fit import Fit, Fitter
+from fretflow.experiments.rig.experiment import RigExperiment
 from fretflow.experiments.rig.observation import Array, Observation
-from fretflow.experiments.rig.search import Names, RigSearch
 from fretflow.experiments.rig.views import held_out_error
 from fretflow.inference.covariance import Covariance
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.search import Names, Search, Task, fit_task
 from fretflow.inference.verdict import HeldOut
 
 MOST_KEPT = 4  # loops that are all fitted
-STEPS = 2  # of a refit, from where all loops were fitted
 HIDDEN = 1e12  # factor on the variance of what is held out
 
 
@@ -35,17 +35,6 @@ class HeldOutPrediction:
     after: Array
 
 
-@dataclass(frozen=True)
-class _Refit:
-    fitter: Fitter
-    fit: Fit
-
-
-def refit_task(asked: _Refit) -> Fit:
-    """Return a fit carried on under another covariance."""
-    return asked.fitter.fit(asked.fit.space, asked.fit.z, asked.fit.simulation, STEPS)
-
-
 def held_out_labels(observation: Observation) -> frozenset[str]:
     """Return the labels of the loops that are held out: every third cycle count, and every second condition."""
     loops = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "loops"))
@@ -54,23 +43,28 @@ def held_out_labels(observation: Observation) -> frozenset[str]:
     return frozenset([*kept, *sweep[1::2]])
 
 
-def held_out(looked: RigSearch, names: Names) -> HeldOutPrediction:
+def held_out(looked: Search, experiment: RigExperiment, names: Names) -> HeldOutPrediction:
     """Return what the fits of the baseline and of a set predict, made again without some of the loops."""
-    observation, (before, after) = looked.fitter.rig.observation, (looked.baseline, looked.fits[names])
+    observation, fits = experiment.rig.observation, (looked.baseline, looked.fits[names])
     labels = held_out_labels(observation)
     if not labels:
-        return HeldOutPrediction(labels, None, before.predicted, after.predicted)
+        return HeldOutPrediction(labels, None, fits[0].predicted, fits[1].predicted)
     out = np.zeros(len(observation.values), dtype=bool)
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
     known = looked.fitter.covariance
     hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance, np.where(out[:, None], 0.0, known.modes))
-    refits = looked.pool(refit_task, [_Refit(replace(looked.fitter_of(one), covariance=hidden), looked.fits[one])
-                                      for one in dict.fromkeys((frozenset(), names))])
-    sensed = [one.predicted + known.modes @ hidden.shared(observation.values - one.predicted)
-              for one in (refits[0], refits[-1])]
+    sets = list(dict.fromkeys((frozenset[str](), names)))
+    refits = looked.pool(fit_task, [Task(Fitter(looked.fitter_of(one).experiment, hidden),
+                                         looked.fits[one].prediction.point, looked.fits[one].prediction,
+                                         looked.effort.first_steps) for one in sets])
+    predicted = [fit.predicted if own is None else own.predicted
+                 for fit, own in zip([looked.fits[one] for one in sets], refits, strict=True)]
+    shared = experiment.measurement.covariance()
+    seen = Covariance(hidden.variance, np.where(out[:, None], 0.0, shared.modes))
+    sensed = [one + shared.modes @ seen.shared(observation.values - one) for one in (predicted[0], predicted[-1])]
     sizes = [held_out_error(observation, one, out) for one in sensed]
     order = [label for label in dict.fromkeys(piece.label for piece in observation.pieces) if label in labels]
-    shown = [np.where(out, own, fit.predicted) for own, fit in zip(sensed, (before, after), strict=True)]
+    shown = [np.where(out, own, fit.predicted) for own, fit in zip(sensed, fits, strict=True)]
     return HeldOutPrediction(labels, HeldOut(what=f"{len(labels)} of the loops: {'; '.join(order)}", before=sizes[0],
                                   after=sizes[1], floor=1.0), shown[0], shown[1])

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.experiments.rig.blocks import Cut, cuts
-from fretflow.experiments.rig.fit import Fit, Fitter
+from fretflow.experiments.rig.experiment import RigExperiment
 from fretflow.experiments.rig.observation import Array, Observation, count_label
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.views import loop_pieces
+from fretflow.inference.least_squares import Fit
 from fretflow.inference.verdict import Location, Place
 
 CHANNEL_WORDS = {"friction_force": "friction force", "normal_force": "normal force", "worn_volume": "worn volume",
@@ -41,12 +42,12 @@ class _Part:
     p_value: float  # not corrected
 
 
-def locate(fitter: Fitter, base: Fit, block: str = "", cut: bool = True) -> Location:
+def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = True) -> Location:
     """Return where the fitted baseline and the recording part.
 
     Parameters
     ----------
-    fitter, base
+    experiment, base
         The model with its covariance, and the baseline fitted.
     block
         The block of the named effects, in words; where it is empty it is decided from cuts of the model (see
@@ -54,9 +55,9 @@ def locate(fitter: Fitter, base: Fit, block: str = "", cut: bool = True) -> Loca
     cut
         Whether that is to be decided at all.
     """
-    observation = fitter.rig.observation
+    observation = experiment.rig.observation
     parts = list(_parts(observation, base.residual))
-    found = cuts(fitter, base) if cut and not block else ()
+    found = cuts(experiment, base) if cut and not block else ()
     looked = len(parts) + len(found)
     total = max(base.chi_squared - float(observation.noise.sum()), 1.0)
     places = [Place(cut=one.cut, where=one.where, share=float(np.clip(one.excess / total, 0.0, 1.0)),

@@ -38,8 +38,6 @@ MOST_PERIODS, MOST_FINE = 50, 150
 # tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
 # stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with less.
 WEAR_TOLERANCE, FINE = 0.1, 0.01
-# sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
-SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
 
 
 @dataclass(frozen=True)

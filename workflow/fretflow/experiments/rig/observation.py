@@ -19,7 +19,7 @@ from fretflow.core.records import quantity, record
 from fretflow.inference.covariance import Covariance
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import Repeatability, repeatability, smooth_share
+from fretflow.recordings.repeatability import SMOOTH, Repeatability, repeatability, smooth_share
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
 
@@ -93,6 +93,16 @@ class Observation:
     def samples(self) -> int:
         """Return the samples of a loop: those that its harmonics need."""
         return 2 * self.harmonics + 1
+
+    @property
+    def unsteady(self) -> bool:
+        """Tell whether repeats differ by smooth changes of the loops rather than by noise.
+
+        Then the motion does not repeat itself with the drive, as no model here does. Noise of few samples is smooth by
+        a share of its own.
+        """
+        noise = 2.0 * SMOOTH / self.samples
+        return self.smooth_share > 0.5 * (1.0 + noise)
 
     @property
     def counts(self) -> tuple[int, ...]:

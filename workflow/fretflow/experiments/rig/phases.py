@@ -23,27 +23,34 @@ class Strokes:
     since: Array = quantity("m", "(N,), travel since the reversal")
     share: Array = quantity("1", "(N,), of the stroke's travel")
     phase: NDArray[np.int64] = quantity("1", "(N,), index into PHASES")
+    period: Array = quantity("1", "(N,), 0 and 1/2 at the reversals, 1/4 and 3/4 where the plateaus begin")
 
     @classmethod
     def of(cls, displacement: Array, force: Array) -> Strokes:
         """Return the strokes of a loop (N,); the phases go by how far the force is from reversal to plateau."""
         x, f = smoothed(displacement), smoothed(force)
         n, top, bottom = len(x), int(np.argmax(x)), int(np.argmin(x))
-        way, since, share = np.ones(n), np.zeros(n), np.zeros(n)
+        way, since, share, period = np.ones(n), np.zeros(n), np.zeros(n), np.zeros(n)
         phase = np.zeros(n, dtype=np.int64)
         for begin, end, sign in ((bottom, top, 1.0), (top, bottom, -1.0)):
             own = (begin + np.arange((end - begin) % n or n)) % n
             travel = np.maximum.accumulate(sign * (x[own] - x[begin]))
             gone = travel / max(abs(x[end] - x[begin]), 1e-300)
             way[own], since[own], share[own] = sign, travel, gone
-            phase[own] = _phases(sign * f[own], gone)
-        return cls(way=way, since=since, share=share, phase=phase)
+            built = _built(sign * f[own], gone)
+            phase[own] = _phases(built, gone)
+            period[own] = 0.25 * (np.clip(built, 0.0, 1.0) + gone) + (0.0 if sign > 0.0 else 0.5)
+        return cls(way=way, since=since, share=share, phase=phase, period=period)
 
 
-def _phases(force: Array, gone: Array) -> NDArray[np.int64]:
-    """Return the phases along one stroke from its force, positive against the motion, and share of the travel."""
+def _built(force: Array, gone: Array) -> Array:
+    """Return how far the force of one stroke, positive against the motion, is from the reversal to the plateau."""
     plateau = float(np.median(force[gone >= PLATEAU_FROM])) if np.any(gone >= PLATEAU_FROM) else float(force.max())
-    built = np.maximum.accumulate((force - force[0]) / max(plateau - force[0], 1e-300))
+    return np.asarray(np.maximum.accumulate((force - force[0]) / max(plateau - force[0], 1e-300)))
+
+
+def _phases(built: Array, gone: Array) -> NDArray[np.int64]:
+    """Return the phases along one stroke from its force and share of the travel."""
     found = np.digitize(built, (TURNED, STUCK, SLIDING))
     found[(found == PHASES.index("plateau")) & (gone > END)] = PHASES.index("plateau end")
     return found

@@ -13,18 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fretflow.case.config import Case, Reduction
-from fretflow.core.errors import FretflowError
+from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.experiments.rig import words
-from fretflow.experiments.rig.course import FAST, FULL, chosen_set, refine, search, start_search
-from fretflow.experiments.rig.detection import detect, unsteady
+from fretflow.experiments.rig.detection import FALSE_ALARMS, detect
 from fretflow.experiments.rig.estimates import case_text, estimates
-from fretflow.experiments.rig.fit import Fit, Fitter
+from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
 from fretflow.experiments.rig.held_out import HeldOutPrediction, held_out
+from fretflow.experiments.rig.instruments import FRICTION, faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
-from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
-from fretflow.experiments.rig.observation import Array, Observation, observe
-from fretflow.experiments.rig.search import Names, Pool, RigSearch
+from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.observation import Array, observe
 from fretflow.experiments.rig.setup import (
     MESHES,
     MESHES_FAST,
@@ -39,9 +38,12 @@ from fretflow.experiments.rig.setup import (
     model_of,
 )
 from fretflow.experiments.rig.tangent import neighbours
-from fretflow.experiments.rig.verdict import Found, decide, held_to, predicts, smallest_visible
 from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
-from fretflow.inference.verdict import Diagnosis, Verdict
+from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.posterior import Found, decide, smallest_visible
+from fretflow.inference.search import FAST, FULL, Pool, Search, Task, fit_task, search, start_search
+from fretflow.inference.verdict import Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
@@ -84,65 +86,133 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     """
     began = time.monotonic()
     progress(0.01, "specimens on two meshes")
-    observation = observe(recording, SAMPLES)
     case = case_of(recording)
-    fitter, first, checks = _fitter(recording, observation, MESHES_FAST if fast else MESHES, tools, progress)
+    wrong = faults(recording, case)
+    if wrong:
+        return faulty(recording, wrong, fast, time.monotonic() - began)
+    experiment, first, checks = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
-    observation, effort = fitter.rig.observation, FAST if fast else FULL
-    looked = start_search(fitter, first, effort, tools.pool, checks)
-    base = looked.baseline
-    progress(0.3, "screening all effects")
-    detection = detect(observation, base, looked.screen(frozenset()))
-    chosen: Names = frozenset()
-    if detection.p_value < detection.false_alarm_rate:
-        search(looked, effort, lambda share, text: progress(0.35 + 0.45 * share, text))
-        progress(0.8, "fitting the best to the end")
-        refine(looked, chosen_set(looked))
-        chosen = chosen_set(looked)
+    looked = start_search(experiment, first, FAST if fast else FULL, tools.pool)
+    search(looked, lambda share, text: progress(0.2 + 0.55 * share, text))
+    progress(0.75, "what the mesh leaves out at the best")
+    corrected(looked, checks)
+    found = plausible(decide(looked), looked, experiment)
     progress(0.85, "held-out loops")
-    found, unseen = _held(looked, decide(looked, chosen, detection))
-    after = looked.fits[found.after]
-    location = locate(fitter, base, blocks_of(found.effects) if found.effects else "",
+    unseen = held_out(looked, experiment, found.after)
+    return _told(recording, case, experiment, looked, found, unseen, tools, fast, began, progress)
+
+
+def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: float) -> Diagnosis:
+    """Return what is said of a recording whose instruments contradict themselves or the rig: no physics."""
+    whole = Remainder(share=1.0, times_noise=np.inf, where="the instruments")
+    return Diagnosis(
+        title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=Verdict.UNKNOWN,
+        effects=(), probability=1.0 - FALSE_ALARMS, ranking=(), sentence=words.of_instruments(wrong),
+        detection=Detection(p_value=FALSE_ALARMS, statistic="instruments", tests={}, false_alarm_rate=FALSE_ALARMS),
+        location=Location(block="sensor", channel="", phase="", cycles=(0, 0), zone="", text=""), parameters=(),
+        held_out=None, separating_measurement="The channels again, calibrated against each other at rest and unloaded.",
+        smallest_visible={}, remainder=whole, warnings=tuple(wrong), notes=tuple(wrong), seconds=seconds, fast=fast)
+
+
+def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: Search, found: Found,
+          unseen: HeldOutPrediction, tools: RigTools, fast: bool, began: float, progress: Progress) -> Diagnosis:
+    """Return the diagnosis of a verdict."""
+    observation, base, after = experiment.rig.observation, looked.baseline, looked.fits[found.after]
+    plain = Fitter(experiment, experiment.measurement.covariance())
+    before, behind = (plain.linearised(fit.prediction) for fit in (base, after))
+    location = locate(experiment, before, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
-    notes = [*map(str, recording.notes), *words.unfinished({
-        names for names in (frozenset(), found.after) if not looked.fits[names].converged})]
-    if unsteady(observation):
-        notes.append(words.not_repeated())
+    remainder = _remainder(experiment, looked, found, behind)
+    warnings = [*map(str, recording.notes), *words.unfinished({
+        names for names in (frozenset[str](), found.after) if not looked.fits[names].converged})]
+    warnings += words.at_bounds(after.parameters, after.z)
+    if experiment.rig.observation.unsteady:
+        warnings.append(words.not_repeated())
+    notes = list(warnings)
     if not fast:
         progress(0.9, "confirming on the full mesh")
-        notes.append(_confirmed(case, fitter, list(dict.fromkeys((base, after))), tools))
+        notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    mean, spread = looked.evidence(found.after).coordinates(looked.form_prior, looked.size_prior)
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=words.sentence(found.verdict, found.sets, found.explained, location, law, not unsteady(observation),
-                                predicts(unseen.error)),
-        detection=detection,
-        location=location, parameters=estimates(fitter.rig, after, found.widened), held_out=unseen.error,
+        sentence=words.sentence(found, remainder, location, law), detection=detect(observation, before),
+        location=location, parameters=estimates(experiment.rig, after.parameters, mean, spread),
+        held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
-        residual_maps=residual_maps(observation, fitter.covariance, base.predicted, after.predicted),
+        residual_maps=residual_maps(observation, plain.covariance, base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
-        case_file=case_text(case, fitter.rig, after) if named else "",
+        case_file=case_text(case, experiment.rig, Point(after.parameters, mean)) if named else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
 
 
-def _held(looked: RigSearch, found: Found) -> tuple[Found, HeldOutPrediction]:
-    """Return the verdict and what is predicted of held-out loops, by the first alternative that helps there."""
-    first = held_out(looked, found.after)
-    if not predicts(first.error):
-        for names in found.sets[1:]:
-            other = held_out(looked, names)
-            if predicts(other.error):
-                return replace(found, after=names), other
-    return held_to(found, first.error), first
+def plausible(found: Found, looked: Search, experiment: RigExperiment) -> Found:
+    """Return a verdict that names nothing where the fit asks for a friction coefficient that no dry contact has."""
+    fitted = hypothesis(looked.fits[found.after].prediction.point).friction
+    friction = fitted * float(np.mean(experiment.rig.problem.friction_coefficient))
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or FRICTION[0] < friction < FRICTION[1]:
+        return found
+    return replace(found, verdict=Verdict.UNKNOWN, sets=())
 
 
-def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int], tools: RigTools,
-            progress: Progress) -> tuple[Fitter, Simulation, tuple[RigModel, RigModel]]:
-    """Return the fitter on the coarse mesh, the first simulation, and the models that tell what the mesh leaves out."""
+def _remainder(experiment: RigExperiment, looked: Search, found: Found, after: Fit) -> Remainder:
+    """Return what the model of the verdict leaves."""
+    place = locate(experiment, after, cut=False)
+    where = ", ".join(part for part in (place.channel, f"the {place.phase}" if place.phase else "", place.condition)
+                      if part)
+    share = 1.0 - looked.explained(found.after) if found.after else 1.0
+    return Remainder(share=share, times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)),
+                     where=where)
+
+
+def corrected(looked: Search, checks: Sequence[RigModel]) -> None:
+    """Correct the sets that may be named by what the coarse mesh leaves out at their own fits.
+
+    The correction at the baseline says little of a hypothesis with strong effects.
+    """
+    sets = [names for size in (1, 2) for names in looked.promising(looked.best(size))[:looked.effort.bases]]
+    asked = [_Corrected(looked.fits[names], looked.fitter, checks) for names in sets]
+    fitters = looked.pool(corrected_task, asked)
+    looked.fitters.update({names: own for names, own in zip(sets, fitters, strict=True) if own is not None})
+    again = [names for names in sets if names in looked.fitters]
+    found = looked.pool(fit_task, [Task(looked.fitters[names], looked.fits[names].prediction.point,
+                                        looked.fits[names].prediction, looked.effort.last_steps) for names in again])
+    for names, fit in zip(again, found, strict=True):
+        if fit is not None and fit.objective < looked.fits[names].objective:
+            looked.fits[names] = fit
+        else:  # what the correction extrapolates is beyond it
+            del looked.fitters[names]
+
+
+@dataclass(frozen=True)
+class _Corrected:
+    fit: Fit
+    fitter: Fitter
+    checks: Sequence[RigModel]
+
+
+def corrected_task(asked: _Corrected) -> Fitter | None:
+    """Return a fitter with what the coarse mesh leaves out at a fitted hypothesis; None where finer ones fail."""
+    experiment = asked.fitter.experiment
+    if not isinstance(experiment, RigExperiment):
+        return None
+    try:
+        finer, denser = (model.predict(model.simulate(hypothesis(asked.fit.prediction.point)))
+                         for model in asked.checks)
+    except NonConvergenceError:
+        return None
+    correction, _ = errors_of(experiment.rig.observation, finer, denser, asked.fit.predicted - experiment.correction)
+    return replace(asked.fitter, experiment=replace(experiment, correction=correction))
+
+
+def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, progress: Progress
+                  ) -> tuple[RigExperiment, Prediction, tuple[RigModel, RigModel]]:
+    """Return a recording under the engine, its first prediction, and the models that tell what its mesh leaves out."""
+    observation = observe(recording, SAMPLES)
     # the contact follows its static stiffness; the specimens' own modes are not looked at
     plain = {"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}
     coarse, fine = (tools.reduce(case_of(recording, elements, f"{elements}-elements").model_copy(update=plain))
@@ -161,16 +231,18 @@ def _fitter(recording: Recording, observation: Observation, meshes: Sequence[int
         np.nan_to_num(slope))
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
-    return Fitter(model, observation.covariance(modes), correction), first, (finer, denser)
+    made = RigExperiment(model, correction, modes)
+    space = made.parameters(())
+    return made, Prediction(Point(space, np.zeros(space.size)), plainly + correction, first), (finer, denser)
 
 
-def _confirmed(case: Case, fitter: Fitter, fits: Sequence[Fit], tools: RigTools) -> str:
+def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: RigTools) -> str:
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
-    rig, observation = fitter.rig, fitter.rig.observation
+    rig, observation = experiment.rig, experiment.rig.observation
     problem = tools.reduce(case).vary(friction_coefficient=rig.problem.friction_coefficient)
     full = replace(rig, problem=problem, samples=FULL_PERIODS * rig.samples)
     try:
-        found = tools.pool(predict_task, [_Prediction(full, fit.space.hypothesis(fit.z)) for fit in fits])
+        found = tools.pool(predict_task, [_Prediction(full, hypothesis(fit.prediction.point)) for fit in fits])
     except FretflowError as error:
         return f"on the mesh of the case file the answer could not be confirmed: {error}"
     sizes = [held_out_error(observation, one) for one in found]

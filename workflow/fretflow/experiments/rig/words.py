@@ -4,68 +4,74 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from fretflow.inference.verdict import EXPLAINED_GATE, Location, ResidualLaw, Verdict
+from fretflow.inference.parameters import Array, Parameters
+from fretflow.inference.posterior import Found
+from fretflow.inference.search import BENT
+from fretflow.inference.verdict import Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed
 from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
 WORTH_TELLING = 0.2  # of the squares that a law explains
+NEAREST = 3  # effects that are told where none is named
 
 
-
-def sentence(verdict: Verdict, sets: Sequence[Names], explained: float, location: Location, law: ResidualLaw | None,
-             repeats: bool = True, predicts: bool = True) -> str:
-    """Return the verdict in one sentence.
-
-    Parameters
-    ----------
-    verdict
-        What is said.
-    sets
-        The alternatives, each a set of effects; the most probable first.
-    explained
-        The share of the excess chi-squared that the first of them (or the best that was tried) explains.
-    location
-        Where measured and predicted part.
-    law
-        What an unlisted effect does.
-    repeats
-        Whether the motion repeats itself with the drive.
-    predicts
-        Whether loops that were not fitted are predicted better with them.
-    """
-    share = f"{100.0 * explained:.0f} % of what the baseline leaves"
-    if verdict is Verdict.NONE:
+def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
+    """Return the verdict in one sentence: what is known, how sure it is, and what stays unexplained."""
+    share = f"{100.0 * found.explained:.0f} % of the difference"
+    if found.verdict is Verdict.NONE:
         return ("The baseline with its own parameters refitted explains the recording within the errors of measurement "
                 "and simulation.")
-    if verdict is Verdict.NAMED:
-        (names,) = sets
-        return f"The model leaves out {listed(names)}, which {'explain' if len(names) > 1 else 'explains'} {share}."
-    if verdict is Verdict.AMBIGUOUS:
-        sure = frozenset.intersection(*map(frozenset, sets))
-        either = [listed(frozenset(names) - sure) for names in sets if frozenset(names) - sure]
+    if found.verdict is Verdict.NAMED:
+        (names,) = found.sets
+        return (f"{grade(found.probability)}, the model leaves out {listed(names)}, which "
+                f"{'explain' if len(names) > 1 else 'explains'} {share}; {_rest(remainder)}.")
+    if found.verdict is Verdict.AMBIGUOUS:
+        sure = frozenset.intersection(*found.sets)
+        either = [listed(names - sure) if names - sure else "nothing else" for names in found.sets]
         also = f"{listed(sure)}, and " if sure else ""
-        return f"The model leaves out {also}one of {', or '.join(either)}, which act alike on this recording; " \
-               f"{share} is explained."
-    return _unknown(explained, location, law, repeats, predicts)
+        return (f"{grade(found.probability)}, the model leaves out {also}one of {', or '.join(either)}, which act "
+                f"alike on this recording; {share} is explained; {_rest(remainder)}.")
+    return _unknown(found, remainder, location, law)
 
 
-def _unknown(explained: float, location: Location, law: ResidualLaw | None, repeats: bool,
-             predicts: bool) -> str:
+def grade(probability: float) -> str:
+    """Return how sure a probability is, as J. B. Kadane's grades of evidence have it for a reader."""
+    for least, word in ((0.99, "Almost surely"), (0.9, "Very probably"), (0.7, "Probably")):
+        if probability >= least:
+            return word
+    return "Perhaps"
+
+
+def _rest(remainder: Remainder) -> str:
+    where = f": it lies in {remainder.where}" if remainder.where else ""
+    return (f"what remains ({100.0 * remainder.share:.0f} % of the difference, {remainder.times_noise:.1f} times the "
+            f"noise) is not explained{where}")
+
+
+def _unknown(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
-    best = f"the best of the catalogue explains {100.0 * explained:.0f} % of what the baseline leaves" \
-        if explained > 0.0 else "no effect of the catalogue earns a place"
-    if not repeats:
-        best += ", but the motion does not repeat itself with the drive, which it does with all of them"
-    elif not predicts and explained > 0.0:
-        best += ", but predicts loops that it was not fitted to no better than the baseline does"
-    elif explained >= EXPLAINED_GATE:
-        best += ", but not down to the noise"
+    near = [one for one in found.ranking if one.effects][:NEAREST]
+    best = ", ".join(f"{listed(one.effects)} would explain {100.0 * one.explained:.0f} %" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
-    return f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: {best}{told}."
+    return (f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: "
+            f"{best or 'no effect of the catalogue explains any of it'}, and what the nearest leaves "
+            f"({remainder.times_noise:.1f} times the noise) is more than another form of its law would{told}.")
+
+
+def of_instruments(wrong: Sequence[str]) -> str:
+    """Return what is said where the instruments are at fault."""
+    return f"No physics is looked for, because the instruments are at fault: {'; '.join(wrong)}."
+
+
+def at_bounds(space: Parameters, z: Array) -> list[str]:
+    """Return a warning of parameters that stand far outside of their plausible ranges."""
+    own = [one.name for one, at in zip(space.coordinates, z, strict=True) if abs(at) > BENT]
+    return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is plausible: the fit may "
+            "stand for something else"] if own else []
 
 
 def unfinished(sets: Collection[Names]) -> list[str]:

@@ -1,0 +1,222 @@
+"""Evidence with discrepancies, and the posterior, on linear problems whose answer is known.
+
+What carries the weight: the fast evidence is the normal density of the whole covariance, written out; recordings drawn
+from a hypothesis with a discrepancy are judged with probabilities that come true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from fretflow.inference.evidence import (
+    FORMS,
+    SIZES,
+    Discrepancy,
+    code_size,
+    harmonics,
+    modulations,
+    size_prior,
+    smooth_functions,
+)
+from fretflow.inference.experiment import Measurement, Point, Prediction, differences
+from fretflow.inference.law_forms import density, law_form_errors
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.parameters import Array, Coordinate, Parameters
+from fretflow.inference.posterior import decide, left_out
+from fretflow.inference.search import FAST, Search, Start, search, start_search
+from fretflow.inference.verdict import Verdict
+from scipy.stats import multivariate_normal
+
+LOOPS, SAMPLES = 6, 24
+BASELINE = (Coordinate("", "friction", 0.0, 0.3, True),)
+SD = 0.02
+
+
+def measurement(values: Array | None = None) -> Measurement:
+    """Return six loops of one channel, of size one, with noise of two hundredths and code errors of one."""
+    size = LOOPS * SAMPLES
+    phase, loop = np.tile(np.arange(SAMPLES) / SAMPLES, LOOPS), np.repeat(np.arange(LOOPS), SAMPLES)
+    own = np.sqrt(2.0) * np.cos(2.0 * np.pi * phase) if values is None else values
+    return Measurement(
+        values=own, variance=np.full(size, SD**2), modes=np.zeros((size, 0)),
+        code_error=0.01 * np.sin(16.0 * np.pi * phase + 0.3)[:, None], repeatable=np.ones(size),
+        channel=np.zeros(size, dtype=int), channels=("force",), phase=phase, group=loop,
+        groups=tuple(map(str, range(LOOPS))), cycles=loop / (LOOPS - 1.0), condition=np.zeros(size, dtype=int),
+        held_out=np.zeros(size, dtype=bool))
+
+
+SHAPES = {"viscous": lambda phase, share: np.sin(2.0 * np.pi * phase),
+          "support-nonlinearity": lambda phase, share: np.cos(6.0 * np.pi * phase),
+          "parallel-stiffness": lambda phase, share: share * np.cos(4.0 * np.pi * phase),
+          "sensor-inertia": lambda phase, share: np.sin(10.0 * np.pi * phase)}
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Loops that are a cosine; each effect adds a wave of its own, of a size as large as its coordinate."""
+
+    measurement: Measurement
+    listed: tuple[str, ...] = tuple(SHAPES)
+
+    def candidates(self) -> tuple[str, ...]:
+        """Return the effects that are listed."""
+        return self.listed
+
+    def together(self, effects: Sequence[str]) -> bool:
+        """Return that all may act at once."""
+        return True
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the size of the cosine, and those of the effects."""
+        own = tuple(Coordinate(name, "size", 0.3, 0.1, False, 0.0) for name in sorted(effects))
+        return Parameters(tuple(sorted(effects)), (*BASELINE, *own))
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the sum of the waves."""
+        own = point.parameters.values(point.z)
+        found = own[""]["friction"] * cosine()
+        for name in point.effects - point.neutral:
+            found = found + own[name]["size"] * wave(name)
+        return Prediction(point, found)
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return differences."""
+        return differences(self, prediction, points)
+
+    def finer(self) -> None:
+        """Return nothing."""
+
+
+def cosine() -> Array:
+    """Return the baseline's loops."""
+    return np.asarray(np.sqrt(2.0) * np.cos(2.0 * np.pi * measurement().phase))
+
+
+def wave(name: str) -> Array:
+    """Return what an effect of size one adds."""
+    own = measurement()
+    return np.asarray(SHAPES[name](own.phase, own.cycles))
+
+
+def judged(values: Array, listed: tuple[str, ...] = tuple(SHAPES)) -> Search:
+    """Return the finished search in a recording."""
+    experiment = Waves(measurement(values), listed)
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    search(found, lambda share, text: None)
+    return found
+
+
+def test_evidence_is_the_density_of_the_whole_covariance() -> None:
+    """With both discrepancies, at every size, up to the constant that all hypotheses share."""
+    experiment = Waves(measurement(cosine() + 0.25 * wave("viscous")))
+    own, known = experiment.measurement, experiment.measurement.covariance()
+    fit = Fitter(experiment, known).at(Point(experiment.parameters(["viscous"]), np.array([0.1, -0.2])), None)
+    signature = 0.3 * wave("viscous")[:, None]
+    found = Discrepancy(own, known).evidence(fit, signature).table
+    sigma = np.diag(known.variance) + known.modes @ known.modes.T + fit.jacobian @ fit.jacobian.T
+    start = own.values - fit.predicted + fit.jacobian @ fit.z
+    smooth, modulated = smooth_functions(own), modulations(own, signature)
+    written = np.array([[multivariate_normal.logpdf(start, cov=sigma + tau**2 * smooth @ smooth.T
+                                                    + form**2 * modulated @ modulated.T)
+                         for tau in SIZES[::5]] for form in FORMS[::6]])
+    assert found[::6, ::5] - found[0, 0] == pytest.approx(written - written[0, 0], abs=1e-5)
+
+
+def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:
+    """At tau = 1 the mean variance is that of the channel, one here; modulations keep a signature's."""
+    own = measurement()
+    assert np.mean(np.sum(smooth_functions(own)**2, axis=1)) == pytest.approx(1.0, rel=0.1)
+    assert np.sum(harmonics(own.phase, 5)**2, axis=1) == pytest.approx(np.ones(len(own.values)))
+    change = wave("viscous")[:, None]
+    assert np.sum(modulations(own, change)**2) == pytest.approx(np.sum(change**2), rel=0.15)
+
+
+def test_code_error_sets_the_size_of_what_codes_differ_by() -> None:
+    """Modes of a hundredth of the channel's size: half of that is its rms; nine tenths of the prior lie below twice."""
+    own = measurement()
+    assert code_size(own) == pytest.approx(0.01 * np.sqrt(0.5), rel=1e-6)
+    prior = size_prior(0.01)
+    assert prior[SIZES < 0.02].sum() > 0.85
+    assert prior[SIZES > 0.04].sum() < 1e-3
+
+
+def test_forms_of_one_law_differ_by_a_tenth_and_not_by_all() -> None:
+    """Refitted published forms leave some hundredths of a law in the middle, and hardly ever half of it."""
+    errors = law_form_errors()
+    assert 0.003 < float(np.median(errors)) < 0.1
+    assert float(np.mean(errors > 0.5)) < 0.02
+    share = density(errors, FORMS)
+    assert share.sum() == pytest.approx(1.0)
+    assert share[FORMS > 1.0].sum() < 0.01
+
+
+def test_what_is_left_out_is_not_explained_by_what_is_orthogonal_to_it() -> None:
+    """Of three effects two are near aliases: these explain each other to their sine, the third to nothing."""
+    axes = np.eye(3)
+    alias = 0.995 * axes[0] + np.sqrt(1.0 - 0.995**2) * axes[1]
+    starts = [Start(name, one[:, None], one[:, None]) for name, one in zip(SHAPES, (axes[0], alias, axes[2]),
+                                                                           strict=False)]
+    found = left_out(starts)
+    assert found[FORMS < 0.3].sum() == pytest.approx(2.0 / 3.0, abs=0.1)  # a tenth of their size is left, the sine
+    assert found[FORMS > 0.3].sum() == pytest.approx(1.0 / 3.0, abs=0.1)
+
+
+def test_one_wave_is_named_with_its_size_and_two_as_two() -> None:
+    """Noise and another form of a law by a twentieth stand no name in the way."""
+    generator = np.random.default_rng(3)
+    own = measurement()
+    shifted = wave("viscous") * (1.0 + 0.05 * np.cos(2.0 * np.pi * own.phase))
+    noise = SD * generator.standard_normal(len(own.values))
+    found = judged(1.1 * cosine() + 0.35 * shifted + noise)
+    verdict = decide(found)
+    assert (verdict.verdict, verdict.effects) == (Verdict.NAMED, ("viscous",))
+    mean, sd = found.evidence(verdict.after).coordinates(found.form_prior, found.size_prior)
+    size = found.fits[verdict.after].parameters.coordinates[-1]
+    assert size.value(mean[-1] - 2.0 * sd[-1]) < 0.35 < size.value(mean[-1] + 2.0 * sd[-1])
+    both = judged(cosine() + 0.35 * wave("viscous") + 0.3 * wave("support-nonlinearity") + noise)
+    assert decide(both).effects == ("support-nonlinearity", "viscous")
+
+
+def test_noise_and_what_codes_differ_by_are_nothing() -> None:
+    """A smooth difference of half the code error's size has no name."""
+    generator = np.random.default_rng(8)
+    own = measurement()
+    smooth = smooth_functions(own)
+    error = 0.5 * code_size(own) * smooth @ generator.standard_normal(smooth.shape[1])
+    verdict = decide(judged(cosine() + error + SD * generator.standard_normal(len(own.values))))
+    assert verdict.verdict is Verdict.NONE
+    assert verdict.probability > 0.5
+
+
+def test_an_effect_that_is_not_listed_is_unknown() -> None:
+    """The wave is taken out of the catalogue; what is like none of the others stays without a name."""
+    generator = np.random.default_rng(5)
+    rest = tuple(name for name in SHAPES if name != "sensor-inertia")
+    noise = SD * generator.standard_normal(LOOPS * SAMPLES)
+    verdict = decide(judged(cosine() + 0.3 * wave("sensor-inertia") + noise, rest))
+    assert (verdict.verdict, verdict.effects) == (Verdict.UNKNOWN, ())
+
+
+def test_probabilities_come_true() -> None:
+    """Recordings drawn from the prior, unlisted effects among them: of what has a probability, so much is right."""
+    generator = np.random.default_rng(11)
+    names, told, right = list(SHAPES), [], []
+    for _ in range(60):
+        hidden = generator.choice([*names, "", "unlisted"])
+        values = cosine() * np.exp(0.3 * generator.standard_normal())
+        own = 0.1 * abs(0.3 + 0.1 * generator.standard_normal())
+        if hidden == "unlisted":
+            values = values + own * np.sqrt(2.0) * np.cos(2.0 * np.pi * (2 * generator.integers(1, 4))
+                                                          * measurement().phase + generator.uniform(0.0, 6.0))
+        elif hidden:
+            values = values + own * wave(hidden)
+        verdict = decide(judged(values + SD * generator.standard_normal(len(values))))
+        wanted = {"": (Verdict.NONE, ()), "unlisted": (Verdict.UNKNOWN, ())}.get(hidden, (Verdict.NAMED, (hidden,)))
+        told.append(verdict.probability)
+        right.append((verdict.verdict, verdict.effects) == wanted)
+    share, said = float(np.mean(right)), float(np.mean(told))
+    assert abs(share - said) < 3.0 * np.sqrt(0.25 / len(right)), (share, said)

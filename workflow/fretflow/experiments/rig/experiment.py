@@ -1,0 +1,135 @@
+"""The loops, sweep and wear of a rig under the inference engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fretflow.core.errors import ConfigError
+from fretflow.effects.catalogue import catalogue, check_together
+from fretflow.effects.effect import Kind, in_sensors_alone
+from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.experiments.rig.phases import Strokes
+from fretflow.experiments.rig.tangent import neighbours
+from fretflow.experiments.rig.views import loop_pieces
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
+from fretflow.inference.parameters import Coordinate, Parameters
+
+# sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
+SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
+BASELINE = tuple(Coordinate("", name, 0.0, sd, True) for name, sd in SPREAD.items())
+
+
+@dataclass(frozen=True)
+class RigExperiment:
+    """A rig's model against its recording; `correction` (M,) is what the coarse model leaves out."""
+
+    rig: RigModel
+    correction: Array
+    code_error: Array  # (M, any), modes of what is not known of the correction
+    held_out: frozenset[str] = frozenset()  # labels of loops
+
+    @cached_property
+    def measurement(self) -> Measurement:
+        """Return what was measured."""
+        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.held_out)
+
+    def candidates(self) -> tuple[str, ...]:
+        """Return the ids of the effects that act in a rig."""
+        return rig_effects()
+
+    def together(self, effects: Sequence[str]) -> bool:
+        """Tell whether effects may act at once."""
+        try:
+            check_together([catalogue()[name]() for name in effects])
+        except ConfigError:
+            return False
+        return True
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the coordinates of friction, wear coefficient, mass and compliance, and of `effects`."""
+        return Parameters.of(BASELINE, effects, signs)
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return what the rig shows of a hypothesis.
+
+        Raises
+        ------
+        NonConvergenceError
+            If a period is not found.
+        """
+        known = None if near is None else resensed(near, point)
+        simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
+        return Prediction(point, self.rig.predict(simulation) + self.correction, simulation)
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""
+        found = np.empty((len(prediction.values), len(points)))
+        sensed = np.array([resensed(prediction, point) is not None for point in points], dtype=bool)
+        near = [hypothesis(point) for point, alone in zip(points, sensed, strict=True) if not alone]
+        found[:, ~sensed] = neighbours(self.rig, simulation_of(prediction), near)
+        for k in np.flatnonzero(sensed):
+            found[:, k] = self.predict(points[k], prediction).values - prediction.values
+        return found
+
+    def finer(self) -> Experiment | None:
+        """Return the same with finer steps of wear."""
+        if self.rig.wear_tolerance <= FINE:
+            return None
+        return replace(self, rig=replace(self.rig, wear_tolerance=FINE))
+
+
+def hypothesis(point: Point) -> Hypothesis:
+    """Return a point as the rig's model takes it."""
+    return Hypothesis(effects=point.built(), **point.parameters.values(point.z)[""])
+
+
+def resensed(near: Prediction, point: Point) -> Simulation | None:
+    """Return the simulation of a point that differs from another one in its sensors alone; None where more differs."""
+    other = simulation_of(near)
+    one, known = hypothesis(point), other.hypothesis
+    acting = [[effect for effect in own.effects if not in_sensors_alone(type(effect))] for own in (one, known)]
+    if acting[0] != acting[1] or replace(one, effects=()) != replace(known, effects=()):
+        return None
+    return replace(other, hypothesis=one, model=replace(other.model, effects=one.effects))
+
+
+def simulation_of(prediction: Prediction) -> Simulation:
+    """Return the simulation behind a prediction of the rig."""
+    found: Simulation = prediction.state
+    return found
+
+
+def rig_effects() -> tuple[str, ...]:
+    """Return the ids of the effects that act in the rig."""
+    return tuple(name for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds)
+
+
+def measured(observation: Observation, code_error: Array, total_cycles: int, held_out: frozenset[str]) -> Measurement:
+    """Return an observation as the engine takes it."""
+    size = len(observation.values)
+    labels = tuple(dict.fromkeys(piece.label for piece in observation.pieces))
+    channels = tuple(dict.fromkeys(piece.channel for piece in observation.pieces))
+    phase, cycles = np.full(size, np.nan), np.full(size, np.nan)
+    rows = {name: np.zeros(size, dtype=np.int64) for name in ("channel", "group", "condition")}
+    for piece in observation.pieces:
+        rows["channel"][piece.place] = channels.index(piece.channel)
+        rows["group"][piece.place] = labels.index(piece.label)
+        if piece.block == "loops":
+            cycles[piece.place] = piece.cycles / max(total_cycles, 1)
+        if piece.condition is not None:
+            rows["condition"][piece.place] = 1 + piece.condition
+            cycles[piece.place] = max(observation.counts) / max(total_cycles, 1)
+    for pieces in loop_pieces(observation).values():
+        strokes = Strokes.of(*(observation.values[pieces[name].place] for name in ("displacement", "friction_force")))
+        for piece in pieces.values():
+            phase[piece.place] = strokes.period
+    return Measurement(
+        values=observation.values, variance=observation.variance,
+        modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
+        channels=channels, groups=labels, phase=phase, cycles=cycles, held_out=np.isin(
+            np.array(labels)[rows["group"]], list(held_out)), **rows)

@@ -1,0 +1,126 @@
+"""Faults of the instruments, told from the raw loops in no time: no physics is looked for behind them.
+
+A channel that saturates repeats its largest value to the last digit. Unit, gain, sign and delay follow from the rig
+alone, whatever the contact does: with the rig's receptances H, block b, arm a, each loop's fundamentals satisfy ::
+
+    H_ab excitation = x / g_x + (H_aa + c) F / g_F
+
+where c is the specimens' compliance, small beside H_aa; over loops of several amplitudes, loads and frequencies x and F
+are independent, and the complex gains g_x and g_F are fitted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fretflow.case.config import Case
+from fretflow.core.errors import FretflowError
+from fretflow.experiments.rig.observation import Array
+from fretflow.recordings.loopset import LoopSet, plateau
+from fretflow.recordings.plausibility import STATED
+from fretflow.recordings.recording import Recording
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+WORDS = {"displacement": "displacement", "friction_force": "friction force", "force": "friction force",
+         "excitation": "excitation", "normal_force": "normal force"}
+TIED = 0.02  # of a channel's samples at one extreme value: a smooth wave of 25 samples or more has one at most
+# Friction coefficients of dry metals in contact: below, fluid films; above, seizure (F. P. Bowden, D. Tabor, The
+# Friction and Lubrication of Solids (1950)).
+FRICTION = (0.02, 3.0)
+LATE = 300e-6  # s: above the range of the catalogue's delay of a channel
+
+
+def faults(recording: Recording, case: Case) -> tuple[str, ...]:
+    """Return what is wrong with the channels of a recording of the rig, in words; nothing where all may be right."""
+    blocks = [("loops", recording.loops), ("sweep", None if recording.sweep is None else recording.sweep.loops)]
+    found = [text for _, loops in blocks if loops is not None for text in _saturated(loops)]
+    if found:
+        return tuple(found[:1])
+    try:
+        return (*_gains(recording, case), *_friction(recording))
+    except (FretflowError, np.linalg.LinAlgError):
+        return ()
+
+
+def _saturated(loops: LoopSet) -> list[str]:
+    """Return the channels that stand still at an extreme value."""
+    found = []
+    for name, values in loops.channels.items():
+        known = values[np.isfinite(values)]
+        most, least = float(known.max()), float(known.min())
+        ends = {most: float(np.mean(known == most)), least: float(np.mean(known == least))}
+        share = sum(part for part in ends.values() if part > TIED)
+        if share > 0.0 and name in WORDS and most > least:
+            limit = max(ends, key=lambda end: ends[end])
+            unit, scale = ("um", 1e6) if name == "displacement" else ("N", 1.0)
+            found.append(f"the {WORDS[name]} saturates at {abs(limit) * scale:.3g} {unit} in {100.0 * share:.0f} % of "
+                         "the samples")
+    return found
+
+
+def _gains(recording: Recording, case: Case) -> list[str]:
+    """Return which of displacement and force contradict the rig's motion by more than a stated value may."""
+    rows = _fundamentals(recording, case)
+    if len(rows) < 3:
+        return []
+    drive, x, force, omega = rows.T
+    omega = omega.real
+    rig = LumpedRig.from_modes(**{name: getattr(case.rig, key) for name, key in (
+        ("moving_mass", "moving_mass"), ("arm_mass", "arm_mass"), ("in_phase", "in_phase_frequency"),
+        ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"))})
+    receptance = np.linalg.inv(rig.impedance(omega))
+    terms = np.column_stack([x, receptance[:, 1, 1] * force])
+    size = np.linalg.norm(terms, axis=0)
+    if np.linalg.cond(terms / size) > 1.0 / np.sqrt(np.finfo(np.float32).eps):
+        return []
+    wanted = receptance[:, 1, 0] * drive
+    gains = 1.0 / np.linalg.lstsq(terms, wanted, rcond=None)[0]
+    found = []
+    for name, gain in zip(("displacement", "friction force"), gains, strict=True):
+        turned = abs(float(np.angle(gain)))
+        late = float(np.angle(gain)) / float(np.median(omega))
+        if gain.real < 0.0 and turned > 0.75 * np.pi:
+            found.append(f"the {name} is recorded with its sign reversed, or the excitation is")
+        elif not 1.0 / STATED < abs(gain) < STATED:
+            found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the excitation "
+                         "make of it: check its unit and gain")
+        elif abs(late) > LATE:
+            found.append(f"the {name} comes {1e6 * abs(late):.0f} us {'early' if late > 0.0 else 'late'} against the "
+                         "excitation, more than a sensor's filter delays it")
+    return found
+
+
+def _fundamentals(recording: Recording, case: Case) -> Array:
+    """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4)."""
+    rows = []
+    stated = recording.test.excitation_amplitude or np.nan, recording.test.excitation_frequency or np.nan
+    first = recording.loops
+    if first is not None:
+        rows += _of(first, [stated] * len(first.cycles))
+    if recording.sweep is not None:
+        own = {one.id: (one.excitation_amplitude or stated[0], one.excitation_frequency or stated[1])
+               for one in recording.sweep.conditions}
+        rows += _of(recording.sweep.loops, [own[int(k)] for k in recording.sweep.loops.cycles])
+    return np.array([row for row in rows if np.all(np.isfinite(row))]).reshape(-1, 4)
+
+
+def _of(loops: LoopSet, stated: list[tuple[float, float]]) -> list[list[complex]]:
+    names = ("displacement", loops.force_name)
+    lines = [np.fft.rfft(loops.mean(name), axis=1)[:, 1] * 2.0 / len(loops.phase) for name in names]
+    drive = np.fft.rfft(loops.mean("excitation"), axis=1)[:, 1] * 2.0 / len(loops.phase) \
+        if "excitation" in loops.channels else None
+    return [[complex(stated[k][0]) if drive is None else complex(drive[k]), complex(lines[0][k]), complex(lines[1][k]),
+             complex(2.0 * np.pi * stated[k][1])] for k in range(len(lines[0]))]
+
+
+def _friction(recording: Recording) -> list[str]:
+    """Return whether the force is beyond what any dry contact has under the load in all loops."""
+    loops, load = recording.loops, recording.test.normal_load
+    if loops is None or not load:
+        return []
+    ratio = plateau(loops.mean(loops.force_name)) / load
+    least, most = float(np.nanmin(ratio)), float(np.nanmax(ratio))
+    if most < FRICTION[0] or least > FRICTION[1]:
+        return [f"the friction force is {0.5 * (least + most):.2g} times the normal load, which no dry contact has: "
+                "check the units of the force and of normal_load"]
+    return []

@@ -1,0 +1,151 @@
+"""The most probable parameters of a hypothesis: the one estimator of all experiments.
+
+With whitened residual r(z) and coordinates z that are standard normal beforehand, ``|r|^2 + |z|^2`` is minimised by
+Gauss-Newton. A step that makes the fit worse is damped (D. W. Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431-441).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Experiment, Point, Prediction, jacobian
+from fretflow.inference.parameters import FARTHEST, Array, Parameters
+
+LONGEST = 1.5  # step of a coordinate at once: half of the interval between the ends of its range
+# Fall of the objective that is not worth another prediction: a factor e in probability, "not worth more than a bare
+# mention" (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795).
+ENOUGH = 2.0
+DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until one improves the fit
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A hypothesis at its most probable parameters."""
+
+    prediction: Prediction
+    residual: Array  # whitened
+    jacobian: Array  # (M, P) of the prediction, in SI, by z
+    whitened_jacobian: Array
+    converged: bool
+
+    @property
+    def parameters(self) -> Parameters:
+        """Return the hypothesis's coordinates."""
+        return self.prediction.point.parameters
+
+    @property
+    def z(self) -> Array:
+        """Return the coordinates (P,) of the fit."""
+        return self.prediction.point.z
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Return the hypothesis's effects."""
+        return self.prediction.point.effects
+
+    @property
+    def predicted(self) -> Array:
+        """Return the predicted values (M,)."""
+        return self.prediction.values
+
+    @property
+    def chi_squared(self) -> float:
+        """Return ``|r|^2``."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def objective(self) -> float:
+        """Return ``|r|^2 + |z|^2``."""
+        return self.chi_squared + float(self.z @ self.z)
+
+    @property
+    def information(self) -> Array:
+        """Return ``1 + J^T J``, the inverse of the coordinates' covariance afterwards."""
+        return np.asarray(np.eye(len(self.z)) + self.whitened_jacobian.T @ self.whitened_jacobian)
+
+    @cached_property
+    def promise(self) -> float:
+        """Return the objective that the next step would reach if all were linear."""
+        step = _step(self)
+        return float(np.sum((self.residual - self.whitened_jacobian @ step)**2) + np.sum((self.z + step)**2))
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """Fits hypotheses of an experiment under a covariance of its errors."""
+
+    experiment: Experiment
+    covariance: Covariance
+
+    def fit(self, point: Point, near: Prediction | None, iterations: int) -> Fit:
+        """Return the most probable parameters from a start, by so many steps at most.
+
+        Raises
+        ------
+        NonConvergenceError
+            If the start itself has no solution.
+        """
+        now, first = self.at(point, near), 0
+        for steps in range(iterations):
+            if now.objective - now.promise < ENOUGH:
+                return replace(now, converged=True)
+            better, taken = self._improved(now, first)
+            fell, now, first = now.objective - better.objective, better, max(0, taken - 1)
+            if fell < ENOUGH:
+                finer = self.experiment.finer()
+                if taken and finer is not None:
+                    return replace(self, experiment=finer).fit(now.prediction.point, now.prediction,
+                                                               iterations - steps)
+                return replace(now, converged=True)
+        return now
+
+    def at(self, point: Point, near: Prediction | None) -> Fit:
+        """Return a hypothesis where it stands, not fitted."""
+        return self.linearised(self.experiment.predict(point, near))
+
+    def linearised(self, prediction: Prediction) -> Fit:
+        """Return a prediction with its residual and derivatives."""
+        slopes = jacobian(self.experiment, prediction)
+        residual = self.covariance.whiten(self.experiment.measurement.values - prediction.values)
+        return Fit(prediction, residual, slopes, self.covariance.whiten(slopes), False)
+
+    def _improved(self, now: Fit, first: int) -> tuple[Fit, int]:
+        """Return the first better fit by the dampings from place `first` on, and its place; `now` if there is none."""
+        for place in range(first, len(DAMPINGS)):
+            z = np.clip(now.z + _step(now, DAMPINGS[place]), -FARTHEST, FARTHEST)
+            try:
+                found = self.experiment.predict(Point(now.parameters, z), now.prediction)
+            except NonConvergenceError:
+                continue
+            residual = self.covariance.whiten(self.experiment.measurement.values - found.values)
+            if float(residual @ residual + z @ z) < now.objective:
+                return self.linearised(found), place
+        return now, len(DAMPINGS)
+
+
+def _step(now: Fit, damping: float = 0.0) -> Array:
+    """Return the Gauss-Newton step, damped by Marquardt's rule.
+
+    No coordinate goes further than `LONGEST`, and none beyond its limit.
+    """
+    curved = now.information * (1.0 + damping * np.eye(len(now.z)))
+    slope = now.whitened_jacobian.T @ now.residual - now.z
+    free = ~((np.abs(now.z) >= FARTHEST) & (np.sign(slope) == np.sign(now.z)))
+    step = np.zeros(len(now.z))
+    for _ in range(len(step)):
+        own = np.flatnonzero(free)
+        if not len(own):
+            break
+        step = np.zeros(len(step))
+        step[own] = np.linalg.solve(curved[np.ix_(own, own)], slope[own])
+        step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+        beyond = free & (np.abs(now.z + step) > FARTHEST) & (np.abs(now.z) >= FARTHEST)
+        if not beyond.any():
+            break
+        free &= ~beyond
+    return step

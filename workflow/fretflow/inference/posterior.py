@@ -1,0 +1,234 @@
+"""How probable it is that nothing is left out, that a set of the catalogue is, or something that the catalogue lacks.
+
+The prior is indifferent between nothing, one effect, two effects and an unlisted effect, and within each between all
+that it may be. A listed effect has a law-form error as published forms of laws have (`law_forms`). An unlisted one
+looks like the nearest listed one, with an error such as the catalogue's own effects leave when each is left out in turn
+and the others explain what it does on this very recording.
+
+A second effect has to do more than another form of the first one's law could: draws of law-form errors tell what share
+of them the best other effect takes by chance, and a p-value p is worth at most ``-1 / (e p ln p)``
+(T. Sellke, M. J. Bayarri, J. O. Berger, Am. Stat. 55 (2001) 62-71).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, e, exp, log
+
+import numpy as np
+from scipy.special import logit
+from scipy.stats import norm
+
+from fretflow.effects.catalogue import catalogue
+from fretflow.inference.evidence import FORMS, SIZES, code_size, modulations
+from fretflow.inference.law_forms import density
+from fretflow.inference.parameters import Array
+from fretflow.inference.search import HALF, Names, Search, Start, basis
+from fretflow.inference.verdict import Candidate, Verdict
+
+DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
+SEED = 2026
+LIMIT = 1e-6  # of shares, so that their logit is finite
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities of all hypotheses, which sum to one."""
+
+    sets: dict[Names, float]  # of the catalogue, none among them; the most probable first
+    unlisted: float
+    shows: dict[Names, dict[str, float]]  # standard deviations by which each effect of a set is away from doing nothing
+
+    @property
+    def none(self) -> float:
+        """Return the probability that nothing is left out that the recording shows."""
+        return self.sets[frozenset()]
+
+    @property
+    def listed(self) -> float:
+        """Return the probability of all sets of effects."""
+        return 1.0 - self.none - self.unlisted
+
+
+@dataclass(frozen=True)
+class Found:
+    """The verdict: the sets that are left as alternatives, the one that "after" is predicted with, and how sure."""
+
+    verdict: Verdict
+    sets: tuple[Names, ...]
+    after: Names
+    explained: float
+    probability: float
+    ranking: tuple[Candidate, ...]
+    posterior: Posterior
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Return all effects that the verdict names."""
+        return tuple(sorted(frozenset().union(*self.sets)))
+
+
+def decide(found: Search) -> Found:
+    """Return the verdict on a finished search: what is most probable of none, the catalogue and something else."""
+    known = posterior(found)
+    ranked = [names for names in known.sets if names]
+    best = ranked[0] if ranked else frozenset()
+    ranking = _ranking(found, known)
+    if known.none >= max(known.listed, known.unlisted):
+        return Found(Verdict.NONE, (), frozenset(), 0.0, known.none, ranking, known)
+    if known.unlisted >= known.listed:
+        return Found(Verdict.UNKNOWN, (), best, found.explained(best), known.unlisted, ranking, known)
+    sets, total = [best], known.sets[best]
+    for names in ranked[1:]:
+        if total > known.listed / 2.0 and total > 0.5:
+            break
+        sets.append(names)
+        total += known.sets[names]
+    verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
+    return Found(verdict, tuple(sets), best, found.explained(best), total, ranking, known)
+
+
+def posterior(found: Search) -> Posterior:
+    """Return the probabilities of all hypotheses that were fitted, and of something that is not in the catalogue."""
+    count = len(found.experiment.candidates())
+    prior = {0: 0.0, 1: -log(count), 2: -log(max(comb(count, 2), 1))}
+    singles = found.promising(found.best(1))
+    pairs = found.promising(found.best(2)) if singles else []
+    singles += [names for names in found.best(1) if names not in singles
+                and any(_plainer(names, one) for one in (*singles, *pairs))]
+    found.sign([*singles, *pairs])
+    weight: dict[Names, float] = {frozenset(): found.log_evidence(frozenset())}
+    shows = {names: found.shows(names) for names in (*singles, *pairs)}
+    for names in sorted((*singles, *pairs), key=lambda one: (len(one), len(found.fits[one].z))):
+        if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
+            continue  # what it says of one effect is that this does nothing: it is the set without it
+        fewer = [one for one in weight if one and _plainer(one, names)]
+        beyond = {one: beyond_forms(found, one, names) for one in fewer}
+        if beyond and min(beyond.values()) <= 0.0:
+            continue  # what it adds is no more than another form of the plainer law would
+        own = min([found.log_evidence(names), *(weight[one] - prior[len(one)] + more for one, more in beyond.items())])
+        weight[names] = own + prior[len(names)]
+    unlisted = _unlisted(found, [names for names in singles if names in weight], prior[1])
+    top = max(*weight.values(), unlisted)
+    total = sum(exp(value - top) for value in weight.values()) + exp(unlisted - top)
+    order = sorted(weight, key=lambda one: -weight[one])
+    return Posterior({names: exp(weight[names] - top) / total for names in order}, exp(unlisted - top) / total, shows)
+
+
+def faint(found: Search, names: Names, effect: str) -> bool:
+    """Tell whether an effect of a fitted set is weaker than its plausible range begins.
+
+    So weak an effect is what codes and laws differ by, and not what its name says.
+    """
+    kind, space = catalogue()[effect], found.fits[names].parameters
+    mean, _ = found.evidence(names).coordinates(found.form_prior, found.size_prior)
+    plain, neutral = kind(), kind.neutral()
+    for own, at in zip(space.coordinates, mean, strict=True):
+        off = getattr(neutral, own.field, None) if own.effect == effect else None
+        if off is None or off == getattr(plain, own.field):
+            continue
+        ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))
+        if (own.sign * off < ends[0] and at < -HALF) or (own.sign * off > ends[1] and at > HALF):
+            return True
+    return False
+
+
+def _plainer(fewer: Names, names: Names) -> bool:
+    """Tell whether a set has an effect less than another, or one that the other's extends."""
+    if fewer < names:
+        return True
+    rest, more = fewer - names, names - fewer
+    return len(rest) == len(more) == 1 and _extends(*more, *rest)
+
+
+def _extends(wider: str, plainer: str) -> bool:
+    """Tell whether the law of one effect holds that of another."""
+    kinds = catalogue()
+    return wider != plainer and (issubclass(kinds[wider], kinds[plainer]) or plainer in kinds[wider].extends)
+
+
+def _unlisted(found: Search, singles: list[Names], prior: float) -> float:
+    """Return the log weight of an unlisted effect: like a listed one with another error, or like none."""
+    forms = left_out(found.starts)
+    wide = np.where(code_size(found.experiment.measurement) < SIZES, 1.0, 0.0)
+    values = [found.evidence(frozenset(), False).averaged(found.form_prior, wide / wide.sum())]
+    values += [prior + found.evidence(names).averaged(forms, found.size_prior) for names in singles]
+    top = max(values)
+    return top + log(0.5 * exp(values[0] - top) + 0.5 * sum(exp(value - top) for value in values[1:]))
+
+
+def left_out(starts: list[Start]) -> Array:
+    """Return the shares (forms,) of the errors with which the nearest other effects explain each effect of a catalogue.
+
+    The error is what is left over what the nearest one changes then, both whitened.
+    """
+    errors = []
+    for one in starts:
+        wanted, best, error = one.changes[:, 0], np.inf, np.inf
+        for other in starts:
+            if other.effect == one.effect or _extends(other.effect, one.effect) or _extends(one.effect, other.effect):
+                continue
+            weights = np.linalg.lstsq(other.changes, wanted, rcond=None)[0]
+            left = float(np.linalg.norm(wanted - other.changes @ weights))
+            if left < best:
+                best, error = left, left / max(float(np.linalg.norm(other.whole @ weights)), 1e-300)
+        if np.isfinite(error) and np.any(wanted):
+            errors.append(error)
+    return density(np.array(errors), FORMS) if errors else np.full(len(FORMS), 1.0 / len(FORMS))
+
+
+def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
+    """Return the most log evidence for what a wider set does beyond other forms of the plainer set's laws.
+
+    The share of what the plainer set leaves that the wider one takes is compared with the shares that the best other
+    effect takes of law-form errors of the plainer set.
+    """
+    expected = found.experiment.measurement.expected
+    left = found.chi_squared(fewer) - expected
+    if left <= 0.0:
+        return np.inf  # all that is left is noise, as the covariance has it
+    taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, LIMIT, 1.0 - LIMIT))
+    shares = logit(np.clip(taken_by_chance(found, fewer), LIMIT, 1.0 - LIMIT))
+    p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), LIMIT)))
+    return -log(-e * p * log(p)) if 0.0 < p < 1.0 / e else (np.inf if p == 0.0 else 0.0)
+
+
+def taken_by_chance(found: Search, names: Names) -> Array:
+    """Return the share (DRAWS,) of draws of a set's law-form error that the best further effect takes."""
+    fit = found.fits[names]
+    rest = basis(fit.whitened_jacobian)
+    errors = found.fitter.covariance.whiten(modulations(found.experiment.measurement, found.signatures(names)))
+    draws = errors @ np.random.default_rng(SEED).standard_normal((errors.shape[1], DRAWS))
+    draws -= rest @ (rest.T @ draws)
+    draws /= np.maximum(np.linalg.norm(draws, axis=0), 1e-300)
+    best = np.zeros(DRAWS)
+    for start in found.starts:
+        if start.effect not in names:
+            own = basis(start.changes - rest @ (rest.T @ start.changes))
+            best = np.maximum(best, np.sum((own.T @ draws)**2, axis=0))
+    return best
+
+
+def smallest_visible(found: Search) -> dict[str, float]:
+    """Return the share of its plausible range at which each effect would have been as probable as none.
+
+    There half the square of its signature's norm is the logarithm of how many effects there are; the signature is taken
+    as linear in the effect's size.
+    """
+    least = np.sqrt(2.0 * log(len(found.experiment.candidates())))
+    seen: dict[str, float] = {}
+    for one in found.starts:
+        size = float(np.linalg.norm(one.changes[:, 0]))
+        seen[one.effect] = min(seen.get(one.effect, 1.0), least / size if size > least else 1.0)
+    return seen
+
+
+def _ranking(found: Search, known: Posterior) -> tuple[Candidate, ...]:
+    """Return all sets that hold a share of the posterior, the most probable first, then those that were fitted."""
+    rest = [names for names in (*found.best(1), *found.best(2)) if names not in known.sets]
+    expected = found.experiment.measurement.expected
+    return tuple(Candidate(
+        effects=tuple(sorted(names)), probability=known.sets.get(names, 0.0), explained=found.explained(names),
+        chi_squared=found.chi_squared(names), degrees_of_freedom=round(expected) - len(found.fits[names].z),
+        log_evidence=found.log_evidence(names, names in known.sets), converged=found.fits[names].converged)
+        for names in (*known.sets, *rest))

@@ -1,0 +1,395 @@
+"""Which effects could explain a measurement: every effect alone, then pairs, each fitted to rest.
+
+Every effect of the catalogue is begun at several points of its ranges, beside the fitted baseline and beside the
+baseline as it was stated, and fitted. Sets are compared by their evidence (see `evidence`), the discrepancy of all
+hypotheses in it. Work stops where it cannot matter: a set whose evidence, linear about where it stands, is below the
+best one's by `NEGLIGIBLE` holds no share of the posterior that would be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import log
+from typing import Protocol, TypeVar
+
+import numpy as np
+from scipy.stats import norm
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import in_sensors_alone
+from fretflow.inference.covariance import Covariance
+from fretflow.inference.evidence import FORMS, Discrepancy, Evidence, code_size, size_prior, smooth_functions
+from fretflow.inference.experiment import Experiment, Point, Prediction
+from fretflow.inference.law_forms import density, law_form_errors
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.parameters import Array, signed_fields
+
+T = TypeVar("T")
+R = TypeVar("R")
+Names = frozenset[str]
+Progress = Callable[[float, str], None]
+
+BENT = float(norm.ppf(0.9995))  # coordinate of the baseline that one in a thousand of its prior is beyond
+FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
+QUARTILE = float(norm.ppf(0.75))  # coordinates of the points of a range at which an effect is begun, beside its middle
+HALF = float(norm.ppf(0.95))  # standard deviations of half a 90 % interval
+NEGLIGIBLE = log(1e3)  # of log evidence: "decisive" twice over (H. Jeffreys, Theory of Probability (1961), app. B)
+
+
+class Pool(Protocol):
+    """Calls a function of a module's top level on many arguments at once; the values come in their order."""
+
+    def __call__(self, function: Callable[[T], R], arguments: Sequence[T], /) -> list[R]:
+        """Return the values of all calls."""
+        ...
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is fitted."""
+
+    first_steps: int  # of every effect
+    starts: int  # of every effect that are gone on with
+    last_steps: int  # of those that may matter
+    bases: int  # sets to which another effect is sought
+    partners: int  # effects that are fitted beside each of them
+
+
+FAST = Effort(first_steps=2, starts=1, last_steps=8, bases=2, partners=2)
+FULL = Effort(first_steps=4, starts=2, last_steps=16, bases=3, partners=4)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A fit that a process is asked for."""
+
+    fitter: Fitter
+    point: Point
+    near: Prediction
+    steps: int
+
+
+def fit_task(task: Task) -> Fit | None:
+    """Return the fit that a task asks for; None where its start has no solution."""
+    try:
+        return task.fitter.fit(task.point, task.near, task.steps) if task.steps else task.fitter.at(
+            task.point, task.near)
+    except NonConvergenceError:
+        return None
+
+
+def predict_task(task: Task) -> Array | None:
+    """Return what a point predicts; None where it has no solution."""
+    try:
+        return task.fitter.experiment.predict(task.point, task.near).values
+    except NonConvergenceError:
+        return None
+
+
+@dataclass(frozen=True)
+class Start:
+    """An effect where it was begun: what it changes there, and how that goes on, whitened, the baseline projected out.
+
+    The first column of `changes` (M, k) is the effect's whole change, the others are by its coordinates; `whole` (M, k)
+    are these before the projection.
+    """
+
+    effect: str
+    changes: Array
+    whole: Array
+
+
+@dataclass
+class Search:
+    """The fits of sets of effects so far, the baseline's among them.
+
+    Fits are made under noise and what codes differ by; `Discrepancy` has the whole.
+    """
+
+    experiment: Experiment
+    pool: Pool
+    effort: Effort
+    fits: dict[Names, Fit] = field(default_factory=dict)
+    fitters: dict[Names, Fitter] = field(default_factory=dict)
+    starts: list[Start] = field(default_factory=list)
+    stated: Fit | None = None  # the baseline as it was stated
+    _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
+    _evidence: dict[Names, tuple[Fit, bool, Evidence]] = field(default_factory=dict)
+
+    @cached_property
+    def discrepancy(self) -> Discrepancy:
+        """Return the general discrepancy."""
+        own = self.experiment.measurement
+        return Discrepancy(own, own.covariance())
+
+    @cached_property
+    def fitter(self) -> Fitter:
+        """Return what fits: under noise, and smooth differences of the size of what codes differ by."""
+        own = self.experiment.measurement
+        known = own.covariance()
+        return Fitter(self.experiment, Covariance(known.variance, np.hstack([
+            known.modes, code_size(own) * smooth_functions(own)])))
+
+    @cached_property
+    def size_prior(self) -> Array:
+        """Return the prior of the general discrepancy's size where nothing is left out."""
+        return size_prior(code_size(self.experiment.measurement))
+
+    @cached_property
+    def form_prior(self) -> Array:
+        """Return the prior of the relative law-form error of an effect of the catalogue."""
+        return density(law_form_errors(), FORMS)
+
+    @property
+    def baseline(self) -> Fit:
+        """Return the fit without effects."""
+        return self.fits[frozenset()]
+
+    def chi_squared(self, names: Names) -> float:
+        """Return what a set leaves under the errors of measurement and code."""
+        return self.left(self.fits[names].predicted)
+
+    def left(self, predicted: Array) -> float:
+        """Return the chi-squared of a prediction (M,)."""
+        rest = self.discrepancy.covariance.whiten(self.experiment.measurement.values - predicted)
+        return float(rest @ rest)
+
+    def explained(self, names: Names) -> float:
+        """Return the share that a set explains of what the baseline leaves beyond the repeats' noise."""
+        expected = self.experiment.measurement.expected
+        before = self.chi_squared(frozenset()) - expected
+        after = self.chi_squared(names) - expected
+        return float(np.clip(1.0 - max(after, 0.0) / before, 0.0, 1.0)) if before > 0.0 else 0.0
+
+    def evidence(self, names: Names, formed: bool = True) -> Evidence:
+        """Return the evidence of a set, with law-form errors in it where `formed`."""
+        fit = self.fits[names]
+        known = self._evidence.get(names)
+        if known is None or known[0] is not fit or known[1] != formed:
+            own = self.signatures(names) if formed and names else None
+            self._evidence[names] = (fit, formed, self.discrepancy.evidence(fit, own))
+        return self._evidence[names][2]
+
+    def log_evidence(self, names: Names, formed: bool = True) -> float:
+        """Return the log evidence of a set if nothing is missing from it."""
+        return self.evidence(names, formed).averaged(self.form_prior, self.size_prior)
+
+    def signatures(self, names: Names) -> Array:
+        """Return what each effect (sorted) of a fitted set changes, (M, effects) in SI; zero where nothing tells."""
+        self.sign([names])
+        return self._signatures[names][1]
+
+    def sign(self, sets: Iterable[Names]) -> None:
+        """Predict some sets with each of their effects out of work."""
+        asked = [(names, one) for names in sets if names and (
+            names not in self._signatures or self._signatures[names][0] is not self.fits[names])
+            for one in sorted(names)]
+        tasks = [Task(self.fitter_of(names), replace(self.fits[names].prediction.point, neutral=frozenset({one})),
+                      self.fits[names].prediction, 0) for names, one in asked]
+        found: dict[Names, list[Array]] = {}
+        for (names, _), values in zip(asked, self.pool(predict_task, tasks), strict=True):
+            predicted = self.fits[names].predicted
+            found.setdefault(names, []).append(np.zeros(len(predicted)) if values is None else predicted - values)
+        for names, columns in found.items():
+            self._signatures[names] = (self.fits[names], np.column_stack(columns))
+
+    def shows(self, names: Names) -> dict[str, float]:
+        """Return how many standard deviations each effect of a set is away from doing nothing."""
+        fit, found = self.fits[names], {}
+        for one, change in zip(sorted(names), self.signatures(names).T, strict=True):
+            rest = basis(fit.whitened_jacobian[:, ~fit.parameters.own(one)])
+            white = self.fitter.covariance.whiten(change)
+            found[one] = float(np.linalg.norm(white - rest @ (rest.T @ white)))
+        return found
+
+    def fitter_of(self, names: Names) -> Fitter:
+        """Return the fitter of a set."""
+        return self.fitters.get(names, self.fitter)
+
+    def keep(self, found: Iterable[Fit | None]) -> None:
+        """Keep fits that are better than those that are known."""
+        for fit in found:
+            if fit is None:
+                continue
+            known = self.fits.get(fit.effects)
+            if known is None or fit.objective < known.objective or (fit.converged and fit.z is known.z):
+                self.fits[fit.effects] = fit
+
+    def continue_fits(self, sets: Iterable[Names], steps: int) -> None:
+        """Fit the sets that have not come to rest further."""
+        self.keep(self.pool(fit_task, [
+            Task(self.fitter_of(names), self.fits[names].prediction.point, self.fits[names].prediction, steps)
+            for names in dict.fromkeys(sets) if names in self.fits and not self.fits[names].converged]))
+
+    def best(self, size: int, containing: Names = frozenset(), formed: bool = False) -> list[Names]:
+        """Return the sets of a size, the most probable first."""
+        own = [names for names in self.fits if len(names) == size and containing <= names]
+        return sorted(own, key=lambda names: -self.log_evidence(names, formed))
+
+    def promising(self, sets: Sequence[Names]) -> list[Names]:
+        """Return the sets that may hold a share of the posterior, the most probable of `sets` first among them."""
+        if not sets:
+            return []
+        best = self.log_evidence(sets[0], False)
+        return [names for names in sets if self.log_evidence(names, False) > best - NEGLIGIBLE]
+
+
+def start_search(experiment: Experiment, first: Prediction, effort: Effort, pool: Pool) -> Search:
+    """Return a search with the baseline fitted from its first prediction."""
+    found = Search(experiment, pool, effort)
+    found.stated = found.fitter.linearised(first)
+    found.fits[frozenset()] = found.fitter.fit(first.point, first, effort.last_steps)
+    return found
+
+
+def search(found: Search, progress: Progress) -> None:
+    """Fit all sets of effects that may explain the measurement."""
+    progress(0.0, "beginning every effect")
+    begin_all(found)
+    progress(0.4, "fitting the most promising")
+    to_rest(found, 1)
+    progress(0.6, "what could act beside them")
+    bases = found.best(1)[:found.effort.bases]
+    found.sign(bases)
+    found.keep(found.pool(fit_task, [task for names in bases for task in beside(found, names)]))
+    to_rest(found, 2)
+    for pair in found.best(2)[:1]:  # one of the two may have brought the other out of a bad start
+        found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
+    to_rest(found, 1)
+
+
+def to_rest(found: Search, size: int) -> None:
+    """Fit the sets of a size on until those that may matter have come to rest."""
+    for _ in range(2):
+        open_ = [names for names in found.promising(found.best(size)) if not found.fits[names].converged]
+        if not open_:
+            break
+        found.continue_fits(open_[:2 * found.effort.bases], found.effort.last_steps // 2)
+
+
+def begin_all(found: Search) -> None:
+    """Fit every effect from the best of its starts, and keep what it changes there."""
+    origins = [found.baseline]
+    if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
+        origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
+    laid = [(origin, point) for origin, points in zip(origins, found.pool(points_task, [
+        (found.fitter, origin) for origin in origins]), strict=True) for point in points]
+    begun = found.pool(fit_task, [Task(found.fitter, point, origin.prediction, 0) for origin, point in laid])
+    best: dict[Names, list[Fit]] = {}
+    for (origin, _), fit in zip(laid, begun, strict=True):
+        if fit is None:
+            continue
+        best.setdefault(fit.effects, []).append(fit)
+        if origin is origins[0]:
+            found.starts.append(_start(found, origin, fit))
+    going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]]
+    found.keep(fit for fits in best.values() for fit in fits)
+    found.keep(found.pool(fit_task, [Task(found.fitter, fit.prediction.point, fit.prediction, found.effort.first_steps)
+                                     for fit in going]))
+
+
+def points_task(asked: tuple[Fitter, Fit]) -> list[Point]:
+    """Return the points beside a fit at which each further effect is begun, for either sign of what may have both.
+
+    Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
+    and a point near their lower end.
+    """
+    fitter, origin = asked
+    laid = list(_laid(fitter.experiment, origin))
+    told = [point for point in laid if _tells(point, origin)]
+    changes = fitter.covariance.whiten(np.nan_to_num(fitter.experiment.changes(origin.prediction, told)))
+    rest = basis(origin.whitened_jacobian)
+    left = origin.residual[:, None] - changes
+    reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
+    best: dict[tuple[Names, tuple[float, ...]], tuple[float, Point]] = {}
+    for point, value in zip(told, reached, strict=True):
+        key = (point.effects, tuple(point.parameters.signs.values()))
+        if key not in best or value < best[key][0]:
+            best[key] = (float(value), point)
+    return [*(point for _, point in best.values()), *(point for point in laid if not _tells(point, origin)
+                                                      and np.sum(np.abs(point.z[len(origin.z):]) > 0.0) < 2)]
+
+
+def _tells(point: Point, origin: Fit) -> bool:
+    (name,) = point.effects - origin.effects
+    return catalogue()[name].first_order or in_sensors_alone(catalogue()[name])
+
+
+def _laid(experiment: Experiment, origin: Fit) -> Iterator[Point]:
+    """Return points of each further effect's ranges: the middle, and beside it along each coordinate."""
+    known = dict(zip((one.name for one in origin.parameters.coordinates), origin.z, strict=True))
+    for name in experiment.candidates():
+        if name in origin.effects or not experiment.together([*origin.effects, name]):
+            continue
+        signed = signed_fields(catalogue()[name])
+        for sign in (1.0, -1.0) if signed else (1.0,):
+            space = experiment.parameters([*origin.effects, name], {
+                **origin.parameters.signs, **{f"{name}.{one}": sign for one in signed}})
+            middle = np.array([known.get(one.name, 0.0) for one in space.coordinates])
+            yield Point(space, middle)
+            if not catalogue()[name].first_order and in_sensors_alone(catalogue()[name]):  # a slope misses a resonance
+                first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
+                yield from (Point(space, middle + at * first) for at in np.linspace(-BENT, BENT, FINE))
+            for place in np.flatnonzero(space.own(name)):
+                for way in (-2.0 * QUARTILE, 2.0 * QUARTILE):
+                    yield Point(space, middle + way * np.eye(len(middle))[place])
+
+
+def _start(found: Search, origin: Fit, fit: Fit) -> Start:
+    (name,) = fit.effects - origin.effects
+    rest = basis(origin.whitened_jacobian)
+    columns = np.column_stack([found.fitter.covariance.whiten(fit.predicted - origin.predicted),
+                               fit.whitened_jacobian[:, fit.parameters.own(name)]])
+    return Start(name, columns - rest @ (rest.T @ columns), columns)
+
+
+def beside(found: Search, names: Names) -> list[Task]:
+    """Return the fits of a set with the effects beside it that promise most of what it leaves."""
+    fit = found.fits[names]
+    rest = basis(np.column_stack([fit.whitened_jacobian, found.fitter.covariance.whiten(found.signatures(names))]))
+    left = fit.residual - rest @ (rest.T @ fit.residual)
+    gains: dict[str, tuple[float, int]] = {}
+    for place, start in enumerate(found.starts):
+        if start.effect in names or not found.experiment.together([*names, start.effect]):
+            continue
+        gain = log_gain(start.changes - rest @ (rest.T @ start.changes), left)
+        if gain > gains.get(start.effect, (-np.inf, 0))[0]:
+            gains[start.effect] = (gain, place)
+    tasks = []
+    for name in sorted(gains, key=lambda one: -gains[one][0])[:found.effort.partners]:
+        alone = found.fits.get(frozenset({name}))
+        if alone is None:
+            continue
+        space = found.experiment.parameters([*names, name], {**fit.parameters.signs, **alone.parameters.signs})
+        known = {one.name: z for own in (alone, fit) for one, z in zip(own.parameters.coordinates, own.z, strict=True)}
+        z = np.array([known[one.name] for one in space.coordinates])
+        middle = np.where(space.own(name), 0.0, z)
+        tasks += [Task(found.fitter_of(names), Point(space, own), fit.prediction, found.effort.last_steps // 2)
+                  for own in ((z, middle) if found.effort.starts > 1 else (z,))]
+    return tasks
+
+
+def without(found: Search, names: Names, effect: str) -> Task:
+    """Return the fit of a set without one of its effects, from where the rest was fitted beside it."""
+    fit = found.fits[names]
+    kept = ~fit.parameters.own(effect)
+    signs = {name: sign for name, sign in fit.parameters.signs.items() if name.split(".")[0] != effect}
+    space = found.experiment.parameters(sorted(names - {effect}), signs)
+    return Task(found.fitter_of(names - {effect}), Point(space, fit.z[kept]), fit.prediction,
+                found.effort.last_steps // 2)
+
+
+def log_gain(columns: Array, left: Array) -> float:
+    """Return the gain in log evidence over nothing of whitened columns (M, k) with standard normal weights."""
+    inner = np.eye(columns.shape[1]) + columns.T @ columns
+    pulled = columns.T @ left
+    return float(0.5 * pulled @ np.linalg.solve(inner, pulled) - 0.5 * np.linalg.slogdet(inner)[1])
+
+
+def basis(columns: Array) -> Array:
+    """Return an orthonormal basis (M, r) of the space of columns."""
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, size > 1e-8 * max(float(size.max(initial=0.0)), 1e-300)])
