@@ -23,7 +23,7 @@ from fretflow.solvers.continuation.curve import (
     summit,
     turns,
 )
-from fretflow.solvers.continuation.follow import Sweep, respond
+from fretflow.solvers.continuation.follow import Sweep, continue_response, respond
 from fretflow.solvers.continuation.points import Trail
 from fretflow.solvers.continuation.system import ContinuationSystem
 from fretflow.solvers.quasi_static.backbone import Backbone
@@ -100,12 +100,23 @@ def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
                     ground_damping=2 * zeta * np.sqrt(STIFFNESS * mass), hinge_damping=0.0)
     given = problem(2.0, 100.0)
     oscillator = replace(given, structure=replace(given.structure, rig=rig))
-    sweep = Sweep(start=50.0, stop=75.0, harmonics=3, samples=16, fine_harmonics=3, fine_samples=24, tolerance=1e-7,
-                  directions=(SweepDirection.UP,))
-    peak = read_peak(respond(oscillator, sweep, lambda direction, frequency: None))
+    seen: list[float] = []
+    curve = continue_response(oscillator, 50, 75, progress=seen.append, harmonics=3, samples=16, fine_harmonics=3,
+                              fine_samples=24, tolerance=1e-7, directions=(SweepDirection.UP,))
+    assert min(seen) == pytest.approx(50.0)
+    peak = read_peak(curve)
     assert peak.frequency == pytest.approx(frequency * np.sqrt(1 - 2 * zeta**2), rel=2e-4)
     assert peak.amplitude == pytest.approx(2.0 / (2 * STIFFNESS * zeta * np.sqrt(1 - zeta**2)), rel=1e-3)
     assert peak.damping_ratio == pytest.approx(zeta, rel=5e-3)
+
+
+@pytest.mark.parametrize(("asked", "reason"), [
+    ({"start": 60.0, "stop": 50.0}, "start must be positive and below stop"),
+    ({"start": 50.0, "stop": 60.0, "channel": "tip"}, "tip"),
+    ({"start": 50.0, "stop": 60.0, "sample": 16}, "sample.*fields of Sweep")])
+def test_what_cannot_be_followed_is_refused(asked, reason):
+    with pytest.raises(InputError, match=reason):
+        continue_response(problem(2.0, 100.0), **asked)
 
 
 def test_the_load_is_raised_step_by_step_where_rest_leads_nowhere(monkeypatch):

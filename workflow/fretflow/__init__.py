@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from fretflow.recordings.hysteresis import LoopReadings as LoopReadings
     from fretflow.recordings.hysteresis import read_loop as read_loop
     from fretflow.recordings.recording import read_recording as read_recording
+    from fretflow.solvers.continuation.curve import ResponseCurve as ResponseCurve
+    from fretflow.solvers.continuation.follow import continue_response as continue_response
     from fretflow.solvers.periodic import Harmonic as Harmonic
     from fretflow.solvers.periodic import NormalLoad as NormalLoad
     from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
@@ -60,6 +62,8 @@ _PUBLIC = {
     "pipeline.run": ("run",),
     "recordings.hysteresis": ("HysteresisLoop", "LoopReadings", "read_loop"),
     "recordings.recording": ("read_recording",),
+    "solvers.continuation.curve": ("ResponseCurve",),
+    "solvers.continuation.follow": ("continue_response",),
     "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution"),
     "wear.archard": ("Archard",),
 }
@@ -68,8 +72,9 @@ _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 __all__ = [
     "ALL_KINDS", "Archard", "AuditError", "Block", "Case", "Coulomb", "Diagnosis", "Effect", "FretflowError",
     "Harmonic", "HysteresisLoop", "InputError", "Interface", "LoopReadings", "Motion", "NonConvergenceError",
-    "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError", "RunResults", "add_effects", "catalogue",
-    "diagnose", "load_case", "march_wear", "parameter", "read_loop", "read_recording", "run", "units",
+    "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError", "ResponseCurve", "RunResults",
+    "add_effects", "catalogue", "continue_response", "diagnose", "load_case", "march_wear", "parameter",
+    "read_loop", "read_recording", "run", "units",
 ]
 
 

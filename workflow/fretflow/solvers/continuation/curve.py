@@ -32,7 +32,13 @@ class ResponseCurve:
 
     Channels are x motions: block, arm, area mean of the faces' relative displacement, upper and lower observation
     point. The upward curve comes first. A branch is a stretch between turning points; branches that both curves
-    went along have one number.
+    went along have one number. Harmonics and ranges are in m.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> curve = ff.continue_response(problem, 20, 400)  # doctest: +SKIP
+    >>> curve.receptance("block").max()  # m/N  # doctest: +SKIP
     """
 
     excitation: float = quantity("N")

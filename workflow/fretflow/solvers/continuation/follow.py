@@ -19,11 +19,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import NonConvergenceError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.continuation.curve import (
     Parabola,
     ResponseCurve,
@@ -91,6 +92,57 @@ class _Run:
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
+
+
+def continue_response(problem: PeriodicProblem, start: float, stop: float, channel: str | None = None, *,
+                      progress: Callable[[float], None] | None = None, **settings: Any) -> ResponseCurve:
+    """Follow the forced response of a joint over a range of frequencies, up and down, around turning points.
+
+    Parameters
+    ----------
+    problem : PeriodicProblem
+        Its excitation keeps its amplitude; its frequency is not used.
+    start, stop : float
+        In Hz.
+    channel : str, optional
+        Output whose peak is refined; by default the first, of the rig the moving mass.
+    progress : callable, optional
+        Takes the frequency in Hz of each point solved.
+    settings
+        Of `Sweep`: harmonics, samples, tolerances and lengths of arcs.
+
+    Returns
+    -------
+    ResponseCurve
+        First harmonics and ranges in m by channel, with stability and branches, (P,) points in the order found.
+
+    Raises
+    ------
+    InputError
+        If the range is empty or there is no such channel or setting.
+    NonConvergenceError
+        Naming the frequency.
+
+    Notes
+    -----
+    Pseudo-arc-length continuation with the contact solved at every instant; the module's text tells how.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> curve = ff.continue_response(problem, 20, 400)  # doctest: +SKIP
+    >>> curve.frequency[abs(curve.first_harmonic[:, 0]).argmax()]  # Hz  # doctest: +SKIP
+    """
+    if not 0.0 < start < stop:
+        raise InputError(f"start {start:g} Hz, stop {stop:g} Hz: start must be positive and below stop")
+    channels = channels_of(problem)
+    shown = channels[0] if channels[0] != "relative" or len(channels) == 1 else channels[1]
+    channel_index(channel or shown, channels)
+    try:
+        sweep = Sweep(float(start), float(stop), channel=channel or shown, **settings)
+    except TypeError as error:
+        raise InputError(f"continue_response: {error}; settings are the fields of Sweep") from error
+    return respond(problem, sweep, lambda direction, frequency: progress(frequency) if progress else None)
 
 
 def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirection, float], None]) -> ResponseCurve:
