@@ -4,7 +4,7 @@ Damping of a joint by Iwan's closed form
 
 Sixty sliders beside a spring hold a mass of 2 kg; they slip one after the other as the amplitude grows. Damping ratio
 from static loads in the shape of the mode, beside the closed form of Iwan's model with slip displacements that are
-spread evenly (J. Appl. Mech. 33, 1966).
+spread evenly (J. Appl. Mech. 33, 1966); at small amplitudes only few of the sixty slip.
 """
 
 import matplotlib.pyplot as plt
