@@ -1,6 +1,6 @@
 """The condensed joint against the dense algebra of its bodies.
 
-What carries the weight: `Joint.dynamic_stiffness` condenses both bodies afresh at each harmonic, with complex dense
+What carries the weight: `RigJoint.dynamic_stiffness` condenses both bodies afresh at each harmonic, with complex dense
 factors; the polynomials must give its stiffness, load and motion to round-off, damping of both kinds included.
 """
 
@@ -12,7 +12,7 @@ from fretflow.solvers.fourier import to_complex
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.structure.two_mass_rig.condensed import condensed
-from fretflow.structure.two_mass_rig.joint import Joint, rig_loads
+from fretflow.structure.two_mass_rig.joint import RigJoint, rig_loads
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 NODES, MODES = 4, 3
@@ -48,7 +48,7 @@ def specimen(seed):
 
 @pytest.fixture(scope="module")
 def joint():
-    return Joint(upper=specimen(1), lower=specimen(2), rig=RIG)
+    return RigJoint(upper=specimen(1), lower=specimen(2), rig=RIG)
 
 
 def far(found, expected):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fretflow.core.errors import InputError
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.structure.two_mass_rig.joint import Joint, QuasiStaticJoint, rig_loads
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, RigJoint, rig_loads
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.linalg import eigh
 
@@ -77,7 +77,7 @@ def rig():
 
 def make(rig, density):
     upper, lower = specimen(1, density), specimen(2, density)
-    return Joint(upper=upper[2], lower=lower[2], rig=rig), upper, lower
+    return RigJoint(upper=upper[2], lower=lower[2], rig=rig), upper, lower
 
 
 def contact_springs():
@@ -166,7 +166,7 @@ def test_quasi_static_condensation_differs_by_the_specimens_inertia(rig):
     differences = []
     for density in (1e-4, 1e-5):
         joint, _, _ = make(rig, density)
-        joint = Joint(upper=replace(joint.upper, **undamped), lower=replace(joint.lower, **undamped), rig=rig)
+        joint = RigJoint(upper=replace(joint.upper, **undamped), lower=replace(joint.lower, **undamped), rig=rig)
         u, motion = condensed_solution(joint)
         v, massless = condensed_solution(joint.quasi_static())
         differences.append([np.abs(a[:2] - b[:2]).max() / np.abs(a[:2]).max() for a, b in (
@@ -203,4 +203,4 @@ def test_unmatched_faces_are_refused(rig):
     joint, _, _ = make(rig, density=1e-3)
     fewer = replace(joint.lower, contact_nodes=joint.lower.contact_nodes[:-1])
     with pytest.raises(InputError, match="contact nodes"):
-        Joint(upper=joint.upper, lower=fewer, rig=rig)
+        RigJoint(upper=joint.upper, lower=fewer, rig=rig)

@@ -17,7 +17,7 @@ from fretflow.structure.fem.mesh_file import read_mesh
 from fretflow.structure.reduction import craig_bampton
 from fretflow.structure.reduction.modes import component_modes, full_frequencies
 from fretflow.structure.reduction.reduce import reduce_specimen
-from fretflow.structure.two_mass_rig.joint import Joint
+from fretflow.structure.two_mass_rig.joint import RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow_meshes.specimen import Side, build_specimen
 from mpi4py import MPI
@@ -140,7 +140,7 @@ def test_static_stiffness_is_that_of_the_full_model(full):
     free = np.setdiff1d(np.arange(full.body.full_dofs), dofs(full.body.clamped.nodes))
     masters = np.concatenate([dofs(full.body.contact.nodes), dofs(full.observation)])
     kept = np.r_[:n, specimen.observation]
-    pair = Joint(upper=specimen, lower=specimen, rig=LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
+    pair = RigJoint(upper=specimen, lower=specimen, rig=LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
     for found, own in ((specimen.stiffness[np.ix_(kept, kept)], masters),
                        (2.0 * pair.quasi_static().stiffness, masters[:n])):
         inner = np.setdiff1d(free, own)

@@ -18,7 +18,7 @@ from fretflow.solvers.dlft.solver import DlftSolver
 from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, PeriodicSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.structure.two_mass_rig.joint import Joint, JointModel
+from fretflow.structure.two_mass_rig.joint import JointModel, RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 
@@ -26,7 +26,7 @@ def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
     """Return the unworn problem of the baseline of `case` with the specimens in the folder `reduced`."""
     upper = read_record(reduced / "upper.h5", ReducedSpecimen)
     lower = read_record(reduced / "lower.h5", ReducedSpecimen)
-    joint = Joint(upper=upper, lower=lower, rig=make_rig(case.rig))
+    joint = RigJoint(upper=upper, lower=lower, rig=make_rig(case.rig))
     # The quasi-static joint is condensed here once, and not again at every solution.
     quasi_static = case.solver.method is PeriodicMethod.QUASI_STATIC
     return rig_problem(

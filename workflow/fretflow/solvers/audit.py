@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import ContactAudit, audit_contact
+from fretflow.core.records import quantity, record
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.structure.internal_forces import total_force
 
 
 def audit_period(problem: PeriodicProblem, solution: PeriodicSolution, tolerance: float) -> ContactAudit:
@@ -33,6 +35,39 @@ def audit_period(problem: PeriodicProblem, solution: PeriodicSolution, tolerance
     stiffest = float(problem.boundary.stiffness.diagonal().max())
     return audit_contact(problem.interface.gap + u[..., 2], f, moved - np.roll(moved, 1, axis=0), limit,
                          float(np.abs(f).max()) / stiffest, tolerance)
+
+
+@record
+class EnergyBalance:
+    """Where the energy of a period goes, J: the excitation's work, what dashpots lose, what the contact takes.
+
+    The contact's share is the work of its force on the internal coordinates, in their harmonics, and friction that of
+    forces and slips sample by sample; elastic energy of the faces returns, so that both are one as the samples grow.
+    """
+
+    excitation: float = quantity("J")
+    damping: float = quantity("J")
+    contact: float = quantity("J")
+    friction: float = quantity("J")
+
+    @property
+    def error(self) -> float:
+        """Return what of the excitation's work is left unexplained, relative to it."""
+        return abs(self.excitation - self.damping - self.contact) / (abs(self.excitation) or 1.0)
+
+
+def energy_balance(problem: PeriodicProblem, solution: PeriodicSolution) -> EnergyBalance:
+    """Return where the energy of a period goes; further forces on the structure count as excitation."""
+    b, samples = problem.boundary, len(solution.state)
+    velocity = time_derivative(solution.internal, problem.omega)
+    loads = problem.loads_at(2.0 * np.pi * np.arange(samples) / samples) @ b.input_force.T
+    loads = loads + total_force(b.forces, solution.internal, velocity).force
+    step = 1.0 / (problem.frequency * samples)
+    contact = solution.force.reshape(samples, -1) @ b.transfer.T
+    return EnergyBalance(
+        excitation=float(np.sum(loads * velocity)) * step,
+        damping=float(np.einsum("ji,ik,jk->", velocity, b.internal.damping, velocity)) * step,
+        contact=-float(np.sum(contact * velocity)) * step, friction=solution.dissipated_energy)
 
 
 def friction_factor(problem: PeriodicProblem, solution: PeriodicSolution) -> NDArray[np.float64]:

@@ -10,16 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
+from fretflow.structure.sensors import HysteresisLoop
 from fretflow.structure.structure import NORMAL_LOAD, MasslessBoundary, Structure, stack_loads
 
 Amplitudes = Mapping[str, complex]
@@ -268,6 +270,17 @@ class PeriodicSolution:
         """Return the motion of the rig's lower observation node, (N, 3) m."""
         return self.output("lower")
 
+    def hysteresis(self, name: str | None = None) -> HysteresisLoop:
+        """Return the loop of the friction force over an output (N,), by default over the faces' mean sliding, m.
+
+        Raises
+        ------
+        InputError
+            If there is no such output, or nothing moves.
+        """
+        moved = self.displacement[:, :, 0].mean(axis=1) if name is None else self.output(name)
+        return HysteresisLoop(displacement=moved if moved.ndim == 1 else moved[:, 0], force=self.friction_force)
+
     def output(self, name: str) -> NDArray[np.float64]:
         """Return an output, (N,) or (N, k) in m.
 
@@ -279,6 +292,43 @@ class PeriodicSolution:
         if name not in self.outputs:
             raise InputError(f"output {name!r}: unknown; choose one of {', '.join(self.outputs)}")
         return self.outputs[name]
+
+
+def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, start: PeriodicSolution | None = None,
+                   **settings: Any) -> PeriodicSolution:
+    """Return the steady period of `problem`.
+
+    Parameters
+    ----------
+    problem : PeriodicProblem
+    method : str
+        "quasi-static": internal coordinates by harmonics, the contact true in time; or "dlft": all by few harmonics, as
+        in the paper, with all the mass.
+    start : PeriodicSolution, optional
+        A neighbouring period to start from.
+    settings
+        Of the section ``[solver]`` of case files: harmonics, samples, tolerance, max_iterations, penalty,
+        estimate_error (here False by default).
+
+    Raises
+    ------
+    InputError
+        If there is no such method or setting, or the method does not know what the problem holds.
+    NonConvergenceError
+        With the residual history.
+    AuditError
+        If the period breaks the contact law.
+    """
+    from fretflow.solvers.dlft.solver import DlftSolver
+    from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+
+    try:
+        chosen = Solver(**{"method": method, "estimate_error": False, **settings})
+    except ValueError as error:
+        reasons = "; ".join(str(one["msg"]) for one in getattr(error, "errors", list)())
+        raise InputError(f"solve_periodic: {reasons or error}") from error
+    solver = DlftSolver(chosen) if chosen.method is PeriodicMethod.DLFT else QuasiStaticSolver(chosen)
+    return solver.solve(problem, start)
 
 
 class PeriodicSolver(Protocol):

@@ -13,6 +13,8 @@ from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
 
+MIN_SAMPLES = 16  # of a loop: fewer tell neither reversal nor plateau
+
 BESIDE = ("friction_force", "arm", "excitation", "normal_force", "approach", "arm_velocity", "arm_acceleration")
 
 
@@ -131,3 +133,51 @@ class Signals:
         if len(self.displacement) % 2 == 0:
             turning[-1] = 0.0  # the last one has no phase
         return turning
+
+
+@record
+class HysteresisLoop:
+    """One closed steady loop, in order of time.
+
+    Displacement (N,) in m is that of the upper side relative to the lower, force (N,) in N that of the upper specimen
+    on the lower, so that the loop encloses a positive dissipated energy.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> phase = 2.0 * np.pi * np.arange(64) / 64
+    >>> loop = ff.HysteresisLoop(displacement=5e-6 * np.cos(phase), force=20.0 * np.cos(phase + 0.4))
+    >>> round(ff.read_loop(loop).dissipated_energy * 1e6, 1)  # uJ: pi X F sin 0.4 = 122.3
+    122.1
+    """
+
+    displacement: Array = quantity("m", "(N,)")
+    force: Array = quantity("N", "(N,)")
+
+    def check(self) -> None:
+        """Check that the loop can be read.
+
+        Raises
+        ------
+        InputError
+            If the arrays do not match, are too short, not finite or constant, or the loop runs the wrong
+            way round.
+        """
+        x, force = self.displacement, self.force
+        if x.ndim != 1 or x.shape != force.shape or len(x) < MIN_SAMPLES:
+            raise InputError(f"loop: displacement {x.shape} and force {force.shape} must be arrays of one "
+                             f"length, {MIN_SAMPLES} samples or more")
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(force))):
+            raise InputError("loop: displacement or force is NaN or infinite; clean the recording first")
+        if not (np.ptp(x) > 0.0 and np.ptp(force) > 0.0):
+            raise InputError("loop: displacement or force is constant; nothing can be read off it")
+        if dissipated_energy(self) < -0.05 * np.ptp(x) * np.ptp(force):
+            raise InputError("loop: its energy is negative; reverse the sign of one channel, or displacement and "
+                             "force are swapped")
+
+
+def dissipated_energy(loop: HysteresisLoop) -> float:
+    """Return the loop's area in J, by the trapezoidal rule over the closed polygon."""
+    x, force = loop.displacement, loop.force
+    return 0.5 * float((force[1:] + force[:-1]) @ (x[1:] - x[:-1]) + (force[0] + force[-1]) * (x[0] - x[-1]))

@@ -23,9 +23,9 @@ from fretflow.structure.two_mass_rig.joint import (
     DOWN,
     RIG_DOFS,
     TRANSLATION,
-    Joint,
     JointMotion,
     QuasiStaticJoint,
+    RigJoint,
     invert_stiffness,
 )
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -148,7 +148,7 @@ def condensed(joint: Structure) -> CondensedJoint | None:
     """Return `joint` condensed, or None where it has no such form: springs in series, bodies damped differently."""
     if isinstance(joint, QuasiStaticJoint):
         return _massless(joint)
-    if isinstance(joint, Joint) and _damping(joint.upper) == _damping(joint.lower):
+    if isinstance(joint, RigJoint) and _damping(joint.upper) == _damping(joint.lower):
         return _elastic(joint)
     return None
 
@@ -161,7 +161,7 @@ def _massless(joint: QuasiStaticJoint) -> CondensedJoint:
         rig=joint.rig)
 
 
-def _elastic(joint: Joint) -> CondensedJoint:
+def _elastic(joint: RigJoint) -> CondensedJoint:
     """Evaluate the bodies at Chebyshev nodes of x in [-scale, 0] and fit the polynomials through them."""
     lowest = min(joint.upper.full_frequencies.min(), joint.lower.full_frequencies.min())
     scale = float((2.0 * np.pi * REACH * lowest) ** 2)
@@ -190,7 +190,7 @@ class _Bodies(NamedTuple):
     lower_compliance: NDArray[np.float64]
 
 
-def _bodies_at(joint: Joint, x: float) -> _Bodies:
+def _bodies_at(joint: RigJoint, x: float) -> _Bodies:
     face = joint.upper.rigid.start
     upper, seen = _free_of_inner(joint.upper, x, np.array([face, face + 2]))
     lower, seen_below = _free_of_inner(joint.lower, x, np.zeros(0, dtype=np.int64))

@@ -232,7 +232,7 @@ class QuasiStaticJoint(_OnRig):
 
 
 @record
-class Joint(_OnRig):
+class RigJoint(_OnRig):
     """Both specimens and the rig."""
 
     upper: ReducedSpecimen
@@ -289,7 +289,7 @@ class Joint(_OnRig):
             observed[1, k] = lower.inner(k * omega, UNLOADED, face)[:OBSERVATION_DOFS]
         return JointMotion(rig=rig, upper_observation=observed[0], lower_observation=observed[1])
 
-    def with_rig(self, rig: LumpedRig) -> Joint:
+    def with_rig(self, rig: LumpedRig) -> RigJoint:
         """Return the joint on another rig."""
         return replace(self, rig=rig)
 

@@ -1,0 +1,57 @@
+"""A bolted joint given only by its matrices: both solvers, time integration, a loop, energy and wear.
+
+Two bars of six masses each overlap over three contact nodes, where 100 N press them together. The upper bar is held at
+its left end, and a force at 60 Hz shakes the right end of the lower one. Run it: ``python examples/matrices.py``.
+"""
+
+import numpy as np
+from fretflow.contact.coulomb import Coulomb
+from fretflow.contact.interface import Interface
+from fretflow.effects.cycle import march_wear
+from fretflow.recordings.hysteresis import read_loop
+from fretflow.solvers.audit import energy_balance
+from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, solve_periodic
+from fretflow.solvers.time_integration import settle
+from fretflow.structure.matrix_joint import Joint
+from fretflow.wear.archard import Archard
+
+MASSES, FACES = 6, 3
+
+# a bar: springs along x, y, z between masses of three DOF each
+spring = np.zeros((MASSES, MASSES))
+for i in range(MASSES - 1):
+    spring[i:i + 2, i:i + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]])
+K = np.kron(np.eye(2), np.kron(spring, np.diag([2e7, 6e6, 1e7])))  # N/m
+K[:3, :3] += np.diag([2e7, 6e6, 1e7])
+K[-3:, -3:] += np.diag([1e6, 1e6, 1e7])
+M = 0.1 * np.eye(len(K))  # kg
+
+# the last three masses of the upper bar rub on the first three of the lower one: upper minus lower, x, y and z
+Q = np.zeros((3 * FACES, len(K)))
+for dof in range(3 * FACES):
+    above, below = 3 * (MASSES - FACES) + dof, 3 * MASSES + dof
+    Q[dof, above], Q[dof, below] = 1.0, -1.0
+    M[above, above] = M[below, below] = 2e-3
+
+joint = Joint.from_matrices(K, M, contact_map=Q, observe={"tip": 33}, modal_damping=0.02)
+faces = Interface(np.zeros((FACES, 2)), np.full(FACES, 1e-4), np.zeros(FACES))
+problem = PeriodicProblem(joint, faces, Coulomb(0.4), Harmonic(60.0, {"tip": 60.0}), preload=NormalLoad(100.0))
+
+period = solve_periodic(problem, harmonics=21, samples=512, tolerance=1e-8)
+few = solve_periodic(problem, "dlft", harmonics=31, samples=512)
+history = settle(problem, period, (3, 20), 1024, 1e-4)  # no Fourier series in it
+swing = np.ptp(history.of_period(history.outputs["tip"]))
+for name, found in (("quasi-static", period), ("DLFT", few)):
+    moved = np.ptp(found.output("tip"))
+    print(f"{name}: tip moves {1e6 * moved:.2f} um, {1e3 * found.dissipated_energy:.3f} mJ a cycle")
+    assert abs(moved / swing - 1.0) < 0.01
+print(f"in time: tip moves {1e6 * swing:.2f} um, {1e3 * history.dissipated_energy[-1]:.3f} mJ a cycle")
+
+balance = energy_balance(problem, period)
+assert balance.error < 1e-7  # the excitation's work is what friction and dashpots take
+loop = read_loop(period.hysteresis(), normal_load=100.0)
+assert abs(loop.dissipated_energy / period.dissipated_energy - 1.0) < 0.3  # mean of three nodes that slide differently
+
+wear = march_wear(problem, Archard(1e-13), cycles=100_000)
+print(f"after {wear.cycles[-1]} cycles {1e9 * wear.volume[-1]:.4f} mm^3 are worn")
+assert wear.volume[-1] > 0.0

@@ -1,0 +1,156 @@
+"""A joint given by its matrices: both solvers against each other, time integration, another code and exact balances.
+
+What carries the weight: time integration knows no harmonics, DLFT keeps the mass that the quasi-static solver leaves
+out of the contact, and the other code's solution is in numbers.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.contact.coulomb import Coulomb
+from fretflow.contact.interface import Interface
+from fretflow.core.errors import InputError
+from fretflow.effects.cycle import march_wear
+from fretflow.solvers.audit import energy_balance
+from fretflow.solvers.continuation.follow import continue_response
+from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
+from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, solve_periodic
+from fretflow.solvers.quasi_static.internal import seen_coordinates
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.time_integration import settle
+from fretflow.structure.matrix_joint import Joint
+from fretflow.wear.archard import Archard
+
+MASSES, FACES = 6, 3
+PEERS = Path(__file__).parents[1] / "data" / "peers"
+
+
+def matrices():
+    """Return stiffness, mass (36, 36) and contact map (9, 36); the faces' own masses are small."""
+    spring = np.zeros((MASSES, MASSES))
+    for i in range(MASSES - 1):
+        spring[i:i + 2, i:i + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]])
+    bar = np.kron(spring, np.diag([2e7, 6e6, 1e7]))
+    stiffness, mass = np.kron(np.eye(2), bar), 0.1 * np.eye(6 * MASSES)
+    stiffness[:3, :3] += np.diag([2e7, 6e6, 1e7])  # the upper bar is held at its left end
+    stiffness[-3:, -3:] += np.diag([1e6, 1e6, 1e7])  # the lower one rests on springs at its right end
+    contact_map = np.zeros((3 * FACES, 6 * MASSES))
+    for j in range(FACES):
+        for c in range(3):
+            above, below = 3 * (MASSES - FACES + j) + c, 3 * (MASSES + j) + c
+            contact_map[3 * j + c, above], contact_map[3 * j + c, below] = 1.0, -1.0
+            mass[above, above] = mass[below, below] = 2e-3
+    return stiffness, mass, contact_map
+
+
+def problem(frequency, force, **options):
+    """Return the pair under a force on the right end of its lower bar, Hz and N."""
+    stiffness, mass, contact_map = matrices()
+    joint = Joint.from_matrices(stiffness, mass, contact_map=contact_map, observe={"tip": 33, "middle": 9},
+                                **{"modal_damping": 0.02, **options})
+    face = Interface(np.zeros((FACES, 2)), np.full(FACES, 1e-4), np.zeros(FACES))
+    return PeriodicProblem(joint, face, Coulomb(0.4), Harmonic(frequency, {"tip": force}), preload=NormalLoad(100.0))
+
+
+@pytest.mark.parametrize(("frequency", "force"), [(60.0, 60.0), (100.0, 50.0)])
+def test_both_solvers_and_time_integration_agree_on_a_bolted_pair(frequency, force):
+    given = problem(frequency, force)
+    found = solve_periodic(given, harmonics=21, samples=512, tolerance=1e-8)
+    assert 0.05 < np.mean(found.state == 1) < 0.95  # sticks and slips
+    other = solve_periodic(given, "dlft", harmonics=31, samples=512)
+    history = settle(given, found, (3, 20), 1024, 1e-4)
+    swing = np.ptp(history.of_period(history.outputs["tip"]))
+    for period in (found, other):
+        assert np.ptp(period.output("tip")) == pytest.approx(swing, rel=0.01)
+        assert period.dissipated_energy == pytest.approx(history.dissipated_energy[-1], rel=0.03)
+
+
+def test_the_work_of_the_excitation_is_what_contact_and_dashpots_take():
+    """To round-off in the harmonics; friction by slips of the samples tends to it."""
+    given, shares = problem(100.0, 50.0), []
+    for samples in (128, 256):
+        balance = energy_balance(given, solve_periodic(given, harmonics=15, samples=samples, tolerance=1e-10))
+        assert balance.error < 1e-8
+        assert 0.02 < balance.contact / balance.excitation < 0.98
+        shares.append(abs(balance.friction / balance.contact - 1.0))
+    assert shares[1] < 0.7 * shares[0] < 0.1
+
+
+def test_tangent_of_three_modes_is_that_of_central_differences():
+    given = problem(100.0, 50.0, modes=3)
+    seen = seen_coordinates(given.boundary)
+    assert len(seen) == 3
+    synthesis, rng = synthesis_matrix(3, 64), np.random.default_rng(4)
+    motion = 2e-5 * rng.normal(size=(7, 3)) / np.sqrt(np.diag(given.boundary.internal.stiffness)) * 1e3
+    way = rng.normal(size=(7, 3, 1)) * np.abs(motion).max()
+
+    def march(by):
+        contact, directions = ContactMarch.of(given, seen), np.einsum("jh,hdp->jdp", synthesis, way)
+        return contact, contact.period(synthesis @ (motion + by * way[:, :, 0]), directions, contact.preloaded(), None,
+                                       1e-12)
+
+    contact, found = march(0.0)
+    assert np.any(found.history.state == 1)
+    h = 1e-6
+    plus, minus = (march(by)[1].history.force @ contact.system.transfer.T for by in (h, -h))
+    differences = (plus - minus) / (2.0 * h)
+    assert found.tangent[:, :, 0] == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
+
+
+@pytest.mark.parametrize("nodes", [1, 10])
+def test_grounded_contacts_of_another_code(nodes):
+    """Their DOF order is normal, t1, t2 with compression positive: a contact map. All their mass is at the contact."""
+    data = np.load(PEERS / f"problem_{nodes}.npz")
+    case = next(c for c in json.loads((PEERS / "coupled_dlft_3d.json").read_text())["B_dlft3d"]
+                if c["N"] == nodes and c["eps"] == 100.0)
+    rows = np.kron(np.eye(nodes), [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+    face = Interface(np.zeros((nodes, 2)), np.ones(nodes), np.zeros(nodes))
+    static, moving = data["F0"], data["Fc"] - 1j * data["Fs"]
+    drive = Harmonic(0.8 / (2.0 * np.pi), {str(k): force for k, force in enumerate(moving)},
+                     overtones=((0, {str(k): force for k, force in enumerate(static)}),))
+
+    def given(compliance):
+        joint = Joint.from_matrices(data["K"], data["M"], data["C"], contact_map=rows,
+                                    observe={str(k): k for k in range(3 * nodes)}, contact_compliance=compliance)
+        return PeriodicProblem(joint, face, Coulomb(0.3), drive)
+
+    found = solve_periodic(given(1e-10), "dlft", harmonics=3, samples=128, penalty="100 N/m", tolerance=1e-11)
+    moved = analysis_matrix(3, 128) @ found.displacement.reshape(128, -1)
+    assert moved == pytest.approx(np.array(case["X"]) @ rows.T, abs=1e-7)
+    if nodes == 1:  # ten faces that nothing presses together, and that open and close, are DLFT's alone
+        soft = given(0.02)
+        true = solve_periodic(soft, harmonics=25, samples=512, tolerance=1e-8)
+        other = solve_periodic(soft, "dlft", harmonics=25, samples=512, tolerance=1e-8)
+        swing = [max(np.ptp(period.output(str(k))) for k in range(3)) for period in (true, other)]
+        assert swing[0] == pytest.approx(swing[1], rel=0.01)
+
+
+def test_a_response_and_wear_of_any_structure():
+    given = problem(100.0, 30.0, modes=4)
+    curve = continue_response(given, 90.0, 100.0, harmonics=7, samples=48, fine_harmonics=7, fine_samples=48)
+    assert curve.channels == ("relative", "tip", "middle")
+    end = solve_periodic(given, harmonics=7, samples=48, tolerance=1e-8)
+    last = curve.along(1)[-1]
+    assert curve.peak_to_peak[last, 1] == pytest.approx(np.ptp(end.output("tip")), rel=1e-3)
+    worn = march_wear(problem(100.0, 50.0, modes=4), Archard(1e-13), 10_000)
+    assert worn.cycles[-1] == 10_000
+    assert worn.volume[-1] > 0.0
+
+
+def test_what_makes_no_joint_is_refused():
+    stiffness, mass, rows = matrices()
+    for words, change in (("K: is not symmetric", {"stiffness": stiffness + np.eye(36, k=1) * 1e6}),
+                          ("rows depend on each other", {"contact_map": np.vstack([rows[:6], rows[:3]])}),
+                          ("observe: tip is DOF 40", {"observe": {"tip": 40}}),
+                          ("modes = 90", {"modes": 90}), ("modal_damping", {"modal_damping": 2.0}),
+                          ("either the numbers", {"contact": [1]})):
+        with pytest.raises(InputError, match=words):
+            Joint.from_matrices(**{"stiffness": stiffness, "mass": mass, "contact_map": rows, **change})
+    with pytest.raises(InputError, match="contact_compliance"):
+        Joint.from_matrices(np.eye(3), np.eye(3), contact=[0])
+    wrong = replace(problem(100.0, 30.0), excitation=Harmonic(100.0, {"nose": 1.0}))
+    with pytest.raises(InputError, match="input 'nose': unknown; choose one of tip, middle"):
+        solve_periodic(wrong)
