@@ -20,7 +20,10 @@ from fretflow.effects.force_offset import ForceOffset
 from fretflow.effects.parallel_stiffness import ParallelStiffness
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
 from fretflow.effects.viscous import Viscous
-from fretflow.experiments.driven.fit import RIG, Scale, first_baselines, first_joints, fit, prepared, scaled_priors
+from fretflow.experiments.driven.data import plain_data, prepared
+from fretflow.experiments.driven.experiment import RIG, DrivenExperiment, Scale, unit_of
+from fretflow.experiments.driven.noise import white_noise
+from fretflow.experiments.driven.run import fitted
 from fretflow.structure.driven import Sliders, clipped_march
 from fretflow.structure.motion import Motion
 from hypothesis import given, settings
@@ -242,12 +245,14 @@ def test_a_fit_finds_what_made_the_force_at_any_scale(size):
     motion, force = prepared(Kind.IMPOSED_DISPLACEMENT, motion, made)
     assert len(force) <= 2500
     used = np.arange(len(force)) > 100
-    found = fit(first_joints(Kind.IMPOSED_DISPLACEMENT, [Backlash()], motion, force), motion, force, used=used)
-    assert set(found.names) == set(true)
-    for name, value, sd in zip(found.names, found.value, found.sd, strict=True):
-        assert abs(value - true[name]) < 4.0 * sd + 1e-4 * true[name]
-        assert sd < 0.01 * true[name]
-    assert found.misfit == pytest.approx(0.01 * s / np.sqrt(np.mean(force[used]**2)), rel=0.1)
+    found = fitted(plain_data(Kind.IMPOSED_DISPLACEMENT, motion, force, used), ["backlash"])
+    assert {one.name for one in found.parameters.coordinates} == set(true)
+    spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    for one, z, dz in zip(found.parameters.coordinates, found.z, spread, strict=True):
+        value, sd = one.value(z), abs(one.value(z + dz) - one.value(z - dz)) / 2.0
+        assert abs(value - true[one.name]) < 4.0 * sd + 1e-4 * true[one.name]
+        assert sd < 0.01 * true[one.name]
+    assert np.sqrt(np.mean((found.predicted - force[used])**2)) == pytest.approx(0.01 * s, rel=0.1)
 
 
 def test_ranges_go_with_the_size_of_the_joint():
@@ -255,7 +260,9 @@ def test_ranges_go_with_the_size_of_the_joint():
     scale = Scale.of(motion, np.array([-9e3, 9e3]))
     assert scale.time == pytest.approx(1.0 / OMEGA, rel=1e-3)
     joint = DrivenJoint.build(SLIDER, [Backlash(), VelocityDependentFriction()])
-    scaled, own = scaled_priors(joint, scale), joint.priors
+    own = joint.priors
+    scaled = {name: scale.prior(prior, unit_of(type(joint.parts[name.split(".")[0]]), name.split(".")[1]))
+              for name, prior in own.items()}
     assert scaled["backlash.play"].high / own["backlash.play"].high == pytest.approx(2e-3 / RIG.length)
     assert scaled["baseline.tangential_stiffness"].low / own["baseline.tangential_stiffness"].low == pytest.approx(
         9e3 / RIG.force * RIG.length / 2e-3)
@@ -263,11 +270,11 @@ def test_ranges_go_with_the_size_of_the_joint():
 
 
 def test_recordings_that_cannot_be_fitted_are_refused():
-    still = moving(np.zeros(20))
+    still = plain_data(Kind.IMPOSED_DISPLACEMENT, moving(np.zeros(20)), np.zeros(20))
     with pytest.raises(InputError, match="constant"):
-        first_joints(Kind.IMPOSED_DISPLACEMENT, [], still, np.zeros(20))
+        DrivenExperiment(still, white_noise(still), 1.0).parameters(())
     with pytest.raises(InputError, match="fretting-rig: no measured motion"):
-        first_baselines(Kind.FRETTING_RIG, still, np.zeros(20))
+        fitted(plain_data(Kind.FRETTING_RIG, swinging(), np.zeros(len(swinging().displacement))), [])
 
 
 def test_play_keeps_its_side_at_the_start():

@@ -11,10 +11,9 @@ import pytest
 from fretflow.core.errors import RecordingError, UnreliableRecordingError
 from fretflow.experiments.diagnose import diagnose
 from fretflow.experiments.driven.data import driven_data
-from fretflow.experiments.driven.estimates import estimates
 from fretflow.experiments.driven.noise import correlation_length, effective
-from fretflow.experiments.driven.run import diagnose_driven
-from fretflow.experiments.driven.search import baseline_fit
+from fretflow.experiments.driven.run import diagnose_driven, searched
+from fretflow.experiments.independent import estimates
 from fretflow.experiments.rig.run import RigTools
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.loopset import LoopSet, Series
@@ -191,7 +190,9 @@ def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
     widths = []
     for noise in (rng.standard_normal(len(t)), slow):
         data = driven_data(recording(t, x, slid(x) + SIZE * noise))
-        limit = next(one for one in estimates(data, baseline_fit(data)) if one.name == "baseline.friction_limit")
+        found = searched(data, True, quiet)
+        limit = next(one for one in estimates(found, frozenset())
+                     if one.name == "baseline.friction_limit")
         widths.append(limit.high - limit.low)
     assert widths[1] > 2.5 * widths[0]
 

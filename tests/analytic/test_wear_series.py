@@ -12,10 +12,10 @@ from fretflow.effects.volume_law import WornTests
 from fretflow.effects.wear_coefficient_evolution import WearCoefficientEvolution
 from fretflow.effects.wear_power_law import WearPowerLaw
 from fretflow.effects.wear_threshold import WearThreshold
+from fretflow.experiments.independent import estimates
 from fretflow.experiments.wear_series.data import tests_of_detection as detection_of
 from fretflow.experiments.wear_series.data import wear_data
-from fretflow.experiments.wear_series.run import diagnose_wear_series
-from fretflow.experiments.wear_series.search import estimates, search
+from fretflow.experiments.wear_series.run import diagnose_wear_series, fitted_forms
 from fretflow.inference.verdict import EXPLAINED_GATE, Verdict
 from fretflow.recordings.wear_series import WearSeries
 from scipy.integrate import solve_ivp
@@ -230,8 +230,8 @@ def test_intervals_cover():
     """The true power of the power density lies in its 90 % interval in 90 % of 60 series, give or take three sd."""
     covered = []
     for seed in range(60):
-        looked = search(wear_data(series(100 + seed, power_density, count=24)), False, lambda share, text: None)
-        found = next(one for one in looked.fits["wear-power-law",] if one.law.states == ("power density",))
-        exponent = estimates(looked, found)[1]
+        forms = fitted_forms(wear_data(series(100 + seed, power_density, count=24)))
+        found = next(one for one in forms if one.law.powers == ("power density",))
+        exponent = estimates(found.looked, found.names)[1]
         covered.append(exponent.low < -0.3 < exponent.high)
     assert 47 <= sum(covered) <= 59

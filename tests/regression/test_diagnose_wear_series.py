@@ -50,7 +50,7 @@ def test_what_steel_does_not_tell_is_said(recordings):
     assert "energy, row 9: is taken in proportion" in said
     assert "energy, rows 10-28: is taken as volume over coefficient" in said
     assert "if scatter grew in proportion to the volume" in said
-    assert "pressure_exponent = 0.73 lies beyond the plausible" in said
+    assert "pressure_exponent = 0.63 lies beyond the plausible" in said
 
 
 def test_titanium_wears_by_the_power_density(recordings):

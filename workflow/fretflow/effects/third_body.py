@@ -167,7 +167,7 @@ class ThirdBody(Effect):
             return np.asarray(values[0] * np.log1p(plain / values[0]))
 
         own = LawParameter("separating_volume", "m^3", "V_0 = A h_0 / phi: worn volume at which wear has fallen to 1/e",
-                           0.1 * float(np.median(tests.volume)), float(tests.volume.max()))
+                           0.1 * float(np.average(tests.volume, weights=tests.weight)), float(tests.volume.max()))
         needs = "A h_0 / phi = {separating_volume:.6g} m^3; with the area A this gives separating_thickness = h_0"
         return (VolumeLaw(cls.id, (own,), worn, lambda values: None, needs, of_volume=True),)
 

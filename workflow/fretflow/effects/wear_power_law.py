@@ -90,12 +90,8 @@ class WearPowerLaw(Effect):
         def worn(plain: Array, states: Mapping[str, Array], values: Array) -> Array:
             return np.asarray(plain * product_of_powers(states, at, dict(zip(names, values, strict=True))))
 
-        ranges, made = cls.priors(), []
-        for name in names:
-            field = f"{name.replace(' ', '_')}_exponent"
-            prior = ranges.get(field, ranges["pressure_exponent"])
-            made.append(LawParameter(field, "1", f"{LETTERS[name]}: of the {name}", prior.low, prior.high,
-                                     logarithmic=False))
+        made = [LawParameter(f"{name.replace(' ', '_')}_exponent", "1", f"{LETTERS[name]}: of the {name}", -1.0, 1.0,
+                             logarithmic=False) for name in names]  # from one over the state to proportional to it
         return VolumeLaw(cls.id, tuple(made), worn, built, powers=names)
 
     def sketch(self) -> Sketch:

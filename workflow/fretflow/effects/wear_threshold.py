@@ -60,7 +60,7 @@ class WearThreshold(Effect):
 
     @classmethod
     def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
-        """Return the law at each test's power density, 0.1 to 0.6 of whose middle is the plausible threshold."""
+        """Return the law at each test's power density; thresholds from a tenth of the least to 0.6 of the middle."""
         if POWER not in tests.varied:
             return ()
 
@@ -68,8 +68,8 @@ class WearThreshold(Effect):
             return np.asarray(plain * np.maximum(cls().changed(power_density=values[0]).share(states[POWER]),
                                                  LEAST_SHARE))
 
-        q = tests.middle(POWER)
-        own = LawParameter("power_density", "W/m^2", "q_th: power per area below which nothing wears", 0.1 * q, 0.6 * q)
+        own = LawParameter("power_density", "W/m^2", "q_th: power per area below which nothing wears",
+                           0.1 * float(tests.states[POWER].min()), 0.6 * tests.middle(POWER))
         return (VolumeLaw(cls.id, (own,), worn, lambda values: cls().changed(**values)),)
 
     def sketch(self) -> Sketch:

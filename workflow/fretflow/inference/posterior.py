@@ -102,11 +102,14 @@ def posterior(found: Search) -> Posterior:
     for names in sorted((*singles, *pairs), key=lambda one: (len(one), len(found.fits[one].z))):
         if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
             continue  # what it says of one effect is that this does nothing: it is the set without it
+        own = found.log_evidence(names)
         fewer = [one for one in weight if one and _plainer(one, names)]
-        beyond = {one: beyond_forms(found, one, names) for one in fewer}
-        if beyond and min(beyond.values()) <= 0.0:
-            continue  # what it adds is no more than another form of the plainer law would
-        own = min([found.log_evidence(names), *(weight[one] - prior[len(one)] + more for one, more in beyond.items())])
+        if fewer:  # the best of them: a worse one says nothing of what the other effect adds to it
+            best = max(fewer, key=lambda one: weight[one] - prior[len(one)])
+            beyond = beyond_forms(found, best, names)
+            if beyond <= 0.0:
+                continue  # what it adds is no more than another form of the plainer law would
+            own = min(own, weight[best] - prior[len(best)] + beyond)
         weight[names] = own + prior[len(names)]
     unlisted = _unlisted(found, [names for names in singles if names in weight], prior[1])
     top = max(*weight.values(), unlisted)

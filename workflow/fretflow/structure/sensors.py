@@ -75,10 +75,15 @@ class Signals:
         return np.fft.irfft(self._turning() * np.fft.rfft(values), len(values))
 
     def delayed(self, values: Array, delay: float) -> Array:
-        """Return a channel (N,) that comes `delay` s later; a record keeps its first value until then."""
+        """Return a channel (N,) that comes `delay` s later; a record keeps its first value until then.
+
+        Between samples it is a cubic, which unlike a line leaves noise nearly as it is.
+        """
         if not self.periodic:
+            from scipy.interpolate import CubicSpline  # takes as long to import as all the rest
+
             time = self.step * np.arange(len(values))
-            return np.interp(time - delay, time, values)
+            return np.asarray(CubicSpline(time, values)(np.clip(time - delay, time[0], time[-1])))
         return np.fft.irfft(np.exp(-delay * self._turning()) * np.fft.rfft(values), len(values))
 
     def filtered(self, values: Array, numerator: Array, denominator: Array) -> Array:

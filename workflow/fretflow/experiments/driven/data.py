@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.effects.effect import Kind
-from fretflow.experiments.driven.fit import prepared
 from fretflow.recordings import periods as p
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.recording import Recording
@@ -26,13 +26,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_ROWS = 200_000  # of a record; longer ones are thinned, and cut
-SAMPLES = {Kind.IMPOSED_DISPLACEMENT: 1000, Kind.LUMPED: 2500}  # that fits use
-LEAST_OF_LOOP = 60  # samples
-LEAST_OF_CYCLE = 200  # rows, of a long record that is thinned
+SAMPLES = 2500  # that a motion is marched at: fewer would miss where it turns
+LEAST_OF_CYCLE = 100  # rows, of what is thinned: corners are then seen to a hundredth of the cycle
 BACKWARDS = -0.05  # of the rectangle about a cycle: work that no friction gives back
 EQUAL = 0.02  # relative difference of amplitude and length of cycles that count as repeats
 STRETCHES = 12  # of a single cycle
-LEAST_PART = 8  # samples, fitted or held out
 OPEN = 0.15  # of the range between the ends of a single loop
 
 
@@ -73,6 +71,23 @@ class DrivenData:
         """Return what is fitted or held out."""
         return self.fitted | self.held_out
 
+    @cached_property
+    def phase(self) -> Array:
+        """Return the phase (N,) in [0, 1): of the cycle, or without cycles of the motion in the plane of x and v."""
+        x, v = self.motion.displacement - self.motion.displacement.mean(), self.motion.velocity
+        found = np.asarray(np.arctan2(v / max(float(v.std()), 1e-300), x / max(float(x.std()), 1e-300)) / (2.0 * np.pi)
+                           % 1.0)
+        for one in self.cycles:
+            found[self.samples_of(one)] = self.phases_of(one)
+        return found
+
+    @cached_property
+    def stretch(self) -> NDArray[np.int64]:
+        """Return the stretch (N,) that each sample is in: its cycle, or without cycles one of equal length."""
+        n = len(self.force)
+        starts = [self.samples_of(one)[0] for one in self.cycles] or list(range(0, n, -(-n // STRETCHES)))
+        return np.maximum(np.searchsorted(np.array(starts), np.arange(n), side="right") - 1, 0)
+
     def samples_of(self, cycle: Cycle) -> NDArray[np.int64]:
         """Return the thinned samples of a cycle."""
         return np.arange(-(-cycle.start // self.every), -(-cycle.stop // self.every))
@@ -80,6 +95,15 @@ class DrivenData:
     def phases_of(self, cycle: Cycle) -> Array:
         """Return the phase in [0, 1) of the thinned samples of a cycle."""
         return np.asarray((self.samples_of(cycle) * self.every - cycle.start) / (cycle.stop - cycle.start))
+
+
+def plain_data(kind: Kind, motion: Motion, force: Array, used: Mask | None = None) -> DrivenData:
+    """Return a motion and its force (N,) as they are, without cycles; the samples that are not `used` are held out."""
+    kept = np.ones(len(force), bool) if used is None else used
+    return DrivenData(
+        kind=kind, whole=motion, whole_force=force, unsmoothed=motion.displacement, every=1, motion=motion,
+        force=force, cycles=(), repeats=(), fitted=kept, held_out=np.zeros(len(force), bool), held_out_words="",
+        timed=True, displacement_noise=0.0, half_width=0)
 
 
 def driven_data(recording: Recording) -> DrivenData:
@@ -134,16 +158,30 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
     timed, cycles = series.time is not None, _cycles(cuts, usable)
     # points without time, such as those read off a figure, are not evenly spaced: no polynomial follows them
     moved = measured.motion if timed else replace(measured.motion, displacement=x)
-    every = max(1, -(-len(x) // max(SAMPLES[kind], min(4000, 150 * len(cycles)))))
+    every = max(1, -(-len(x) // max(SAMPLES, min(4000, 150 * len(cycles)))))
     motion, thin = prepared(kind, moved, force, -(-len(x) // every))
     data = DrivenData(
         kind=kind, whole=replace(moved, lean=motion.lean), whole_force=force, unsmoothed=x, every=every,
         motion=motion, force=thin, cycles=cycles, repeats=_alike(x, cycles), fitted=np.zeros(0, bool),
         held_out=np.zeros(0, bool), held_out_words="", timed=timed, notes=tuple(notes), half_width=measured.half_width,
         displacement_noise=measured.noise if timed else 0.0)
-    inside = usable.copy()  # rates are not to be had at the ends
-    inside[:measured.half_width], inside[len(x) - measured.half_width:] = False, False
+    reach = np.ones(2 * measured.half_width + 1)  # rates are not to be had at the ends, nor beside gaps
+    inside = np.convolve(usable, reach, "same") >= len(reach) - 0.5
     return _split(data, inside[::every])
+
+
+def prepared(kind: Kind, motion: Motion, force: Array, samples: int = SAMPLES) -> tuple[Motion, Array]:
+    """Return a recording thinned to some `samples`, leaning as it begins: for fits in a fraction of a second.
+
+    A mass is driven, so its friction leans as it moves; elsewhere the force tells, by where it is between the plateaus.
+    """
+    every = max(1, -(-len(force) // samples))
+    if kind is Kind.LUMPED:
+        lean = float(np.sign(motion.velocity[0]))
+    else:
+        low, high = np.percentile(force, (10.0, 90.0))
+        lean = float(np.clip(2.0 * (force[0] - 0.5 * (low + high)) / max(high - low, 1e-300), -1.0, 1.0))
+    return replace(motion.thinned(every), lean=lean), force[::every]
 
 
 def _group(x: Array) -> tuple[int, int]:
@@ -159,8 +197,8 @@ def _group(x: Array) -> tuple[int, int]:
 def _of_loops(kind: Kind, loops: LoopSet) -> DrivenData:
     x, force = _channels("loops", loops.channels)
     samples = x.shape[-1]
-    thin = next((k for k in range(samples // LEAST_OF_LOOP, 0, -1) if samples % k == 0
-                 and x.shape[0] * samples // k >= SAMPLES[kind]), 1)
+    thin = next((k for k in range(samples // LEAST_OF_CYCLE, 0, -1) if samples % k == 0
+                 and x.shape[0] * samples // k >= SAMPLES), 1)
     found, steps = [], []
     for k, r in np.argwhere(loops.usable):
         frequency = loops.frequency[k]
@@ -254,7 +292,7 @@ def _split(data: DrivenData, usable: Mask) -> DrivenData:
         fitted, held_out = at < last, at >= last
         words += " and what follows"
     fitted, held_out = fitted & usable[:n], held_out & usable[:n]
-    if min(fitted.sum(), held_out.sum()) < LEAST_PART:
+    if min(fitted.sum(), held_out.sum()) < STRETCHES:
         raise UnreliableRecordingError("series: too little is usable to fit one part and test on another; record more "
                                        "cycles without gaps")
     return replace(data, fitted=fitted, held_out=held_out, held_out_words=words, notes=(*data.notes, *_noticed(data)))

@@ -8,100 +8,72 @@ import numpy as np
 from scipy import stats
 
 from fretflow.core.units import readable_unit
-from fretflow.effects.driven import LumpedBaseline, SliderBaseline
 from fretflow.effects.effect import Kind
 from fretflow.experiments.driven.data import Array, DrivenData, Mask
-from fretflow.experiments.driven.fit import DrivenFit
 from fretflow.experiments.driven.noise import Noise
-from fretflow.inference.verdict import Location, Place, ResidualLaw
-
-HYSTERESIS = 0.02  # of the amplitude: smaller turns are no reversals
-TURNED, KNEE, SLIDING = 0.15, 0.8, 1.5  # travel since the reversal over that at which the baseline slides again
-END = 0.9  # of a stroke: the plateau's end from there
-SLOW, BRISK = 0.05, 0.3  # of the largest speed and acceleration
-SIGNIFICANT = 0.05
-PARITIES = {(1, 1): "a constant", (-1, 1): "odd in the displacement", (1, -1): "odd in the direction of motion",
-            (-1, -1): "odd in the displacement and in the direction of motion"}
-LAW_BINS, PARITY_BINS = 16, 12
-MOST_CYCLES = 40
+from fretflow.experiments.rig.law import BINS
+from fretflow.experiments.rig.location import PARITIES, PARITY_BINS, SIGNIFICANT
+from fretflow.experiments.rig.phases import PHASES, Strokes
+from fretflow.inference.verdict import Detection, Location, Place, ResidualLaw
 
 
-def strokes(x: Array, least: float) -> tuple[Array, Array]:
-    """Return the travel since the last reversal, and the whole travel of the stroke, both (N,) in m."""
-    since, whole = np.zeros_like(x), np.zeros_like(x)
-    begin, extreme, way = 0, 0, 0.0
-    for k in range(1, len(x)):
-        if way * (x[k] - x[extreme]) >= 0.0:
-            extreme, way = k, way or float(np.sign(x[k] - x[begin]))
-        elif abs(x[k] - x[extreme]) > least:
-            _fill(x, since, whole, begin, extreme)
-            begin, extreme, way = extreme, k, -way
-    _fill(x, since, whole, begin, len(x) - 1)
-    return since, whole
+def phases(data: DrivenData) -> dict[str, Mask]:
+    """Return which samples (N,) are in each phase, none of a record without cycles.
+
+    A body is in the phase of acceleration where that is a larger share of its largest than the speed is.
+    """
+    if data.kind is Kind.LUMPED:
+        speed, rate = np.abs(data.motion.velocity), np.abs(data.motion.acceleration)
+        brisk = rate * speed.max() > speed * rate.max()
+        return {"acceleration": brisk, "plateau": ~brisk}
+    found = {name: np.zeros(len(data.force), bool) for name in PHASES}
+    for one in data.cycles:
+        own = data.samples_of(one)
+        phase = Strokes.of(data.motion.displacement[own], data.force[own]).phase
+        for k, name in enumerate(PHASES):
+            found[name][own[phase == k]] = True
+    return found
 
 
-def _fill(x: Array, since: Array, whole: Array, begin: int, end: int) -> None:
-    since[begin:end + 1] = np.abs(x[begin:end + 1] - x[begin])
-    whole[begin:end + 1] = max(abs(x[end] - x[begin]), 1e-300)
-
-
-def phases(data: DrivenData, baseline: DrivenFit) -> dict[str, Mask]:
-    """Return which samples (N,) lie in which phase of the stroke."""
-    joint, motion = baseline.joint.baseline, data.motion
-    if isinstance(joint, SliderBaseline):
-        reach = 2.0 * joint.friction_limit / joint.tangential_stiffness
-        since, whole = strokes(motion.displacement, HYSTERESIS * 0.5 * float(np.ptp(motion.displacement)))
-        share, end = since / max(reach, 1e-300), since > END * whole
-        plateau = (share >= SLIDING) & ~end
-        return {"reversal": share < TURNED, "stick slope": (share >= TURNED) & (share < KNEE),
-                "knee": (share >= KNEE) & (share < SLIDING), "plateau": plateau,
-                "plateau end": (share >= SLIDING) & end}
-    speed, rate = np.abs(motion.velocity), np.abs(motion.acceleration)
-    reversal = speed < SLOW * speed.max()
-    brisk = ~reversal & (rate > BRISK * np.quantile(rate, 0.99))
-    return {"reversal": reversal, "acceleration": brisk, "plateau": ~reversal & ~brisk}
-
-
-def locate(data: DrivenData, noise: Noise, baseline: DrivenFit, block: str) -> Location:
-    """Return where the baseline's residual exceeds the noise, each p-value corrected for how many were looked at."""
-    left, used = baseline.residual, data.used
-    found = [("phase", name, used & mask) for name, mask in phases(data, baseline).items()]
-    cycles = data.cycles
-    for one in cycles[::max(1, len(cycles) // MOST_CYCLES)]:
-        mask = np.zeros_like(used)
-        mask[data.samples_of(one)] = True
-        found.append(("cycles", one.label, used & mask))
-    found = [one for one in found if one[2].any()]
+def locate(data: DrivenData, noise: Noise, left: Array, block: str) -> Location:
+    """Return where what the baseline leaves (N,) exceeds the noise, p-values corrected for how many were looked at."""
+    used, cycles = data.used, data.cycles
+    cuts = [("channel", "force", used)]
+    cuts += [("phase", name, used & mask) for name, mask in phases(data).items()]
+    cuts += [("cycles", one.label, used & np.isin(np.arange(len(used)), data.samples_of(one))) for one in cycles]
+    cuts = [one for one in cuts if one[2].any()]
     parity = dict(_parities(data, left))
-    looked = len(found) + len(parity)
+    looked = len(cuts) + len(parity)
     total = max(float(np.sum(left[used]**2)) - used.sum() * noise.sd**2, 1e-300)
     places = [Place(cut=cut, where=where, share=_share(left[mask], noise, total),
-                    p_value=min(1.0, looked * _p(left[mask], noise))) for cut, where, mask in found]
+                    p_value=min(1.0, looked * _p(left[mask], noise))) for cut, where, mask in cuts]
     strength = sum(parity.values()) or 1.0
-    overall = min(1.0, looked * _p(left[used], noise))
-    places += [Place(cut="parity", where=name, share=size / strength, p_value=overall) for name, size in parity.items()]
-    places.append(Place(cut="channel", where="force", share=1.0, p_value=overall))
-    phase, side = _largest(places, "phase"), max(parity, key=lambda name: parity[name], default="")
-    parts = [one for one in cycles if any(p.where == one.label and p.p_value < SIGNIFICANT for p in places)]
-    span = (parts[0].number, parts[-1].number) if parts else (0, 0)
+    places += [Place(cut="parity", where=name, share=size / strength, p_value=places[0].p_value)
+               for name, size in parity.items()]
+    phase = max((one for one in places if one.cut == "phase"), key=lambda one: one.share, default=None)
+    side = max(parity, key=lambda name: parity[name], default="")
+    shown = {one.where for one in places if one.cut == "cycles" and one.p_value < SIGNIFICANT}
+    parts = [one.number for one in cycles if one.label in shown]
     text = ""
     if phase is not None and block:
-        mean = float(np.sqrt(np.mean(left[dict((w, m) for _, w, m in found)[phase.where]]**2)))
+        mean = float(np.sqrt(np.mean(left[next(mask for _, where, mask in cuts if where == phase.where)]**2)))
         text = (f"The force differs most in the phase '{phase.where}', by {_force(mean)} there (root mean square; "
                 f"repeats differ by {_force(noise.sd)}): {100.0 * phase.share:.0f} % of the difference.")
         if side:
             text += f" Read over displacement and direction it is mostly {side}."
-    return Location(block=block, channel="force", phase=phase.where if phase else "", cycles=span, zone="",
-                    parity=side, places=tuple(places), text=text)
+    return Location(block=block, channel="force", phase=phase.where if phase else "", zone="", parity=side,
+                    cycles=(parts[0], parts[-1]) if parts else (0, 0), places=tuple(places), text=text)
+
+
+def detect(data: DrivenData, noise: Noise, left: Array) -> Detection:
+    """Return whether the baseline leaves (N,) more than noise, by a classical test beside the posterior's answer."""
+    p, name = _p(left[data.used], noise), "mean square of what is left"
+    return Detection(p_value=p, statistic=name, tests={name: p}, false_alarm_rate=SIGNIFICANT)
 
 
 def _force(value: float) -> str:
     unit, size = readable_unit(value, "N")
     return f"{value / size:.3g} {unit}"
-
-
-def _largest(places: list[Place], cut: str) -> Place | None:
-    return max((one for one in places if one.cut == cut), key=lambda one: one.share, default=None)
 
 
 def _share(left: Array, noise: Noise, total: float) -> float:
@@ -143,9 +115,13 @@ def residual_law(data: DrivenData, noise: Noise, left: Array) -> ResidualLaw:
         states |= {"velocity": (v, "m/s"), "acceleration": (motion.acceleration, "m/s^2"),
                    "displacement times speed": (x * np.abs(v), "m^2/s"),
                    "squared displacement times velocity": (x**2 * v, "m^3/s")}
-    if data.kind is Kind.IMPOSED_DISPLACEMENT:
-        since, _ = strokes(motion.displacement, HYSTERESIS * 0.5 * float(np.ptp(motion.displacement)))
-        states["travel since the reversal, signed by its direction"] = (since * np.sign(v), "m")
+    if data.kind is Kind.IMPOSED_DISPLACEMENT and data.cycles:
+        since = np.zeros_like(x)
+        for one in data.cycles:
+            own = data.samples_of(one)
+            strokes = Strokes.of(motion.displacement[own], data.force[own])
+            since[own] = strokes.since * strokes.way
+        states["travel since the reversal, signed by its direction"] = (since, "m")
     curves = {name: _curve(values[used], left[used], noise) for name, (values, _) in states.items()}
     name = max(curves, key=lambda key: curves[key][3])
     at, mean, sd, explained = curves[name]
@@ -155,16 +131,10 @@ def residual_law(data: DrivenData, noise: Noise, left: Array) -> ResidualLaw:
 
 def _curve(state: Array, left: Array, noise: Noise) -> tuple[Array, Array, Array, float]:
     """Return the mean residual over a state in bins of equal count, its sd, and the share of squares it explains."""
-    groups = [own for own in np.array_split(np.argsort(state), LAW_BINS) if len(own)]
+    groups = [own for own in np.array_split(np.argsort(state), BINS) if len(own)]
     at, mean = (np.array([values[own].mean() for own in groups]) for values in (state, left))
     inside = sum(float(np.sum((left[own] - left[own].mean())**2)) for own in groups)
     sd = np.array([left[own].std() / np.sqrt(max(1.0, len(own) / noise.correlation)) for own in groups])
-    noisy = len(left) * noise.sd**2
-    most = float(np.sum(left**2)) - noisy
+    most = float(np.sum(left**2)) - len(left) * noise.sd**2
     explained = 0.0 if most <= 0.0 else float(np.clip((float(np.sum(left**2)) - inside) / most, 0.0, 1.0))
     return at, mean, sd, explained
-
-
-def block_of(kind: Kind) -> str:
-    """Return the block of a baseline: what the measured motion drives."""
-    return "rig" if kind is LumpedBaseline.kind else "contact law"

@@ -10,32 +10,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import Array, Cycle, DrivenData, Mask
 from fretflow.structure.motion import measure, noise_floor
 
-DIGITIZING = 1e-3  # of half the range: what no sensor and no step of the model resolves
-LONGEST = 8  # part of a sequence beyond which correlations are not looked at
+LONGEST = 8  # part of a sequence beyond which correlations are not looked at: of so few pairs they are mostly chance
+DRAWS = 6  # of the motion's noise: its deviation is then known to a third
 SEED = 20240
-BLOCKS = 24  # least number that correlations are told from
-DRAWS = 400
-BIAS_FACTOR = 2.0  # on biases that are known roughly
-MOTIONS = 6  # drawn, with noise
-RATES = ("displacement", "velocity", "acceleration")
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one sample of the force; `sequences` of it, normalised, thinned as fits are."""
+    """Noise of one sample of the force."""
 
     sd: float  # N
-    sequences: tuple[Array, ...]
     correlation: float  # samples that count as one in a mean
     source: str
-    biases: tuple[Array, ...]  # (N,) N: what the noise of the motion, and its smoothing, may add to all cycles alike
     freedom: float  # independent squares that the sd rests on
+    bias: Array  # (N,) N: what the noise of the motion may add to all cycles alike
+    rounded: Array  # (N,) N: what all cycles have of the motion's corners, before they were smoothed
 
 
 def correlation_length(sequences: tuple[Array, ...]) -> float:
@@ -55,24 +49,44 @@ def correlation_length(sequences: tuple[Array, ...]) -> float:
 
 def measured_noise(data: DrivenData, joint: DrivenJoint) -> Noise:
     """Return the noise of a recording whose baseline is fitted."""
-    biases, spread = _of_motion(data, joint)
-    least = DIGITIZING * 0.5 * float(np.ptp(data.force[data.used]))
+    bias, rounded, spread = _of_motion(data, joint)
     if data.repeats:
         left = data.whole_force - joint.predict(data.whole).measured
-        pairs = [_difference(left, a, b) for a, b in data.repeats]
+        pairs = tuple(_difference(left, a, b) for a, b in data.repeats)
         variance = float(np.mean(np.concatenate(pairs)**2))
-        length = correlation_length(tuple(pairs)) / data.every
-        sequences = tuple(one[::data.every] / np.sqrt(max(variance, 1e-300)) for one in pairs)
+        length = max(1.0, correlation_length(pairs) / data.every)
         source = "neighbouring cycles of equal amplitude" if data.every > 1 or len(data.cycles) > 1 else "repeats"
-        freedom = _freedom(sequences, max(length, 1.0))
+        freedom = sum(len(one) for one in pairs) / (data.every * length)
     else:
-        variance = noise_floor(data.whole_force)**2 + spread**2
-        rng = np.random.default_rng(SEED)
-        length, freedom = 1.0, 0.1 * len(data.whole_force)
-        sequences = (rng.standard_normal(max(int(freedom), 2 * BLOCKS)),)
-        source = "the noise within the record, as no cycles repeat"
-    smoothing = sum(float(np.mean(one[data.used]**2)) for one in biases[1:])  # repeats have it alike
-    return Noise(float(np.sqrt(variance + least**2 + smoothing)), sequences, max(length, 1.0), source, biases, freedom)
+        variance, length = noise_floor(data.whole_force)**2 + spread**2, 1.0
+        freedom, source = float(len(data.force)), "the noise within the record, as no cycles repeat"
+    sd = float(np.sqrt(variance + _step(data.whole_force)**2 / 12.0))
+    return Noise(sd, length, source, max(freedom, 2.0), bias, rounded)
+
+
+def _common(data: DrivenData, values: Array) -> Array:
+    """Return values (N,) as all cycles have them in common at each phase, what is noise in them averaged away."""
+    found, every = np.zeros_like(values), [data.samples_of(one) for one in data.cycles]
+    phases = [data.phases_of(one) for one in data.cycles]
+    for own, at in zip(every, phases, strict=True):
+        found[own] = np.mean([np.interp(at, phase, values[one], period=1.0)
+                              for one, phase in zip(every, phases, strict=True)], axis=0)
+    return found if data.cycles else values
+
+
+def white_noise(data: DrivenData) -> Noise:
+    """Return the white noise of the force channel, to begin with."""
+    sd = float(np.hypot(noise_floor(data.whole_force), _step(data.whole_force) / np.sqrt(12.0)))
+    return Noise(sd, 1.0, "the force channel", float(len(data.force)), *np.zeros((2, len(data.force))))
+
+
+def _step(values: Array) -> float:
+    """Return the step of a digitised channel: the least difference of its values, or of numbers that the file rounds.
+
+    Rounding has the standard deviation of an even distribution over a step.
+    """
+    steps = np.diff(np.unique(values))
+    return float(max(steps.min(initial=np.inf), np.finfo(np.float32).eps * np.ptp(values))) if len(steps) else 0.0
 
 
 def _difference(values: Array, a: Cycle, b: Cycle) -> Array:
@@ -83,29 +97,21 @@ def _difference(values: Array, a: Cycle, b: Cycle) -> Array:
     return np.asarray((first - second) / np.sqrt(2.0))
 
 
-def _freedom(sequences: tuple[Array, ...], length: float) -> float:
-    """Return twice the squared mean over the variance of the mean of the squares, from means over blocks."""
-    squares = np.concatenate(sequences)**2
-    size = max(1, min(int(3.0 * length), len(squares) // BLOCKS))
-    blocks = squares[:len(squares) // size * size].reshape(-1, size).mean(axis=1)
-    spread = float(np.var(blocks, ddof=1)) / len(blocks)
-    return float(np.clip(2.0 * np.mean(blocks)**2 / max(spread, 1e-300), 2.0, len(squares)))
-
-
-def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[tuple[Array, ...], float]:
+def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[Array, Array, float]:
     """Return what noise in the motion, and smoothing it, change of the predicted force, (N,), and its deviation, N."""
     if not data.displacement_noise > 0.0:
-        return (), 0.0
+        return *np.zeros((2, len(data.force))), 0.0
     rng, n = np.random.default_rng(SEED), len(data.whole.displacement)
     plain = joint.predict(data.whole).measured[::data.every]
     changes = []
-    for _ in range(MOTIONS):
+    for _ in range(DRAWS):
         noise = measure(data.displacement_noise * rng.standard_normal(n), data.whole.step, data.half_width).motion
-        moved = replace(data.whole, **{name: getattr(data.whole, name) + getattr(noise, name) for name in RATES})
+        moved = replace(data.whole, **{name: getattr(data.whole, name) + getattr(noise, name) for name in (
+            "displacement", "velocity", "acceleration")})
         changes.append(joint.predict(moved).measured[::data.every] - plain)
     found = np.array(changes)
     rounded = joint.predict(replace(data.whole, displacement=data.unsmoothed)).measured[::data.every] - plain
-    return (found.mean(axis=0), rounded), float(np.sqrt(np.mean(found[:, data.used].var(axis=0, ddof=1))))
+    return found.mean(axis=0), _common(data, rounded), float(np.sqrt(np.mean(found[:, data.used].var(axis=0, ddof=1))))
 
 
 def effective(left: Array, used: Mask) -> float:
@@ -117,44 +123,3 @@ def effective(left: Array, used: Mask) -> float:
 def _runs(left: Array, used: Mask) -> list[Array]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], used, [False]])))
     return [left[a:b] for a, b in edges.reshape(-1, 2) if b - a > 2 * LONGEST]
-
-
-def mean_square_p(noise: Noise, left: Array) -> float:
-    """Return how probable it is that noise alone has the mean square of residuals (n,).
-
-    Its distribution is that of blocks drawn from the noise, over that of as many as the sd rests on; beyond the draws
-    it is Fisher's with as many degrees of freedom.
-    """
-    ratio = float(np.mean(left**2)) / noise.sd**2
-    rng = np.random.default_rng(SEED)
-    pool = np.concatenate(noise.sequences)
-    size = max(1, min(int(3.0 * noise.correlation), len(pool) // BLOCKS))
-    blocks = pool[:len(pool) // size * size].reshape(-1, size)
-    squares = np.mean(blocks**2, axis=1)
-    own, rest = max(1, len(left) // size), len(squares)
-    top, bottom = (squares[rng.integers(0, rest, (DRAWS, n))].mean(axis=1) for n in (own, rest))
-    above = int(np.sum(top / bottom >= ratio))
-    share = own * size / len(pool)
-    tail = float(stats.f.sf(ratio, max(share * noise.freedom, 1.0), noise.freedom))
-    return max(tail, (above + 1.0) / (DRAWS + 1.0)) if above else min(tail, 1.0 / (DRAWS + 1.0))
-
-
-def harmonic_p(noise: Noise, data: DrivenData, left: Array, harmonics: int) -> float:
-    """Return how probable it is that noise alone has the largest harmonic of the cycles' mean residual (N,)."""
-    sums, count = np.zeros(harmonics + 1, complex), 0
-    biases = [np.zeros(harmonics + 1, complex) for _ in noise.biases]
-    for cycle in data.cycles:
-        own = data.samples_of(cycle)
-        kept = data.fitted[own]
-        own, phase = own[kept], data.phases_of(cycle)[kept]
-        waves = np.exp(-2j * np.pi * np.outer(np.arange(harmonics + 1), phase))
-        sums, count = sums + waves @ left[own], count + len(own)
-        biases = [total + waves @ one[own] for total, one in zip(biases, noise.biases, strict=True)]
-    if not count:
-        return 1.0
-    least = BIAS_FACTOR * sum((np.abs(one) for one in biases), np.zeros(harmonics + 1))
-    size = np.maximum(np.abs(sums) - least, 0.0)**2 / (count * noise.sd**2 * noise.correlation)
-    size[1:] *= 2.0
-    freedom = np.where(np.arange(harmonics + 1) == 0, 1.0, 2.0)
-    p = stats.f.sf(size / freedom, freedom, noise.freedom)
-    return min(1.0, float(p.min()) * (harmonics + 1))

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.effects.catalogue import catalogue
-from fretflow.effects.volume_law import CYCLES, FREQUENCY, POWER, PRESSURE, SLIDING, VolumeLaw
-from fretflow.experiments.wear_series.laws import POWERS, Law, Tests, curve_square, fit
+from fretflow.effects.volume_law import CYCLES, FREQUENCY, POWER, PRESSURE, SLIDING
+from fretflow.experiments.wear_series.scatter import POWERS, Tests, curve_square, power_designs
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.wear_series import WearSeries
 
@@ -73,7 +72,8 @@ def wear_data(series: WearSeries) -> WearData:
     curve = _curve(tests, varied, series.further)
     power = base_power = 0.0
     if series.volume_sd is None:
-        power, base_power = _power(tests, curve, power_laws(tests)), _power(tests, curve[:, :1], ())
+        designs = list(power_designs(tests).values())
+        power, base_power = _power(tests, [curve, *designs]), _power(tests, designs[:1])
         tests = replace(tests, power=power)
     square, freedom = _repeats(tests, condition)
     if freedom >= ENOUGH_REPEATS:
@@ -175,29 +175,16 @@ def _standard(x: Array) -> Array:
     return np.asarray((x - x.mean()) / max(float(x.std()), 1e-300))
 
 
-def power_laws(tests: Tests) -> tuple[Law, ...]:
-    """Return Archard's law and those with powers of what varies."""
-    return (Law(), *(Law((one,)) for laws in volume_laws(tests).values() for one in laws if one.powers))
-
-
-def volume_laws(tests: Tests) -> dict[str, tuple[VolumeLaw, ...]]:
-    """Return the laws that the effects have of such tests, by effect."""
-    found = {name: kind.volume_laws(tests) for name, kind in catalogue().items()}
-    return {name: laws for name, laws in found.items() if laws}
-
-
-def _power(tests: Tests, curve: Array, laws: Sequence[Law]) -> float:
-    """Return the lambda of the law and lambda that are most probable together, the curve being one of the laws."""
+def _power(tests: Tests, designs: Sequence[Array]) -> float:
+    """Return the lambda of the law, or curve, and lambda that are most probable together."""
     best = {}
     for power in POWERS:
         one = replace(tests, power=power)
-        squares = [(fit(law, one).square, law.size) for law in laws]
-        squares.append((curve_square(curve, one), curve.shape[1]))
-        best[power] = max(log_evidence(square, size, one) for square, size in squares)
+        best[power] = max(_log_evidence(curve_square(own, one), own.shape[1], one) for own in designs)
     return max(best, key=lambda power: best[power])
 
 
-def log_evidence(square: float, size: int, tests: Tests) -> float:
+def _log_evidence(square: float, size: int, tests: Tests) -> float:
     """Return log Z of a fit with `size` parameters up to a constant.
 
     A parameter costs what G. Schwarz, Ann. Stat. 6 (1978) 461-464 asks, or where that is more, among few tests, what
@@ -221,12 +208,12 @@ def tests_of_detection(data: WearData) -> dict[str, float]:
 
 def _tests(data: WearData, tests: Tests) -> dict[str, float]:
     found: dict[str, float] = {}
-    base = fit(Law(), tests).square
-    lacks, least = 1, base
-    if (law := max((fit(one, tests) for one in power_laws(tests)), key=lambda one: one.law.size)).law.laws:
-        found[f"powers of {', '.join(law.law.states)}"] = _f_test(base, law.square, law.law.size - 1,
-                                                               tests.count - law.law.size)
-        lacks, least = law.law.size, law.square
+    designs = power_designs(tests)
+    base = curve_square(designs[()], tests)
+    names = max(designs, key=len)
+    lacks, least = designs[names].shape[1], curve_square(designs[names], tests)
+    if names:
+        found[f"powers of {', '.join(names)}"] = _f_test(base, least, lacks - 1, tests.count - lacks)
     free = tests.count - data.curve.shape[1]
     if data.curve.shape[1] > lacks and free > 0:
         found["curve through all columns"] = _f_test(least, min(least, curve_square(data.curve, tests)),

@@ -1,4 +1,4 @@
-"""The diagnosis of a wear series: whether one coefficient explains the worn volumes, else which effect does.
+"""The diagnosis of a wear series by the inference engine: whether one coefficient explains the worn volumes.
 
 The baseline is Archard's law in its energy form with the coefficient refitted. What it leaves is tested against powers
 of the conditions, a smooth curve through all columns, and repeats; laws of the catalogue compete for it.
@@ -7,67 +7,51 @@ of the conditions, a smooth curve through all columns, and repeats; laws of the 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
-from fretflow.effects.volume_law import CYCLES, UNITS
+from fretflow.effects.volume_law import VolumeLaw
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import Array, Ids, WearData, tests_of_detection, wear_data
-from fretflow.experiments.wear_series.laws import Law, LawFit
-from fretflow.experiments.wear_series.search import (
-    SIGNIFICANT,
-    Effects,
-    Progress,
-    Search,
-    alternatives,
-    estimates,
-    folds_in_words,
-    held_out,
-    ranking,
-    search,
-)
-from fretflow.inference.verdict import (
-    EXPLAINED_GATE,
-    Candidate,
-    Detection,
-    Diagnosis,
-    HeldOut,
-    Location,
-    Place,
-    ResidualLaw,
-    Verdict,
-    WearTests,
-)
-from fretflow.inference.words import after_model
+from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
+from fretflow.experiments.wear_series.location import locate, residual_law
+from fretflow.experiments.wear_series.scatter import volume_laws
+from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Point
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.posterior import Found, decide
+from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
+from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Location, Remainder, Verdict, WearTests
+from fretflow.inference.words import after_model, listed
 from fretflow.recordings.wear_series import KIND, WearSeries
 
-FALSE_ALARMS = SIGNIFICANT
-GATE_WIDTH = 0.05  # of the explained share, over which the catalogue's claim fades
-VISIBLE = 4.0  # standard deviations at which an effect would have been seen
-PARTS, LAW_BINS = 3, 6  # of the range of a condition
+Progress = Callable[[float, str], None]
+FALSE_ALARMS = 0.05
+MOST_FOLDS = 40  # of the conditions, each held out in turn
+HIDDEN = 1e12  # factor on the variance of what is held out
+SEED = 20210
+NOWHERE = Location(block="", channel="", phase="", zone="", cycles=(0, 0))
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What the search came to."""
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A law that an effect may have, fitted alone, and its log evidence with a discrepancy beside it."""
 
-    verdict: Verdict
-    sets: tuple[Effects, ...]  # that explain as well as each other, the best first
-    ranking: tuple[Candidate, ...]
-    after: LawFit
-    errors: tuple[float, float]  # of what is held out, before and after
+    law: VolumeLaw
+    looked: IndependentSearch
+    worth: float
 
     @property
-    def effects(self) -> Effects:
-        """Return all effects that the verdict names."""
-        if self.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
-            return ()
-        return tuple(sorted({name for own in self.sets for name in own}))
+    def names(self) -> frozenset[str]:
+        """Return the effect, as a set."""
+        return frozenset({self.law.effect})
 
 
-def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress) -> Diagnosis:
+def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, tools: object = None) -> Diagnosis:
     """Return what the worn volumes of a series show that one wear coefficient leaves out.
 
     Raises
@@ -78,66 +62,146 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress) -> 
     began = time.monotonic()
     data = wear_data(series)
     progress(0.2, "tests of one coefficient")
-    tests = tests_of_detection(data)
-    name = min(tests, key=lambda key: tests[key], default="")
-    detection = Detection(p_value=min(1.0, len(tests) * tests[name]) if name else 1.0, statistic=name, tests=tests,
-                          false_alarm_rate=FALSE_ALARMS)
-    looked = search(data, not fast, lambda share, text: progress(0.2 + 0.6 * share, text))
+    detection = detect(data)
+    forms = fitted_forms(data)
+    looked = begun(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
+    search(looked, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
-    found = _found(looked, detection)
+    found = held_to(decide(looked), detection)
+    experiment, base, fit = experiment_of(looked), looked.baseline, looked.fits[found.after]
+    unseen = held_out(experiment, base, fit)
     progress(0.95, "parameters and pictures")
-    unknown = found.verdict is Verdict.UNKNOWN
-    law = _residual_law(looked) if unknown else None
-    parameters = estimates(looked, looked.baseline if unknown else found.after)
-    view = _view(data, looked.baseline, found)
-    share = looked.explained(found.after)
+    unknown, none = found.verdict is Verdict.UNKNOWN, found.verdict is Verdict.NONE
+    before, after = (experiment.volumes(one.prediction.point) for one in (base, fit))
+    law = residual_law(data, before) if unknown else None
+    parameters = estimates(looked, frozenset() if unknown else found.after)
+    view = _view(data, before, after)
+    location = NOWHERE if none else locate(data, before)
+    powers = tuple(name for one in found.after for name in experiment.forms[one].powers)
+    rivals = [one for one in forms if one.names == found.after and powers and not set(powers) <= set(one.law.powers)
+              and one.worth > forms[0].worth - NEGLIGIBLE]
+    remainder = Remainder(share=1.0 - looked.explained(found.after) if found.after else 1.0,
+                          times_noise=float(np.sqrt(fit.chi_squared / experiment.measurement.expected)), where="")
     return Diagnosis(
         title=series.title, recording=str(series.path), kind=KIND, verdict=found.verdict, effects=found.effects,
-        probability=_probability(looked, found, detection), ranking=found.ranking,
-        sentence=words.sentence(found.verdict, found.effects, found.after.law, share, (view.r2_before, view.r2_after),
-                                law),
-        detection=detection, location=_location(looked, found.verdict), parameters=parameters,
-        held_out=HeldOut(what=folds_in_words(data), before=found.errors[0], after=found.errors[1], floor=1.0),
-        separating_measurement=words.separating(found.sets, looked, found.after, law),
-        smallest_visible=_visible(looked) if found.verdict is Verdict.NONE else {}, residual_law=law, wear_tests=view,
-        notes=words.warnings(looked, found.after, found.verdict, parameters),
-        case_file=words.case_text(series.title, found.after, parameters) if found.effects else "",
-        after_model=after_model(found.verdict, found.after.law.effects),
-        seconds=time.monotonic() - began, fast=fast)
+        probability=found.probability, ranking=found.ranking, sentence=sentence(found, remainder, location, law),
+        detection=detection, location=location, parameters=parameters, held_out=unseen, remainder=remainder,
+        separating_measurement=words.next_measurement(found.sets, data, powers, [one.law for one in rivals], law),
+        residual_law=law, wear_tests=view,
+        smallest_visible=visible(looked) if none else {},
+        notes=(*words.warnings(data, view), *_of_law(looked, fit, powers, rivals, parameters)),
+        case_file=words.case_text(series.title, experiment, found.after, parameters) if found.effects else "",
+        after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
 
 
-def _found(looked: Search, detection: Detection) -> _Found:
-    ranked, data = ranking(looked), looked.data
-    before = held_out(data, Law())
-    if detection.p_value >= FALSE_ALARMS:
-        return _Found(Verdict.NONE, (), ranked, looked.baseline, (before, before))
-    sets = alternatives(looked, ranked)
-    best = sets[0] if sets else next((one.effects for one in ranked if one.effects), ())
-    after = looked.fits[best][0]
-    behind = held_out(data, after.law)
-    if not sets or not behind < before:
-        return _Found(Verdict.UNKNOWN, (), ranked, after, (before, behind))
-    return _Found(Verdict.AMBIGUOUS if len(sets) > 1 else Verdict.NAMED, sets, ranked, after, (before, behind))
+def held_to(found: Found, detection: Detection) -> Found:
+    """Return the verdict, none where one coefficient passes the tests: few tests do not tell their scatter well.
+
+    These count degrees of freedom, the posterior takes the scatter as known. A p-value is worth at most
+    ``-1 / (e p ln p)`` (T. Sellke, M. J. Bayarri, J. O. Berger, Am. Stat. 55 (2001) 62-71).
+    """
+    p = detection.p_value
+    if p < FALSE_ALARMS or found.verdict is Verdict.NONE:
+        return found
+    worth = -np.e * p * np.log(p) if p < 1.0 / np.e else 1.0
+    return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
+                   probability=float(worth / (1.0 + worth)))
 
 
-def _probability(looked: Search, found: _Found, detection: Detection) -> float:
-    """Return the probability of the verdict: of its sets among all, if the catalogue holds the cause at all."""
-    if found.verdict is Verdict.NONE:
-        p = detection.p_value
-        odds = 1.0 / (-np.e * p * np.log(p)) if 0.0 < p < 1.0 / np.e else 1.0
-        return float(1.0 / (1.0 + odds * FALSE_ALARMS / (1.0 - FALSE_ALARMS)))
-    best = looked.explained(found.after)
-    listed = float(1.0 / (1.0 + np.exp(-(best - EXPLAINED_GATE) / GATE_WIDTH)))
-    if found.verdict is Verdict.UNKNOWN:
-        return 1.0 - listed
-    return listed * float(sum(one.probability for one in found.ranking if one.effects in found.sets))
+def detect(data: WearData) -> Detection:
+    """Return whether one coefficient leaves more than scatter, by classical tests beside the posterior's answer."""
+    tests = tests_of_detection(data)
+    name = min(tests, key=lambda key: tests[key], default="")
+    return Detection(p_value=min(1.0, len(tests) * tests[name]) if name else 1.0, statistic=name, tests=tests,
+                     false_alarm_rate=FALSE_ALARMS)
 
 
-def _view(data: WearData, before: LawFit, found: _Found) -> WearTests:
+def fitted_forms(data: WearData) -> tuple[Form, ...]:
+    """Return the laws that effects may have of such tests, the most probable first."""
+    found = []
+    for laws in volume_laws(data.tests).values():
+        for law in laws:
+            looked = begun(data, {law.effect: law}, True)
+            own = looked.experiment.parameters([law.effect])
+            if not looked.experiment.together([law.effect]):
+                continue
+            starts = [np.r_[looked.baseline.z, np.full(own.size - 1, way)] for way in (-HALF, 0.0, HALF)]
+            looked.keep(at_rest(looked.fitter, Point(own, start)) for start in starts)
+            worth = looked.evidence(frozenset({law.effect})).averaged(looked.form_prior, looked.any_size)
+            found.append(Form(law, looked, worth))
+    return tuple(sorted(found, key=lambda one: -one.worth))
+
+
+def begun(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> IndependentSearch:
+    """Return a search with the baseline fitted."""
+    counts = {name: len(laws) for name, laws in volume_laws(data.tests).items()}
+    found = IndependentSearch(WearSeriesExperiment(data, forms, counts), in_turn, FAST if fast else FULL)
+    own = found.experiment.parameters(())
+    found.fits[frozenset()] = at_rest(found.fitter, Point(own, np.zeros(own.size)))
+    return found
+
+
+def experiment_of(looked: IndependentSearch) -> WearSeriesExperiment:
+    """Return the experiment of a search among laws of wear."""
+    found: WearSeriesExperiment = looked.experiment  # type: ignore[assignment]
+    return found
+
+
+def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
+    """Return the errors of tests that were not fitted, over the scatter; rows of one condition go together."""
+    own, data = experiment.measurement, experiment.data
+    folds, sizes = _folds(data), []
+    for fit in fits:
+        square = 0.0
+        for k in np.unique(folds):
+            out = folds == k
+            hidden = Covariance(np.where(out, HIDDEN, 1.0) * own.variance, own.modes)
+            rest = own.values - at_rest(Fitter(experiment, hidden), fit.prediction.point).predicted
+            square += float(np.sum((rest**2 / own.variance)[out]))
+        sizes.append(float(np.sqrt(square / own.expected)))
+    count, conditions = len(np.unique(folds)), len(np.unique(data.condition))
+    parts = f"each of the {conditions} conditions" if count == conditions else (
+        f"each of {count} parts of the {conditions} conditions")
+    return HeldOut(what=f"{parts} in turn, repeats and rows that stand twice together", before=sizes[0],
+                   after=sizes[-1], floor=1.0)
+
+
+def _folds(data: WearData) -> Ids:
+    own = np.unique(data.condition, return_inverse=True)[1]
+    order = np.random.default_rng(SEED).permutation(int(own.max()) + 1) % MOST_FOLDS
+    return np.asarray(order[own])
+
+
+def _of_law(looked: IndependentSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
+            made: Sequence[Estimate]) -> list[str]:
+    """Return what limits a named law: rivals, exponents out of range, another growth of the scatter."""
+    notes = [f"powers of {listed(one.law.powers)} instead of {listed(powers)} explain "
+             f"{100.0 * one.looked.explained(one.names):.0f} %, about as well" for one in rivals]
+    notes += words.beyond(made)
+    known = {one.name: one for one in made if one.name.endswith("_exponent")}
+    for power, told in ((0.0, "in proportion to the volume"), (1.0, "not at all with the volume")) if known else ():
+        share, other = other_scatter(looked, fit, power)
+        values = {one.name: one.value(float(z)) for one, z in zip(other.parameters.coordinates, other.z, strict=True)}
+        if share < 0.5 or any(not one.low <= values[name] <= one.high for name, one in known.items()):
+            exponents = ", ".join(f"{name.rpartition('.')[2].replace('_', ' ')} {values[name]:.2f}" for name in known)
+            notes.append(f"if scatter grew {told}, the law would remove {100.0 * share:.0f} % of all squares, with the "
+                         f"{exponents}")
+    return notes
+
+
+def other_scatter(looked: IndependentSearch, fit: Fit, power: float) -> tuple[float, Fit]:
+    """Return the share of all squares that a law removes, and its fit, if scatter grew with another `power`."""
+    experiment = experiment_of(looked)
+    other = replace(experiment, data=replace(experiment.data, tests=replace(experiment.data.tests, power=power)))
+    before, after = (at_rest(Fitter(other, other.measurement.covariance()), one.prediction.point)
+                     for one in (looked.baseline, fit))
+    return 1.0 - after.chi_squared / before.chi_squared, after
+
+
+def _view(data: WearData, before: Array, after: Array) -> WearTests:
     tests = data.tests
-    old, new = before.predict(tests), found.after.predict(tests)
-    return WearTests(rows=data.series.rows, measured=tests.volume, before=old, after=new,
-                     r2_before=_r2(data, old), r2_after=_r2(data, new))
+    return WearTests(rows=data.series.rows, measured=tests.volume, before=before, after=after,
+                     r2_before=_r2(data, before), r2_after=_r2(data, after))
 
 
 def _r2(data: WearData, model: Array) -> float:
@@ -145,91 +209,3 @@ def _r2(data: WearData, model: Array) -> float:
     volume, weight = data.tests.volume, data.tests.weight
     mean = np.average(volume, weights=weight)
     return float(1.0 - weight @ (volume - model)**2 / (weight @ (volume - mean)**2))
-
-
-def _location(looked: Search, verdict: Verdict) -> Location:
-    data = looked.data
-    cycles = data.tests.states.get(CYCLES, np.zeros(1))
-    places = _places(looked) if verdict is not Verdict.NONE else []
-    if not places:
-        return Location(block="", channel="", phase="", zone="", cycles=(0, 0))
-    first = min(places, key=lambda one: (one.p_value, -one.share))
-    return Location(block="wear law", channel="worn volume", phase="", zone="", condition=first.where,
-                    cycles=(int(cycles.min()), int(cycles.max())), places=tuple(places),
-                    text=f"One coefficient parts from the worn volumes most at {first.where}.")
-
-
-def _conditions(data: WearData) -> dict[str, Array]:
-    """Return all recorded conditions that vary, known ones by their names."""
-    own = {name: data.tests.states[name] for name in data.varied}
-    return own | {name: x for name, x in data.series.further.items() if np.isfinite(x).all() and np.ptp(x) > 0.0}
-
-
-def _places(looked: Search) -> list[Place]:
-    """Return the ranges of each condition in which the mean of what is left is not zero."""
-    data, tests = looked.data, looked.data.tests
-    model = looked.baseline.predict(tests)
-    left = tests.residual(model)
-    groups = [(name, x[own], own) for name, x in _conditions(data).items() for own in _split(x, PARTS)]
-    free = max(data.pure_freedom, tests.count - data.curve.shape[1])
-    found = []
-    for name, x, own in groups:
-        weight = tests.weight[own]
-        mean, ratio = np.average(left[own], weights=weight), weight @ tests.volume[own] / (weight @ model[own])
-        square = float(mean**2 * weight.sum())
-        p = 2.0 * float(stats.t.sf(np.sqrt(square) / data.sd, free))
-        found.append(Place(
-            cut="condition", where=f"{words.within(name, float(x.min()), float(x.max()))}, with {ratio:.2g} times the "
-                                   "wear that it predicts",
-            share=float(np.clip((square - data.sd**2) / max(looked.excess, 1e-300), 0.0, 1.0)),
-            p_value=min(1.0, p * len(groups))))
-    return found
-
-
-def _split(x: Array, parts: int) -> list[Ids]:
-    """Return the indices of tests in at most `parts` ranges of a condition, about as many in each."""
-    values = np.unique(x)
-    if len(values) <= parts:
-        return [np.flatnonzero(x == value) for value in values]
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, parts + 1)[1:-1], method="nearest"))
-    place = np.searchsorted(edges, x, side="left")
-    return [np.flatnonzero(place == k) for k in np.unique(place)]
-
-
-def _residual_law(looked: Search) -> ResidualLaw | None:
-    """Return wear over the baseline's against the condition that tells most of it; bins pay for what they fit."""
-    data, tests = looked.data, looked.data.tests
-    model = looked.baseline.predict(tests)
-    left, ratio = tests.residual(model), tests.volume / model - 1.0
-    best: ResidualLaw | None = None
-    for name, x in _conditions(data).items():
-        groups = _split(x, LAW_BINS)
-        inside = sum(float(tests.weight[own] @ (left[own] - np.average(left[own], weights=tests.weight[own]))**2)
-                     for own in groups)
-        gain = looked.baseline.square - inside - (len(groups) - 1) * data.sd**2
-        explained = float(np.clip(gain / max(looked.excess, 1e-300), 0.0, 1.0))
-        if best is not None and explained <= best.explained:
-            continue
-        at, mean = (np.array([np.average(v[own], weights=tests.weight[own]) for own in groups]) for v in (x, ratio))
-        sd = np.array([data.sd / tests.scale / np.sqrt(tests.weight[own].sum()) for own in groups])
-        best = ResidualLaw(channel="worn volume over the law's", state=name, state_unit=UNITS.get(name, "1"),
-                           channel_unit="1", x=at, y=mean, sd=sd, explained=explained)
-    return best
-
-
-def _visible(looked: Search) -> dict[str, float]:
-    """Return the smallest size of each effect that would have been seen, over its largest plausible one."""
-    return {fits[0].law.effects[0]: min(_smallest(looked, one.law) for one in fits)
-            for effects, fits in looked.fits.items() if len(effects) == 1}
-
-
-def _smallest(looked: Search, law: Law) -> float:
-    """Return what is seen over the largest plausible size, from the change by the effect at its largest."""
-    tests, base = looked.data.tests, looked.baseline
-    root = np.sqrt(tests.weight)
-    plain = base.predict(tests)
-    most = law.inner([own.high for own in law.parameters])
-    change = root * (tests.transformed(law.predict(tests, np.r_[base.value, most])) - tests.transformed(plain))
-    absorbed = root * (plain / tests.scale)**tests.power  # by the coefficient
-    change -= absorbed * float(absorbed @ change) / float(absorbed @ absorbed)
-    return float(VISIBLE * looked.data.sd / max(float(np.linalg.norm(change)), 1e-300))

@@ -1,0 +1,152 @@
+"""What no law tells where rows have no common course: of each row alone, its size inferred.
+
+A loop's rows differ from a model smoothly, and `evidence.Discrepancy` knows how. Residuals of a record over the plane
+of motion, or of wear tests at scattered conditions, follow no such functions. Each row then has a value of its own of
+the sd tau times the size of its channel, and counts by its weight w, one over the rows that are alike with it (a power
+of the likelihood: C. C. Holmes, S. G. Walker, Biometrika 104 (2017) 497-503)::
+
+    log p = -1/2 sum_i w_i (log v_i + r_i^2 / v_i),    v_i = sd_i^2 + tau^2 size^2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, sizes
+from fretflow.inference.experiment import Experiment, Point
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.parameters import Array, Coordinate
+from fretflow.inference.search import HALF, Names, Search, basis
+from fretflow.inference.verdict import Estimate
+
+PATIENCE = 60  # steps of a fit that has all the time it needs
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class IndependentDiscrepancy(Discrepancy):
+    """The general discrepancy of rows that are independent; their weights are the measurement's `repeatable`.
+
+    Laws of another form change a signature by a share that follows `courses` (M, k), of unit variance in all.
+    """
+
+    courses: Array
+
+    def evidence(self, fit: Fit, signatures: Array | None = None) -> Evidence:
+        """Return the evidence of a fitted hypothesis; `signatures` (M, effects) in SI are what its effects change."""
+        own, weight, sd = self.measurement, self.measurement.repeatable, np.sqrt(self.measurement.variance)
+        size = sizes(own) / (sd * np.sqrt(weight))
+        blank = signatures is None or not signatures.shape[1]
+        made = self.courses[:, :0] if blank else np.hstack([
+            self.courses * one[:, None] for one in np.asarray(signatures).T])
+        start = own.values - fit.predicted + fit.jacobian @ fit.z
+        every = np.column_stack([start, fit.jacobian, own.modes, own.code_error, made]) / sd[:, None]
+        count, forms = len(fit.z), FORMS[:1] if blank else FORMS
+        scale = np.ones((len(forms), 1, every.shape[1] - 1))
+        scale[:, :, every.shape[1] - 1 - made.shape[1]:] = forms[:, None, None]
+        kept = 1.0 / (1.0 + np.square(np.outer(SIZES, size)))
+        gram = np.array([every.T @ (one[:, None] * every) for one in kept])
+        inner = np.eye(scale.shape[-1]) + scale[..., None] * gram[:, 1:, 1:] * scale[..., None, :]
+        pulled = scale * gram[:, 1:, 0]
+        inverse = np.linalg.inv(inner)
+        found = np.einsum("fkij,fkj->fki", inverse, pulled)
+        table = -0.5 * (gram[:, 0, 0] - np.sum(found * pulled, axis=-1) + np.linalg.slogdet(inner)[1]
+                        - np.log(kept) @ weight)
+        return Evidence(table=table, mean=found[..., :count],
+                        spread=np.sqrt(np.diagonal(inverse, axis1=2, axis2=3)[..., :count]))
+
+
+class IndependentExperiment(Experiment, Protocol):
+    """An experiment from whose laws the rows differ independently."""
+
+    @property
+    def courses(self) -> Array:
+        """Return what laws of another form follow (M, k), of unit variance in all."""
+        ...
+
+    def choice(self, effect: str) -> float:
+        """Return the logarithm of how many laws of an effect the one that it has here was chosen from."""
+        ...
+
+    def described(self, coordinate: Coordinate) -> tuple[str, str]:
+        """Return the unit and the meaning of a parameter."""
+        ...
+
+
+class IndependentSearch(Search):
+    """A search among hypotheses from which the rows differ independently."""
+
+    experiment: IndependentExperiment
+
+    @property
+    def discrepancy(self) -> Discrepancy:
+        """Return the general discrepancy."""
+        own = self.experiment.measurement
+        return IndependentDiscrepancy(own, own.covariance(), self.experiment.courses)
+
+    def evidence(self, names: Names, formed: bool = True) -> Evidence:
+        """Return the evidence of a set, what the choice of its laws' forms costs taken off."""
+        found, cost = super().evidence(names, formed), sum(self.experiment.choice(name) for name in names)
+        return replace(found, table=found.table - cost) if cost else found
+
+    @property
+    def any_size(self) -> Array:
+        """Return the prior of the general discrepancy's size where something is left out: log-uniform."""
+        return np.full(len(SIZES), 1.0 / len(SIZES))
+
+    @property
+    def fitter(self) -> Fitter:
+        """Return what fits, under noise alone."""
+        return Fitter(self.experiment, self.experiment.measurement.covariance())
+
+
+def estimates(looked: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
+    """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
+    mean, spread = looked.evidence(names).coordinates(looked.form_prior, looked.any_size)
+    made = []
+    for coordinate, middle, sd in zip(looked.fits[names].parameters.coordinates, mean, spread, strict=True):
+        value, *ends = (coordinate.value(float(middle + way * HALF * sd)) for way in (0.0, -1.0, 1.0))
+        unit, meaning = looked.experiment.described(coordinate)
+        made.append(Estimate(name=coordinate.name, value=value, low=min(ends), high=max(ends), unit=unit,
+                             meaning=meaning))
+    return tuple(made)
+
+
+def visible(looked: IndependentSearch) -> dict[str, float]:
+    """Return the share of its plausible range at which each effect would have been as probable as none.
+
+    There half the square of its signature's norm is the logarithm of how many effects there are; the signature is that
+    of the stronger end of the ranges, taken as linear in the effect's size.
+    """
+    experiment, base, found = looked.experiment, looked.baseline, {}
+    least, rest = np.sqrt(2.0 * np.log(max(len(experiment.candidates()), 2))), basis(base.whitened_jacobian)
+    for name in experiment.candidates():
+        own, size = experiment.parameters([name]), 0.0
+        for way in (-HALF, HALF):
+            z = np.r_[base.z, np.full(own.size - len(base.z), way)]
+            change = looked.fitter.covariance.whiten(experiment.predict(Point(own, z)).values - base.predicted)
+            size = max(size, float(np.linalg.norm(change - rest @ (rest.T @ change))))
+        found[name] = least / size if size > least else 1.0
+    return found
+
+
+def at_rest(fitter: Fitter, point: Point) -> Fit:
+    """Return the most probable parameters from a point, to round-off of what could be told of them."""
+    found = fitter.fit(point, None, PATIENCE)
+    for _ in range(PATIENCE):
+        step = np.linalg.solve(found.information, found.whitened_jacobian.T @ found.residual - found.z)
+        after = fitter.at(Point(found.parameters, found.z + step), None)
+        if not after.objective < found.objective:
+            break
+        found = after
+    return found
+
+
+def in_turn(function: Callable[[T], R], arguments: Sequence[T]) -> list[R]:
+    """Return the values of all calls; a prediction takes a millisecond, so that processes would not help."""
+    return [function(one) for one in arguments]

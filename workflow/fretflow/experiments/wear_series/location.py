@@ -1,0 +1,86 @@
+"""Where the worn volumes of a series and one coefficient part: ranges of the conditions, and the law behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from fretflow.core.units import format_quantity
+from fretflow.effects.volume_law import CYCLES, UNITS
+from fretflow.experiments.wear_series.data import Array, Ids, WearData
+from fretflow.inference.verdict import Location, Place, ResidualLaw
+
+PARTS, BINS = 3, 6  # of the range of a condition: low, middle and high, and each of these in two
+
+
+def locate(data: WearData, model: Array) -> Location:
+    """Return the ranges of each condition in which the mean of what the baseline's `model` (n,) leaves is not zero."""
+    tests = data.tests
+    left, excess = tests.residual(model), _excess(data, model)
+    groups = [(name, x[own], own) for name, x in _conditions(data).items() for own in _split(x, PARTS)]
+    free = max(data.pure_freedom, tests.count - data.curve.shape[1])
+    places = []
+    for name, x, own in groups:
+        weight = tests.weight[own]
+        mean, ratio = np.average(left[own], weights=weight), weight @ tests.volume[own] / (weight @ model[own])
+        square = float(mean**2 * weight.sum())
+        p = 2.0 * float(stats.t.sf(np.sqrt(square) / data.sd, free))
+        places.append(Place(
+            cut="condition", where=f"{within(name, float(x.min()), float(x.max()))}, with {ratio:.2g} times the "
+                                   "wear that it predicts",
+            share=float(np.clip((square - data.sd**2) / excess, 0.0, 1.0)), p_value=min(1.0, p * len(groups))))
+    if not places:
+        return Location(block="", channel="", phase="", zone="", cycles=(0, 0))
+    cycles = tests.states.get(CYCLES, np.zeros(1))
+    first = min(places, key=lambda one: (one.p_value, -one.share))
+    return Location(block="wear law", channel="worn volume", phase="", zone="", condition=first.where,
+                    cycles=(int(cycles.min()), int(cycles.max())), places=tuple(places),
+                    text=f"One coefficient parts from the worn volumes most at {first.where}.")
+
+
+def residual_law(data: WearData, model: Array) -> ResidualLaw | None:
+    """Return wear over that of the `model` (n,) against the condition that tells most of it; bins pay for it."""
+    tests, excess = data.tests, _excess(data, model)
+    left, ratio = tests.residual(model), tests.volume / model - 1.0
+    best: ResidualLaw | None = None
+    for name, x in _conditions(data).items():
+        groups = _split(x, BINS)
+        inside = sum(float(tests.weight[own] @ (left[own] - np.average(left[own], weights=tests.weight[own]))**2)
+                     for own in groups)
+        gain = tests.square(model) - inside - (len(groups) - 1) * data.sd**2
+        explained = float(np.clip(gain / excess, 0.0, 1.0))
+        if best is not None and explained <= best.explained:
+            continue
+        at, mean = (np.array([np.average(v[own], weights=tests.weight[own]) for own in groups]) for v in (x, ratio))
+        sd = np.array([data.sd / tests.scale / np.sqrt(tests.weight[own].sum()) for own in groups])
+        best = ResidualLaw(channel="worn volume over the law's", state=name, state_unit=UNITS.get(name, "1"),
+                           channel_unit="1", x=at, y=mean, sd=sd, explained=explained)
+    return best
+
+
+def _excess(data: WearData, model: Array) -> float:
+    """Return what a model leaves beyond scatter, m^6."""
+    return max(data.tests.square(model) - data.tests.count * data.sd**2, 1e-300)
+
+
+def _conditions(data: WearData) -> dict[str, Array]:
+    """Return all recorded conditions that vary, known ones by their names."""
+    own = {name: data.tests.states[name] for name in data.varied}
+    return own | {name: x for name, x in data.series.further.items() if np.isfinite(x).all() and np.ptp(x) > 0.0}
+
+
+def _split(x: Array, parts: int) -> list[Ids]:
+    """Return the indices of tests in at most `parts` ranges of a condition, about as many in each."""
+    values = np.unique(x)
+    if len(values) <= parts:
+        return [np.flatnonzero(x == value) for value in values]
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, parts + 1)[1:-1], method="nearest"))
+    place = np.searchsorted(edges, x, side="left")
+    return [np.flatnonzero(place == k) for k in np.unique(place)]
+
+
+def within(name: str, low: float, high: float) -> str:
+    """Return a range of a condition for people."""
+    unit = UNITS.get(name, "")
+    ends = [format_quantity(v, unit, 3) if unit not in ("", "1") else f"{v:,.6g}" for v in (low, high)]
+    return f"{name} {ends[0]}" if ends[0] == ends[1] else f"{name} {ends[0]} to {ends[1]}"
