@@ -49,6 +49,7 @@ def make_pages(app: Sphinx) -> None:
     write("cli.md", commands())
     write("case_keys.md", case_keys())
     write("recording_keys.md", recording_keys())
+    write("structure_keys.md", structure_keys())
     write("verification.md", verification())
     write("trials.md", scoreboards())
     write("api.rst", public_names())
@@ -195,6 +196,13 @@ def recording_keys() -> str:
                         "### A channel", key_table(ChannelSpec), "### Names of channels", channels]) + "\n"
 
 
+def structure_keys() -> str:
+    """Return every key of a recording of a structure."""
+    from fretflow.recordings.kinds.structures import StructureFile
+
+    return "\n\n".join(key_tables(StructureFile)) + "\n"
+
+
 def key_tables(model: type[BaseModel], name: str = "", skip: tuple[str, ...] = ()) -> Iterator[str]:
     """Yield heading, explanation and keys of `model`, then of the tables in it."""
     from fretflow.case.config import Specimens
@@ -236,7 +244,12 @@ def table_in(info: FieldInfo) -> type[BaseModel] | None:
     kind = plain_type(info.annotation)
     if get_origin(kind) is tuple:
         kind = get_args(kind)[0]
-    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) and not is_channel(kind) else None
+
+
+def is_channel(kind: Any) -> bool:
+    """Return whether a type is the table of one column, which is told once."""
+    return isinstance(kind, type) and issubclass(kind, BaseModel) and "column" in kind.model_fields
 
 
 def marks_of(info: FieldInfo) -> Iterator[Any]:
@@ -258,6 +271,8 @@ def kind_of(info: FieldInfo) -> str:
     if unit := unit_of(info):
         return f'text as `"1 {unit}"`'
     kind = plain_type(info.annotation)
+    if is_channel(kind):
+        return "a channel"
     if isinstance(kind, type) and issubclass(kind, Enum):
         return " or ".join(f'`"{option.value}"`' for option in kind)
     if get_origin(kind) is Literal:
