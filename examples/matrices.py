@@ -4,16 +4,10 @@ Two bars of six masses each overlap over three contact nodes, where 100 N press 
 its left end, and a force at 60 Hz shakes the right end of the lower one. Run it: ``python examples/matrices.py``.
 """
 
+import fretflow as ff
 import numpy as np
-from fretflow.contact.coulomb import Coulomb
-from fretflow.contact.interface import Interface
-from fretflow.effects.cycle import march_wear
-from fretflow.recordings.hysteresis import read_loop
 from fretflow.solvers.audit import energy_balance
-from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, solve_periodic
 from fretflow.solvers.time_integration import settle
-from fretflow.structure.matrix_joint import Joint
-from fretflow.wear.archard import Archard
 
 MASSES, FACES = 6, 3
 
@@ -33,12 +27,13 @@ for dof in range(3 * FACES):
     Q[dof, above], Q[dof, below] = 1.0, -1.0
     M[above, above] = M[below, below] = 2e-3
 
-joint = Joint.from_matrices(K, M, contact_map=Q, observe={"tip": 33}, modal_damping=0.02)
-faces = Interface(np.zeros((FACES, 2)), np.full(FACES, 1e-4), np.zeros(FACES))
-problem = PeriodicProblem(joint, faces, Coulomb(0.4), Harmonic(60.0, {"tip": 60.0}), preload=NormalLoad(100.0))
+joint = ff.Joint.from_matrices(K, M, contact_map=Q, observe={"tip": 33}, modal_damping=0.02)
+faces = ff.Interface(np.zeros((FACES, 2)), np.full(FACES, 1e-4), np.zeros(FACES))
+problem = ff.PeriodicProblem(joint, faces, ff.Coulomb(0.4), ff.Harmonic(60.0, {"tip": 60.0}),
+                             preload=ff.NormalLoad(100.0))
 
-period = solve_periodic(problem, harmonics=21, samples=512, tolerance=1e-8)
-few = solve_periodic(problem, "dlft", harmonics=31, samples=512)
+period = ff.solve_periodic(problem, harmonics=21, samples=512, tolerance=1e-8)
+few = ff.solve_periodic(problem, "dlft", harmonics=31, samples=512)
 history = settle(problem, period, (3, 20), 1024, 1e-4)  # no Fourier series in it
 swing = np.ptp(history.of_period(history.outputs["tip"]))
 for name, found in (("quasi-static", period), ("DLFT", few)):
@@ -49,9 +44,9 @@ print(f"in time: tip moves {1e6 * swing:.2f} um, {1e3 * history.dissipated_energ
 
 balance = energy_balance(problem, period)
 assert balance.error < 1e-7  # the excitation's work is what friction and dashpots take
-loop = read_loop(period.hysteresis(), normal_load=100.0)
+loop = ff.read_loop(period.hysteresis(), normal_load=100.0)
 assert abs(loop.dissipated_energy / period.dissipated_energy - 1.0) < 0.3  # mean of three nodes that slide differently
 
-wear = march_wear(problem, Archard(1e-13), cycles=100_000)
+wear = ff.march_wear(problem, ff.Archard(1e-13), cycles=100_000)
 print(f"after {wear.cycles[-1]} cycles {1e9 * wear.volume[-1]:.4f} mm^3 are worn")
 assert wear.volume[-1] > 0.0

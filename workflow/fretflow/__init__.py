@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from fretflow.solvers.periodic import NormalLoad as NormalLoad
     from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
     from fretflow.solvers.periodic import PeriodicSolution as PeriodicSolution
+    from fretflow.solvers.periodic import solve_periodic as solve_periodic
+    from fretflow.structure.matrix_joint import Joint as Joint
     from fretflow.wear.archard import Archard as Archard
 
     __version__ = own_version()
@@ -64,17 +66,18 @@ _PUBLIC = {
     "recordings.recording": ("read_recording",),
     "solvers.continuation.curve": ("ResponseCurve",),
     "solvers.continuation.follow": ("continue_response",),
-    "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution"),
+    "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "solve_periodic"),
+    "structure.matrix_joint": ("Joint",),
     "wear.archard": ("Archard",),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "ALL_KINDS", "Archard", "AuditError", "Block", "Case", "Coulomb", "Diagnosis", "Effect", "FretflowError",
-    "Harmonic", "HysteresisLoop", "InputError", "Interface", "LoopReadings", "Motion", "NonConvergenceError",
+    "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings", "Motion", "NonConvergenceError",
     "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError", "ResponseCurve", "RunResults",
-    "add_effects", "catalogue", "continue_response", "diagnose", "load_case", "march_wear", "parameter",
-    "read_loop", "read_recording", "run", "units",
+    "add_effects", "catalogue", "continue_response", "diagnose", "load_case", "march_wear", "parameter", "read_loop",
+    "read_recording", "run", "solve_periodic", "units",
 ]
 
 

@@ -78,17 +78,19 @@ class _Modes:
 
 @record
 class Joint:
-    """A structure with a friction joint, given by its matrices (a `structure.structure.Structure`).
+    """A structure with a friction joint, given by its matrices in SI units (a `structure.structure.Structure`).
+
+    `from_matrices` builds it.
 
     Examples
     --------
     Two masses, the second one rubbing on the ground through the contact at its three DOF:
 
     >>> import numpy as np
-    >>> from fretflow.structure.matrix_joint import Joint
+    >>> import fretflow as ff
     >>> k = 1e6 * np.eye(4)
     >>> k[0, 1] = k[1, 0] = -4e5
-    >>> joint = Joint.from_matrices(k, np.diag([1.0, 0.1, 0.1, 0.1]), contact_map=np.eye(4)[1:], observe={"tip": 0})
+    >>> joint = ff.Joint.from_matrices(k, np.diag([1.0, 0.1, 0.1, 0.1]), contact_map=np.eye(4)[1:], observe={"tip": 0})
     >>> joint.massless_boundary().size
     1
     """
