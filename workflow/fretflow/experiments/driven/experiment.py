@@ -33,7 +33,6 @@ from fretflow.structure.motion import Motion
 DIMENSIONS = {"N": (1, 0, 0), "m": (0, 1, 0), "m/s": (0, 1, -1), "N/m": (1, -1, 0), "N*s/m": (1, -1, 1),
               "kg": (1, -1, 2), "m/N": (-1, 1, 0), "N/m^3": (1, -3, 0)}
 BASELINES: Mapping[Kind, type[Baseline]] = {one.kind: one for one in (SliderBaseline, LumpedBaseline)}
-MOST_KNOTS = 12  # over the record, at which a discrepancy that wanders may turn
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,6 @@ class DrivenExperiment:
         """Return the force at the rows, those as one that lie within `shared` samples."""
         data, rows, count = self.data, self.rows, len(self.rows)
         groups, group = np.unique(data.stretch[rows], return_inverse=True)
-        knots = group * min(MOST_KNOTS, len(groups)) // len(groups)
         alike = max(1.0, self.shared / self.every)
         modes = [one[rows] for one in (self.noise.bias, self.noise.rounded) if np.any(one[rows])]
         return Measurement(
@@ -122,7 +120,7 @@ class DrivenExperiment:
             modes=np.stack(modes, axis=1) if modes else np.zeros((count, 0)), code_error=np.zeros((count, 0)),
             repeatable=np.full(count, 1.0 / alike), channel=np.zeros(count, np.int64), channels=("force",),
             phase=2.0 * data.phase[rows] % 1.0, group=group, groups=tuple(f"stretch {k + 1}" for k in groups),
-            cycles=knots / MOST_KNOTS, condition=np.zeros(count, np.int64), held_out=data.held_out[rows])
+            cycles=np.full(count, np.nan), condition=np.zeros(count, np.int64), held_out=data.held_out[rows])
 
     @property
     def courses(self) -> Array:

@@ -13,11 +13,11 @@ import numpy as np
 
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import Array, Cycle, DrivenData, Mask
+from fretflow.inference.posterior import SEED
 from fretflow.structure.motion import measure, noise_floor
 
 LONGEST = 8  # part of a sequence beyond which correlations are not looked at: of so few pairs they are mostly chance
 DRAWS = 6  # of the motion's noise: its deviation is then known to a third
-SEED = 20240
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,8 @@ import numpy as np
 from fretflow.effects.effect import Kind
 from fretflow.experiments.driven.data import Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.rig.views import MOST_SHOWN
+from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN
 from fretflow.inference.verdict import Comparison, ResidualMap
-
-PHASES = 200  # columns of a map
 
 
 def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparison, ...]:
@@ -46,7 +44,7 @@ def residual_maps(data: DrivenData, noise: Noise, before: Array, after: Array) -
     """Return the differences over the noise by cycle and phase; none for a record without cycles."""
     if not data.cycles:
         return ()
-    at = (np.arange(PHASES) + 0.5) / PHASES
+    at = (np.arange(4 * DRAWN) + 0.5) / (4 * DRAWN)  # four to the shortest wave that is drawn
 
     def table(predicted: Array) -> Array:
         left = (data.force - predicted) / noise.sd

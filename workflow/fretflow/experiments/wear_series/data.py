@@ -20,12 +20,7 @@ Ids = NDArray[np.int64]
 
 VARIES = 1.2  # largest over smallest value of a condition that varies
 ALIKE = 1.3  # ratio of measured quantities (energy, power) between repeats
-SAME = 1e-9
-FEWEST = 5  # independent conditions
-SPARE = 6  # degrees of freedom that a curve through all columns has to leave
-LEAST_REPEATS = 2  # degrees of freedom from which repeats test a law
-ENOUGH_REPEATS = 5  # degrees of freedom from which repeats alone tell the scatter
-STROKES = 4.0  # path per cycle over displacement amplitude
+FREEDOM = 5  # conditions, or degrees of freedom, from which a scatter is known to a third, 1 / sqrt(2 n)
 
 
 @dataclass(frozen=True)
@@ -57,9 +52,9 @@ def wear_data(series: WearSeries) -> WearData:
     condition = _conditions(series)
     twice = _twice(series, condition)
     weight = 1.0 / np.bincount(twice)[twice]
-    if (count := len(np.unique(condition))) < FEWEST:
+    if (count := len(np.unique(condition))) < FREEDOM:
         raise UnreliableRecordingError(f"{series.path}: {count} different conditions are too few for a law of wear, at "
-                                       f"least {FEWEST} are needed; add tests")
+                                       f"least {FREEDOM} are needed; add tests")
     if (repeated := weight < 1.0).any():
         notes.append(f"{rows_in_words(row_ranges(series.rows[repeated] - 1))} repeat the volume and energy of another "
                      "row at the same conditions: such a test counts once")
@@ -76,7 +71,7 @@ def wear_data(series: WearSeries) -> WearData:
         power, base_power = _power(tests, [curve, *designs]), _power(tests, designs[:1])
         tests = replace(tests, power=power)
     square, freedom = _repeats(tests, condition)
-    if freedom >= ENOUGH_REPEATS:
+    if freedom >= FREEDOM:
         sd, source = float(np.sqrt(square / freedom)), f"repeated tests, {freedom} degrees of freedom"
     else:
         left = tests.count - curve.shape[1]
@@ -96,7 +91,7 @@ def _states(series: WearSeries) -> tuple[dict[str, Array], list[str]]:
         states[PRESSURE] = given["load"]
         notes.append("no pressure is given: the load stands for it, as for one area of contact")
     if "amplitude" in given:
-        states[SLIDING] = STROKES * given["amplitude"]
+        states[SLIDING] = 4.0 * given["amplitude"]  # there and back, twice a cycle
     elif {"sliding_distance", "cycles"} <= set(given):
         states[SLIDING] = given["sliding_distance"] / given["cycles"]
     if "frequency" in given:
@@ -133,7 +128,7 @@ def _that_differ(series: WearSeries, twice: Ids) -> list[str]:
     """Return which rows state one test but differ in a condition."""
     notes = []
     for name, x in series.states.items():
-        apart = [k for k in np.unique(twice) if np.ptp(np.log(x[twice == k])) > SAME]
+        apart = [k for k in np.unique(twice) if np.ptp(np.log(x[twice == k])) > np.finfo(np.float32).eps]
         if apart:
             rows = rows_in_words(row_ranges(series.rows[np.isin(twice, apart)] - 1))
             notes.append(f"{rows}: among them are tests that stand twice with different {name.replace('_', ' ')}")
@@ -164,7 +159,7 @@ def _curve(tests: Tests, varied: tuple[str, ...], further: Mapping[str, Array]) 
     kept = [np.ones(len(tests.energy))]
     for column in (*logs, *squares, *more):
         wider = np.stack([*kept, _standard(column)], axis=1)
-        if tests.count - wider.shape[1] < SPARE:
+        if tests.count - wider.shape[1] < FREEDOM:
             break
         if np.linalg.svd(wider / np.linalg.norm(wider, axis=0), compute_uv=False)[-1] > 1e-3:
             kept.append(wider[:, -1])
@@ -219,7 +214,7 @@ def _tests(data: WearData, tests: Tests) -> dict[str, float]:
         found["curve through all columns"] = _f_test(least, min(least, curve_square(data.curve, tests)),
                                                      data.curve.shape[1] - lacks, free)
     square, freedom = _repeats(tests, data.condition)
-    if freedom >= LEAST_REPEATS:
+    if freedom:
         found["lack of fit against repeats"] = _f_test(base, min(square, base), tests.count - 1.0 - freedom, freedom)
     return found
 

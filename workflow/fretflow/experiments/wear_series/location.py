@@ -10,7 +10,7 @@ from fretflow.effects.volume_law import CYCLES, UNITS
 from fretflow.experiments.wear_series.data import Array, Ids, WearData
 from fretflow.inference.verdict import Location, Place, ResidualLaw
 
-PARTS, BINS = 3, 6  # of the range of a condition: low, middle and high, and each of these in two
+PARTS = 3  # of the range of a condition: low, middle and high
 
 
 def locate(data: WearData, model: Array) -> Location:
@@ -44,7 +44,7 @@ def residual_law(data: WearData, model: Array) -> ResidualLaw | None:
     left, ratio = tests.residual(model), tests.volume / model - 1.0
     best: ResidualLaw | None = None
     for name, x in _conditions(data).items():
-        groups = _split(x, BINS)
+        groups = _split(x, 2 * PARTS)
         inside = sum(float(tests.weight[own] @ (left[own] - np.average(left[own], weights=tests.weight[own]))**2)
                      for own in groups)
         gain = tests.square(model) - inside - (len(groups) - 1) * data.sd**2

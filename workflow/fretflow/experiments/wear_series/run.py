@@ -14,9 +14,11 @@ import numpy as np
 
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.rig.detection import FALSE_ALARMS
+from fretflow.experiments.rig.held_out import HIDDEN
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
-from fretflow.experiments.wear_series.data import Array, Ids, WearData, tests_of_detection, wear_data
+from fretflow.experiments.wear_series.data import Array, WearData, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
@@ -25,16 +27,11 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide
 from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
-from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Location, Remainder, Verdict, WearTests
+from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Remainder, Verdict, WearTests
 from fretflow.inference.words import after_model, listed
 from fretflow.recordings.wear_series import KIND, WearSeries
 
 Progress = Callable[[float, str], None]
-FALSE_ALARMS = 0.05
-MOST_FOLDS = 40  # of the conditions, each held out in turn
-HIDDEN = 1e12  # factor on the variance of what is held out
-SEED = 20210
-NOWHERE = Location(block="", channel="", phase="", zone="", cycles=(0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +73,9 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     law = residual_law(data, before) if unknown else None
     parameters = estimates(looked, frozenset() if unknown else found.after)
     view = _view(data, before, after)
-    location = NOWHERE if none else locate(data, before)
+    location = locate(data, before)
+    if none:
+        location = replace(location, block="", channel="", condition="", text="", cycles=(0, 0), places=())
     powers = tuple(name for one in found.after for name in experiment.forms[one].powers)
     rivals = [one for one in forms if one.names == found.after and powers and not set(powers) <= set(one.law.powers)
               and one.worth > forms[0].worth - NEGLIGIBLE]
@@ -150,7 +149,7 @@ def experiment_of(looked: IndependentSearch) -> WearSeriesExperiment:
 def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
     """Return the errors of tests that were not fitted, over the scatter; rows of one condition go together."""
     own, data = experiment.measurement, experiment.data
-    folds, sizes = _folds(data), []
+    folds, sizes = np.unique(data.condition, return_inverse=True)[1], []
     for fit in fits:
         square = 0.0
         for k in np.unique(folds):
@@ -159,17 +158,8 @@ def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
             rest = own.values - at_rest(Fitter(experiment, hidden), fit.prediction.point).predicted
             square += float(np.sum((rest**2 / own.variance)[out]))
         sizes.append(float(np.sqrt(square / own.expected)))
-    count, conditions = len(np.unique(folds)), len(np.unique(data.condition))
-    parts = f"each of the {conditions} conditions" if count == conditions else (
-        f"each of {count} parts of the {conditions} conditions")
-    return HeldOut(what=f"{parts} in turn, repeats and rows that stand twice together", before=sizes[0],
-                   after=sizes[-1], floor=1.0)
-
-
-def _folds(data: WearData) -> Ids:
-    own = np.unique(data.condition, return_inverse=True)[1]
-    order = np.random.default_rng(SEED).permutation(int(own.max()) + 1) % MOST_FOLDS
-    return np.asarray(order[own])
+    return HeldOut(what=f"each of the {int(folds.max()) + 1} conditions in turn, repeats and rows that stand twice "
+                        "together", before=sizes[0], after=sizes[-1], floor=1.0)
 
 
 def _of_law(looked: IndependentSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
