@@ -28,8 +28,14 @@ USE = """
 import numpy as np
 import fretflow as ff
 
-loop = ff.HysteresisLoop(displacement=np.zeros(16), force=np.zeros(16))
-limit: float | None = ff.read_loop(loop, normal_load=60.0).friction_limit
+K, M, C, nodes, areas, gap = np.eye(6), np.eye(6), np.eye(6), np.zeros((1, 2)), np.ones(1), np.zeros(1)
+joint = ff.Joint.from_matrices(K, M, C, contact=[1], observe={"tip": 0})
+problem = ff.PeriodicProblem(joint, ff.Interface(nodes, areas, gap), ff.Coulomb(0.6), ff.Harmonic(100, {"tip": 53}),
+                             preload=ff.NormalLoad(60))
+period = ff.solve_periodic(problem)
+limit: float | None = ff.read_loop(period.hysteresis("tip"), normal_load=60).friction_limit
+curve = ff.continue_response(problem, 20, 400)
+wear = ff.march_wear(problem, ff.Archard(1.1e-14), cycles=1_900_000)
 found = ff.diagnose(ff.read_recording("rec/"), fast=True)
 found.to_html("report.html")
 names: tuple[str, ...] = found.effects

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from fretflow.pipeline.diagnose import diagnose as diagnose
     from fretflow.pipeline.results import RunResults as RunResults
     from fretflow.pipeline.run import run as run
-    from fretflow.recordings.hysteresis import HysteresisLoop as HysteresisLoop
     from fretflow.recordings.hysteresis import LoopReadings as LoopReadings
     from fretflow.recordings.hysteresis import read_loop as read_loop
     from fretflow.recordings.recording import read_recording as read_recording
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from fretflow.solvers.periodic import PeriodicSolution as PeriodicSolution
     from fretflow.solvers.periodic import solve_periodic as solve_periodic
     from fretflow.structure.matrix_joint import Joint as Joint
+    from fretflow.structure.sensors import HysteresisLoop as HysteresisLoop
     from fretflow.wear.archard import Archard as Archard
 
     __version__ = own_version()
@@ -62,12 +62,13 @@ _PUBLIC = {
     "pipeline.diagnose": ("diagnose",),
     "pipeline.results": ("RunResults",),
     "pipeline.run": ("run",),
-    "recordings.hysteresis": ("HysteresisLoop", "LoopReadings", "read_loop"),
+    "recordings.hysteresis": ("LoopReadings", "read_loop"),
     "recordings.recording": ("read_recording",),
     "solvers.continuation.curve": ("ResponseCurve",),
     "solvers.continuation.follow": ("continue_response",),
     "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "solve_periodic"),
     "structure.matrix_joint": ("Joint",),
+    "structure.sensors": ("HysteresisLoop",),
     "wear.archard": ("Archard",),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}

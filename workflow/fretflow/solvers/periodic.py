@@ -130,7 +130,7 @@ class PeriodicProblem:
     interface: Interface = field(kw_only=False)
     law: Coulomb = field(kw_only=False)
     excitation: Harmonic = field(kw_only=False)
-    preload: NormalLoad = field(default=NormalLoad(0.0))
+    preload: NormalLoad = field(default=NormalLoad(0.0), kw_only=False)
 
     @property
     def frequency(self) -> float:
