@@ -50,7 +50,7 @@ def main(folder: Path) -> None:
     found = ff.diagnose(ff.read_recording(make_recording(folder / "loose", PLAY)))
     assert found.verdict.value == "named"
     assert found.effects == ("backlash",)
-    assert found.probability > 0.9
+    assert found.probability > 0.5  # more than all other explanations together, those beyond the catalogue among them
     play = next(one for one in found.parameters if one.name.startswith("backlash."))
     assert abs(play.value / PLAY - 1.0) < 0.05
     assert play.unit == "m"
