@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fretflow.core.errors import RecordingError, UnreliableRecordingError
+from fretflow.core.errors import RecordingError, UnreliableRecordingError, UnsupportedRecordingError
+from fretflow.experiments import diagnose as kinds
 from fretflow.experiments.diagnose import diagnose
 from fretflow.experiments.driven.data import driven_data
 from fretflow.experiments.driven.noise import correlation_length, effective
@@ -208,3 +209,12 @@ def test_recordings_without_a_model_are_refused(tmp_path):
         diagnose_driven(lacking, True, quiet)
     with pytest.raises(RecordingError, match="cannot be read"):
         diagnose(tmp_path / "absent", True, quiet, NO_TOOLS)
+
+
+def test_a_kind_without_a_diagnosis_is_refused_and_not_taken_for_another(monkeypatch):
+    made_up = made(lambda t, x, v: slid(x), kind=TestKind.LUMPED)
+    known = dict(kinds.EXPERIMENTS)
+    del known["lumped"]
+    monkeypatch.setattr(kinds, "EXPERIMENTS", known)
+    with pytest.raises(UnsupportedRecordingError, match=r"kind 'lumped' has no diagnosis; there is one of fre"):
+        diagnose(made_up, True, quiet, NO_TOOLS)

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+from fretflow.core.errors import UnsupportedRecordingError
 from fretflow.experiments.driven.run import diagnose_driven
 from fretflow.experiments.rig.run import RigTools, diagnose_rig
 from fretflow.experiments.wear_series.run import diagnose_wear_series
 from fretflow.inference.verdict import Diagnosis
 from fretflow.recordings.recording import Recording, read_recording
 from fretflow.recordings.schema import TestKind
-from fretflow.recordings.wear_series import WearSeries, is_wear_series, read_wear_series
+from fretflow.recordings.wear_series import KIND, WearSeries, is_wear_series, read_wear_series
+
+Progress = Callable[[float, str], None]
+# The diagnosis of each kind of recording: of what was read of it, whether fast, by whom progress is heard, and tools.
+EXPERIMENTS: Mapping[str, Callable[[Any, bool, Progress, RigTools], Diagnosis]] = {
+    TestKind.FRETTING_RIG.value: diagnose_rig, TestKind.IMPOSED_DISPLACEMENT.value: diagnose_driven,
+    TestKind.LUMPED.value: diagnose_driven, KIND: diagnose_wear_series}
 
 
-def diagnose(recording: Path | Recording | WearSeries, fast: bool, progress: Callable[[float, str], None],
-             tools: RigTools) -> Diagnosis:
+def diagnose(recording: Path | Recording | WearSeries, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
     """Return what a recording shows that the model leaves out.
 
     Parameters
@@ -39,8 +46,8 @@ def diagnose(recording: Path | Recording | WearSeries, fast: bool, progress: Cal
     progress(0.0, "reading")
     if isinstance(recording, Path):
         recording = read_wear_series(recording) if is_wear_series(recording) else read_recording(recording)
-    if isinstance(recording, WearSeries):
-        return diagnose_wear_series(recording, fast, progress)
-    if recording.kind is not TestKind.FRETTING_RIG:
-        return diagnose_driven(recording, fast, progress)
-    return diagnose_rig(recording, fast, progress, tools)
+    kind = KIND if isinstance(recording, WearSeries) else recording.kind.value
+    if kind not in EXPERIMENTS:
+        raise UnsupportedRecordingError(f"{recording.path}: test.kind {kind!r} has no diagnosis; there is one of "
+                                        f"{', '.join(sorted(EXPERIMENTS))}")
+    return EXPERIMENTS[kind](recording, fast, progress, tools)
