@@ -179,7 +179,7 @@ class _March:
         return _Rows(internal, boundary.observe(internal, u, f, loads), u[:, 0::3] @ self.weights,
                      -f[:, 0::3].sum(axis=1), work)
 
-    def _step(self, time: float) -> _State:
+    def _step(self, time: float) -> _AtInstant:
         after = self.whole.advance(self.now, time)
         sliding = self.problem.boundary.sliding
         turns = (sliding @ self.now.motion.v) * (sliding @ after.motion.v) <= 0.0
@@ -202,7 +202,7 @@ class _Motion:
 
 
 @dataclass(frozen=True)
-class _State:
+class _AtInstant:
     """The structure at an instant, and what friction has dissipated since the last instant kept, J."""
 
     motion: _Motion
@@ -229,7 +229,7 @@ class _Step:
         self.round_off = ROUND_OFF * float(self.system.stiffness.diagonal().max())
         self.before: SampleState | None = None
 
-    def advance(self, now: _State, time: float) -> _State:
+    def advance(self, now: _AtInstant, time: float) -> _AtInstant:
         """Return the structure one step after `time`.
 
         Raises
@@ -252,10 +252,10 @@ class _Step:
         x = free + self.response @ contact.force
         a = (x - ahead) / (B * h**2)
         slid = (contact.displacement - now.contact.displacement).reshape(-1, 3)[:, :2]
-        return _State(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
+        return _AtInstant(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
                       now.work - float(np.sum(contact.force.reshape(-1, 3)[:, :2] * slid)))
 
-    def _press(self, free: Array, pull: Array, now: _State, factor: float) -> SampleState:
+    def _press(self, free: Array, pull: Array, now: _AtInstant, factor: float) -> SampleState:
         """Return the contact when the coordinates would, without contact, go to `free` (d,), in m."""
         last, b = now.contact, self.problem.boundary
         # a rigid contact knows its force no better than its stiffness times the round-off of displacements
@@ -272,20 +272,20 @@ class _Step:
         return self.solver.solve(pulls[0], last.displacement, guess, pulls[1], factor)
 
 
-def _at_rest(problem: PeriodicProblem) -> _State:
+def _at_rest(problem: PeriodicProblem) -> _AtInstant:
     return _begin(problem, np.zeros((2, problem.boundary.size)), press(problem))
 
 
-def _at_phase_zero(problem: PeriodicProblem, start: PeriodicSolution) -> _State:
+def _at_phase_zero(problem: PeriodicProblem, start: PeriodicSolution) -> _AtInstant:
     contact = SampleState(start.displacement[0].ravel(), start.force[0].ravel(), start.state[0])
     velocity = time_derivative(start.internal, problem.omega)[0]
     return _begin(problem, np.array([start.internal[0], velocity]), contact)
 
 
-def _begin(problem: PeriodicProblem, motion: Array, contact: SampleState) -> _State:
+def _begin(problem: PeriodicProblem, motion: Array, contact: SampleState) -> _AtInstant:
     """Return the structure with displacements and velocities (2, d) and accelerations from the balance of forces."""
     (x, v), b = motion, problem.boundary
     load = b.input_force @ problem.loads_at(np.zeros(1))[0] + b.transfer @ contact.force
     load = load + total_force(b.forces, x[None], v[None]).force[0] - b.internal.damping @ v - b.internal.stiffness @ x
     acceleration = np.linalg.solve(b.internal.mass, load)
-    return _State(_Motion(x, v, acceleration, acceleration), contact)
+    return _AtInstant(_Motion(x, v, acceleration, acceleration), contact)

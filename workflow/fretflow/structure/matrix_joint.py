@@ -42,7 +42,7 @@ from fretflow.structure.structure import (
     DynamicStiffness,
     LinearInternal,
     MasslessBoundary,
-    Output,
+    ObservedMotion,
     squeezed,
 )
 
@@ -288,8 +288,8 @@ class Joint:
             inputs=self.inputs, input_force=modes.shape.T @ self._rows.T, input_motion=modes.input_motion,
             input_free=np.zeros((0, inputs)), free_coupling=np.zeros((0, d)),
             sliding=modes.motion[0::3].mean(axis=0),
-            outputs={name: Output(row[None] @ modes.shape, force=row[None] @ modes.contact, load=row[None] @ modes.load)
-                     for name, row in self.observed.items()})
+            outputs={name: ObservedMotion(row[None] @ modes.shape, force=row[None] @ modes.contact,
+                                          load=row[None] @ modes.load) for name, row in self.observed.items()})
 
 
 def _rows(size: int, contact: Sequence[int] | None, contact_map: Array | None) -> Array:

@@ -73,7 +73,7 @@ class LinearInternal:
 
 
 @dataclass(frozen=True)
-class Output:
+class ObservedMotion:
     """An observed motion ``y = motion q + free s + force f + load i`` of k components; None is nothing."""
 
     motion: Array  # (k, d)
@@ -105,7 +105,7 @@ class MasslessBoundary:
     input_motion: Array = quantity("m/N", "(3 n, i), W")
     input_free: Array = quantity("1", "(s, i), L")
     free_coupling: Array = quantity("N/m", "(s, d), E")
-    outputs: Mapping[str, Output]
+    outputs: Mapping[str, ObservedMotion]
     sliding: Array = quantity("1", "(d,), motion of the moving faces along x")
     forces: tuple[InternalForce, ...] = ()
 

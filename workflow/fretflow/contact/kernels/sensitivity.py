@@ -58,7 +58,7 @@ class Weights(NamedTuple):
 
     Of r linear outputs `by_displacement`, `by_force` (r, 3 n) of displacements and given forces, and `by_coordinate`
     (r, e); `way`, `rubbing`, `working` (N, 2, n), by u_t, of path, of sliding and of work; of a slipping node's forces
-    `length` |du|, and L over g mu and dL/df_z, `grip`, `slope` (N, n).
+    `length` |du|, and L over g mu and dL/df_z, `gripping`, `slope` (N, n).
     """
 
     by_displacement: Array
@@ -68,7 +68,7 @@ class Weights(NamedTuple):
     rubbing: Array
     working: Array
     length: Array
-    grip: Array
+    gripping: Array
     slope: Array
 
 
@@ -224,8 +224,8 @@ def _sum_slip(weights: Weights, j: int, state: States, friction: Array, pressing
     for i in range(len(state)):
         if state[i] != SLIP:
             continue
-        length, grip, slope = weights.length[j, i], weights.grip[j, i], weights.slope[j, i]
+        length, gripping, slope = weights.length[j, i], weights.gripping[j, i], weights.slope[j, i]
         for k in range(len(sums.energy)):
             sums.sliding[i, k] += length * pressing[m, k]
-            sums.energy[k] += length * (slope * pressing[m, k] + grip * friction[i, k])
+            sums.energy[k] += length * (slope * pressing[m, k] + gripping * friction[i, k])
         m += 1

@@ -45,7 +45,7 @@ class Variant(NamedTuple):
 
 
 class DlftSolver:
-    """Finds periods by DLFT (a `harmonic.periodic.PeriodicSolver`).
+    """Finds periods by DLFT (a `solvers.periodic.PeriodicSolver`).
 
     The error estimate is the larger relative change of the sliding distance (area mean, peak to peak) when
     the harmonics go from H to 2 H + 1, and when the penalty is a tenth.

@@ -198,13 +198,13 @@ def _histories(values: dict[int, Array], samples: int, size: int) -> Histories:
 def _weights(solved: SolvedContact, way: Array, outputs: LinearOutputs) -> Weights:
     """Return what of each sample counts."""
     period = solved.period
-    grip, slope, working = _working(solved, way)
+    gripping, slope, working = _working(solved, way)
     # du_j counts in the increment that ends at j and in the next one
     path, rubbing, work = (plain(a - np.roll(a, -1, axis=0))
                            for a in (way, way * period.force[:, None, 2::3], working))
     step = period.displacement - np.roll(period.displacement, 1, axis=0)
     return Weights(plain(outputs.by_displacement), plain(outputs.by_force), plain(outputs.by_coordinate), path, rubbing,
-                   work, np.hypot(step[:, 0::3], step[:, 1::3]), plain(grip), plain(slope))
+                   work, np.hypot(step[:, 0::3], step[:, 1::3]), plain(gripping), plain(slope))
 
 
 def _derivative(system: ContactSystem, motions: int, kept: Sums) -> ContactDerivative:

@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, ReducedSpecimen
-from fretflow.structure.structure import NORMAL_LOAD, DynamicStiffness, MasslessBoundary, Output, Structure
+from fretflow.structure.structure import NORMAL_LOAD, DynamicStiffness, MasslessBoundary, ObservedMotion, Structure
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 RIG_DOFS = 3  # block x, arm x, arm z: the first internal DOFs of the upper body
@@ -171,10 +171,10 @@ class QuasiStaticJoint(_OnRig):
             transfer=motion.T, internal=self.rig, inputs=INPUTS, input_force=np.eye(2, 3),
             input_motion=np.zeros((size, 3)), input_free=np.array([[0.0, 0.0, 1.0]]),
             free_coupling=np.array([[0.0, self.rig.load_slope]]), sliding=np.array([0.0, 1.0]), forces=self.rig.forces,
-            outputs={"block": Output(block), "arm": Output(arm),
-                     "upper": Output(by_arm, free=np.eye(3)[:, 2:], force=self.upper_compliance),
-                     "lower": Output(none, force=-self.lower_compliance),
-                     "approach": Output(np.zeros((1, 2)), free=np.ones((1, 1)))})
+            outputs={"block": ObservedMotion(block), "arm": ObservedMotion(arm),
+                     "upper": ObservedMotion(by_arm, free=np.eye(3)[:, 2:], force=self.upper_compliance),
+                     "lower": ObservedMotion(none, force=-self.lower_compliance),
+                     "approach": ObservedMotion(np.zeros((1, 2)), free=np.ones((1, 1)))})
 
     def part(self, nodes: NDArray[np.bool_]) -> QuasiStaticJoint:
         """Return the joint of the contact `nodes` (n,) alone, the others being free of force."""
