@@ -14,6 +14,7 @@ class FrictionBump(ff.Effect):
     title = "friction that is larger in the middle of the stroke"
     block = ff.Block.CONTACT
     equation = "mu (1 + a exp(-(x / w)^2))"
+    formula = r"\mu \left(1 + a e^{-(x / w)^2}\right)"  # for pages that set it
     source = "made up for this example"
     observables = ("force in the middle of both plateaus of a loop",)
     kinds = ff.ALL_KINDS

@@ -35,6 +35,7 @@ def test_an_effect(tmp_path, monkeypatch):
     assert factor[[0, 5, 10]] == pytest.approx([1.2, 1.0, 1.2])
     assert np.array_equal(factor, back)
     assert ff.catalogue()["friction-ramp"] is kind
+    assert set(kind().sketch().curves) == {"baseline", "effect"}
 
 
 def test_a_structure_from_matrices():

@@ -193,8 +193,10 @@ class Effect(Section):
         return self.model_copy(update=values)
 
     def sketch(self) -> Sketch:
-        """Return a small picture of what the effect does."""
-        raise NotImplementedError
+        """Return a small picture of what the effect does; by default a loop without and with it."""
+        from fretflow.effects.sketches import loop_sketch
+
+        return loop_sketch(self)
 
     # Within the period
 
