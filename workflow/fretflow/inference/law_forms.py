@@ -19,30 +19,32 @@ from fretflow.inference.parameters import Array
 
 Form = Callable[[Array, float], Array]  # state, rate: the change
 
-# Run-in, settling and debris layers: exponential (P. J. Blau, Wear 71 (1981) 29-43), rational (a second-order rate),
-# hyperbolic tangent (of a regularised law), error function (of a distribution of thresholds).
-SETTLING: tuple[Form, ...] = (
-    lambda x, a: 1.0 - np.exp(-a * x), lambda x, a: a * x / (1.0 + a * x), lambda x, a: np.tanh(a * x),
-    lambda x, a: a * x / np.sqrt(1.0 + np.square(a * x)))
-# Friction that falls with speed: exponential and Gaussian (B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit,
-# Automatica 30 (1994) 1083-1138), rational (E. E. Hess, A. Soom, J. Tribol. 112 (1990) 147-152), linear.
-FALLING: tuple[Form, ...] = (
-    lambda x, a: np.exp(-a * x), lambda x, a: np.exp(-np.square(a * x)), lambda x, a: 1.0 / (1.0 + a * x),
-    lambda x, a: 1.0 / (1.0 + np.square(a * x)), lambda x, a: np.maximum(1.0 - a * x, 0.0))
-# Springs of asperities, friction by load, hardening edges: power (Greenwood and Williamson, Proc. R. Soc. A 295 (1966)
-# 300-319, Mindlin's 1/3 to 1), linear, exponential, polynomial with a cubic term.
-GROWING: tuple[Form, ...] = (
-    lambda x, a: x**np.clip(a, 0.1, 5.0), lambda x, a: np.expm1(a * x) / np.expm1(a + 1e-9),
-    lambda x, a: x + a * x**3, lambda x, a: np.maximum(x - 0.5 * np.tanh(a), 0.0))
-RATES = (0.5, 1.0, 3.0)  # from a law that has barely bent to one that has run its course
+def families() -> tuple[tuple[Form, ...], ...]:
+    """Return the forms of each behaviour: settling, falling with speed, growing."""
+    # Run-in, settling and debris layers: exponential (P. J. Blau, Wear 71 (1981) 29-43), rational (a second-order
+    # rate), hyperbolic tangent (of a regularised law), algebraic.
+    settling: tuple[Form, ...] = (
+        lambda x, a: 1.0 - np.exp(-a * x), lambda x, a: a * x / (1.0 + a * x), lambda x, a: np.tanh(a * x),
+        lambda x, a: a * x / np.sqrt(1.0 + np.square(a * x)))
+    # Friction that falls with speed: exponential and Gaussian (B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit,
+    # Automatica 30 (1994) 1083-1138), rational (D. P. Hess, A. Soom, J. Tribol. 112 (1990) 147-152), linear.
+    falling: tuple[Form, ...] = (
+        lambda x, a: np.exp(-a * x), lambda x, a: np.exp(-np.square(a * x)), lambda x, a: 1.0 / (1.0 + a * x),
+        lambda x, a: 1.0 / (1.0 + np.square(a * x)), lambda x, a: np.maximum(1.0 - a * x, 0.0))
+    # Springs of asperities, friction by load, hardening edges: power (J. A. Greenwood, J. B. P. Williamson, Proc. R.
+    # Soc. A 295 (1966) 300-319), exponential, with a cubic term, linear beyond a threshold.
+    growing: tuple[Form, ...] = (
+        lambda x, a: x**np.clip(a, 0.1, 5.0), lambda x, a: np.expm1(a * x) / np.expm1(a + 1e-9),
+        lambda x, a: x + a * x**3, lambda x, a: np.maximum(x - 0.5 * np.tanh(a), 0.0))
+    return settling, falling, growing
 
 
 @cache
 def law_form_errors() -> Array:
     """Return the relative errors (any,) of all pairs of forms within each family."""
-    x = np.linspace(0.0, 1.0, 101)
-    found = [_left(true(x, rate), other, x) for family in (SETTLING, FALLING, GROWING) for true in family
-             for other in family if other is not true for rate in RATES]
+    x, rates = np.linspace(0.0, 1.0, 101), (0.5, 1.0, 3.0)  # from a law that has barely bent to one that ran its course
+    found = [_left(true(x, rate), other, x) for family in families() for true in family
+             for other in family if other is not true for rate in rates]
     return np.asarray(found)
 
 

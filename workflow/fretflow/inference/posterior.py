@@ -28,7 +28,6 @@ from fretflow.inference.verdict import Candidate, Verdict
 
 DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
 SEED = 2026
-LIMIT = 1e-6  # of shares, so that their logit is finite
 
 
 @dataclass(frozen=True)
@@ -190,9 +189,10 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     left = found.chi_squared(fewer) - expected
     if left <= 0.0:
         return np.inf  # all that is left is noise, as the covariance has it
-    taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, LIMIT, 1.0 - LIMIT))
-    shares = logit(np.clip(taken_by_chance(found, fewer), LIMIT, 1.0 - LIMIT))
-    p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), LIMIT)))
+    least = float(np.finfo(np.float32).eps)  # so that logits are finite
+    taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
+    shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
+    p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
     return -log(-e * p * log(p)) if 0.0 < p < 1.0 / e else (np.inf if p == 0.0 else 0.0)
 
 

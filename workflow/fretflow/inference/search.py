@@ -285,7 +285,10 @@ def begin_all(found: Search) -> None:
         best.setdefault(fit.effects, []).append(fit)
         if origin is origins[0]:
             found.starts.append(_start(found, origin, fit))
-    going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]]
+    # what would not be as probable as none of the effects even if all were linear is not gone on with
+    worth = found.baseline.objective - 2.0 * log(max(len(found.experiment.candidates()), 1))
+    going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]
+             if fit.promise < worth or not _tells(fit.prediction.point, found.baseline)]
     found.keep(fit for fits in best.values() for fit in fits)
     found.keep(found.pool(fit_task, [Task(found.fitter, fit.prediction.point, fit.prediction, found.effort.first_steps)
                                      for fit in going]))
@@ -361,8 +364,8 @@ def beside(found: Search, names: Names) -> list[Task]:
     tasks = []
     for name in sorted(gains, key=lambda one: -gains[one][0])[:found.effort.partners]:
         alone = found.fits.get(frozenset({name}))
-        if alone is None:
-            continue
+        if alone is None or gains[name][0] < log(len(found.experiment.candidates())):
+            continue  # the choice among so many costs more than it would gain
         space = found.experiment.parameters([*names, name], {**fit.parameters.signs, **alone.parameters.signs})
         known = {one.name: z for own in (alone, fit) for one, z in zip(own.parameters.coordinates, own.z, strict=True)}
         z = np.array([known[one.name] for one in space.coordinates])

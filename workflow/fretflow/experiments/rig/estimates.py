@@ -15,8 +15,6 @@ from fretflow.inference.search import HALF
 from fretflow.inference.verdict import Estimate
 from fretflow.structure.two_mass_rig.joint import rig_of
 
-TURN = 2.0 * np.pi  # width of the range of an angle
-
 BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coefficient"),
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
             "mass": ("rig.moving_mass", "kg", "mass of the driven block")}
@@ -35,8 +33,9 @@ def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float) -> E
     if coordinate.effect:
         kind = catalogue()[coordinate.effect]
         prior = kind.priors()[coordinate.field]
-        if prior.high - prior.low == TURN:
-            turns = TURN * np.round(value / TURN)
+        turn = 2.0 * np.pi  # width of the range of an angle
+        if prior.high - prior.low == turn:
+            turns = turn * np.round(value / turn)
             value, ends = value - turns, [end - turns for end in ends]
         unit = next(entry.unit for entry in entries(kind()) if entry.key == coordinate.field)
         return Estimate(name=coordinate.name, value=value, low=ends[0], high=ends[1], unit=unit or "1",

@@ -18,9 +18,6 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Names, Search, Task, fit_task
 from fretflow.inference.verdict import HeldOut
 
-MOST_KEPT = 4  # loops that are all fitted
-HIDDEN = 1e12  # factor on the variance of what is held out
-
 
 @dataclass(frozen=True)
 class HeldOutPrediction:
@@ -39,7 +36,7 @@ def held_out_labels(observation: Observation) -> frozenset[str]:
     """Return the labels of the loops that are held out: every third cycle count, and every second condition."""
     loops = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "loops"))
     sweep = list(dict.fromkeys(piece.label for piece in observation.pieces if piece.block == "sweep"))
-    kept = loops[1:-1:3] if len(loops) > MOST_KEPT else []
+    kept = loops[1:-1:3] if len(loops) > 4 else []  # so few are all fitted
     return frozenset([*kept, *sweep[1::2]])
 
 
@@ -53,7 +50,8 @@ def held_out(looked: Search, experiment: RigExperiment, names: Names) -> HeldOut
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
     known = looked.fitter.covariance
-    hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance, np.where(out[:, None], 0.0, known.modes))
+    hidden = Covariance(known.variance / np.where(out, np.finfo(float).eps, 1.0),
+                        np.where(out[:, None], 0.0, known.modes))
     sets = list(dict.fromkeys((frozenset[str](), names)))
     refits = looked.pool(fit_task, [Task(Fitter(looked.fitter_of(one).experiment, hidden),
                                          looked.fits[one].prediction.point, looked.fits[one].prediction,

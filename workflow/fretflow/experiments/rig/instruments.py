@@ -15,7 +15,9 @@ import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core.errors import FretflowError
+from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.experiments.rig.observation import Array
+from fretflow.experiments.rig.setup import FRICTION
 from fretflow.recordings.loopset import LoopSet, plateau
 from fretflow.recordings.plausibility import STATED
 from fretflow.recordings.recording import Recording
@@ -24,10 +26,6 @@ from fretflow.structure.two_mass_rig.lumped import LumpedRig
 WORDS = {"displacement": "displacement", "friction_force": "friction force", "force": "friction force",
          "excitation": "excitation", "normal_force": "normal force"}
 TIED = 0.02  # of a channel's samples at one extreme value: a smooth wave of 25 samples or more has one at most
-# Friction coefficients of dry metals in contact: below, fluid films; above, seizure (F. P. Bowden, D. Tabor, The
-# Friction and Lubrication of Solids (1950)).
-FRICTION = (0.02, 3.0)
-LATE = 300e-6  # s: above the range of the catalogue's delay of a channel
 
 
 def faults(recording: Recording, case: Case) -> tuple[str, ...]:
@@ -84,7 +82,7 @@ def _gains(recording: Recording, case: Case) -> list[str]:
         elif not 1.0 / STATED < abs(gain) < STATED:
             found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the excitation "
                          "make of it: check its unit and gain")
-        elif abs(late) > LATE:
+        elif abs(late) > ChannelDelay.priors()["delay"].high:  # what the catalogue's delay may be is no fault
             found.append(f"the {name} comes {1e6 * abs(late):.0f} us {'early' if late > 0.0 else 'late'} against the "
                          "excitation, more than a sensor's filter delays it")
     return found

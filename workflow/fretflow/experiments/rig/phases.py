@@ -10,9 +10,6 @@ from fretflow.experiments.rig.observation import Array
 
 PHASES = ("reversal", "stick slope", "knee", "plateau", "plateau end")
 SMOOTH = 11  # harmonics: above, a measured loop is mostly noise
-TURNED, STUCK, SLIDING = 0.1, 0.7, 0.95  # of the force's way from the reversal to the plateau
-END = 0.9  # of a stroke's travel: the plateau's end from there
-PLATEAU_FROM = 0.5  # of a stroke's travel: the median force from there is the plateau's
 
 
 @record
@@ -45,14 +42,15 @@ class Strokes:
 
 def _built(force: Array, gone: Array) -> Array:
     """Return how far the force of one stroke, positive against the motion, is from the reversal to the plateau."""
-    plateau = float(np.median(force[gone >= PLATEAU_FROM])) if np.any(gone >= PLATEAU_FROM) else float(force.max())
+    half = gone >= 0.5  # of the travel: the median force from there is the plateau's
+    plateau = float(np.median(force[half])) if half.any() else float(force.max())
     return np.asarray(np.maximum.accumulate((force - force[0]) / max(plateau - force[0], 1e-300)))
 
 
 def _phases(built: Array, gone: Array) -> NDArray[np.int64]:
     """Return the phases along one stroke from its force and share of the travel."""
-    found = np.digitize(built, (TURNED, STUCK, SLIDING))
-    found[(found == PHASES.index("plateau")) & (gone > END)] = PHASES.index("plateau end")
+    found = np.digitize(built, (0.1, 0.7, 0.95))  # of the force's way from the reversal to the plateau
+    found[(found == PHASES.index("plateau")) & (gone > 0.9)] = PHASES.index("plateau end")
     return found
 
 

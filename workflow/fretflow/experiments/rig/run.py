@@ -19,12 +19,13 @@ from fretflow.experiments.rig.detection import FALSE_ALARMS, detect
 from fretflow.experiments.rig.estimates import case_text, estimates
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
 from fretflow.experiments.rig.held_out import HeldOutPrediction, held_out
-from fretflow.experiments.rig.instruments import FRICTION, faults
+from fretflow.experiments.rig.instruments import faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.observation import Array, observe
 from fretflow.experiments.rig.setup import (
+    FRICTION,
     MESHES,
     MESHES_FAST,
     Reduce,

@@ -22,6 +22,9 @@ Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from
 # compliance is 2.9 % too small instead of 9.7 %.
 MESHES, MESHES_FAST, CONFIRMING = (3, 4), (2, 3), 5
 DEGREE, GROWTH = 2, 2.0
+# Friction coefficients of dry metals in contact: below, fluid films; above, seizure (F. P. Bowden, D. Tabor, The
+# Friction and Lubrication of Solids (1950)).
+FRICTION = (0.02, 3.0)
 # The corners of ridge and body let the compliance converge by about h^1.1 only (M. L. Williams, J. Appl. Mech. 19
 # (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
 # the coarse mesh misses 2.4 to 3.2 of the difference between the two; more than one difference stays as an error.
@@ -32,8 +35,6 @@ EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 DEPTH_EXTRAPOLATED, DEPTH_ERROR = 1.0, 1.1
 # The march is of first order in the samples: twice as many halve the error.
 RICHARDSON, SAMPLING_ERROR = 2.0, 0.7
-SMALLEST_FRICTION, LARGEST_FRICTION = 0.05, 2.0
-EASED, MOST_EASED = 0.85, 4  # factor on a coefficient at which the joint sticks, and how often it is taken
 
 
 def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recorded") -> Case:
@@ -76,7 +77,7 @@ def first_friction(recording: Recording) -> float:
     loops = _loops(recording)
     limit = plateau(loops.mean(loops.force_name))
     load = float(recording.test.normal_load or np.nan)
-    return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
+    return float(np.clip(np.nanmedian(limit) / load, *FRICTION))
 
 
 def friction_from_energy(recording: Recording) -> float:
@@ -88,7 +89,7 @@ def friction_from_energy(recording: Recording) -> float:
     x, force = loops.mean("displacement"), loops.mean(loops.force_name)
     limit = _energy(x, force) / (2.0 * np.maximum(np.ptp(x, axis=1), np.finfo(float).tiny))
     load = float(recording.test.normal_load or np.nan)
-    return float(np.clip(np.nanmedian(limit) / load, SMALLEST_FRICTION, LARGEST_FRICTION))
+    return float(np.clip(np.nanmedian(limit) / load, *FRICTION))
 
 
 def _energy(x: Array, force: Array) -> Array:
@@ -142,12 +143,12 @@ def first_simulation(models: Sequence[RigModel]) -> tuple[RigModel, Simulation]:
 
 
 def _eased(model: RigModel) -> tuple[RigModel, Simulation]:
-    for _ in range(MOST_EASED):
+    for _ in range(4):  # to half of the coefficient at which the joint sticks
         try:
             return model, model.simulate(Hypothesis())
         except NonConvergenceError:
             model = replace(model, problem=model.problem.vary(
-                friction_coefficient=EASED * model.problem.friction_coefficient))
+                friction_coefficient=0.85 * model.problem.friction_coefficient))
     return model, model.simulate(Hypothesis())
 
 

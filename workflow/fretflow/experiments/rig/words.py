@@ -14,7 +14,6 @@ from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
 WORTH_TELLING = 0.2  # of the squares that a law explains
-NEAREST = 3  # effects that are told where none is named
 
 
 def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
@@ -54,7 +53,7 @@ def _unknown(found: Found, remainder: Remainder, location: Location, law: Residu
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
-    near = [one for one in found.ranking if one.effects][:NEAREST]
+    near = [one for one in found.ranking if one.effects][:3]
     best = ", ".join(f"{listed(one.effects)} would explain {100.0 * one.explained:.0f} %" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
     return (f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: "
