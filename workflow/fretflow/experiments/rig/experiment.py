@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fretflow.core.errors import ConfigError
+from fretflow.core.errors import ConfigError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Kind, in_sensors_alone
 from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel, Simulation
@@ -63,8 +63,12 @@ class RigExperiment:
             If a period is not found.
         """
         known = None if near is None else resensed(near, point)
-        simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
-        return Prediction(point, self.rig.predict(simulation) + self.correction, simulation)
+        with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis far off may leave all bounds on its way
+            simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
+            values = self.rig.predict(simulation) + self.correction
+        if not np.all(np.isfinite(values)):
+            raise NonConvergenceError("the hypothesis predicts numbers beyond all bounds")
+        return Prediction(point, values, simulation)
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""
