@@ -12,6 +12,7 @@ from fretflow.inference.covariance import Covariance
 from fretflow.inference.verdict import Comparison, ResidualMap, WearMap
 from fretflow.structure.sensors import band_limited
 
+MOST_SHOWN = 8  # cycle counts
 LOOPS = ("loops", "sweep")
 DRAWN = 50  # harmonics of a loop as it is drawn: between its samples as they have it
 JUDGED = ("displacement", "friction_force")  # by how well held-out loops are predicted
@@ -54,7 +55,7 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     """
     loops = loop_pieces(observation)
     counts = [label for label, pieces in loops.items() if pieces["displacement"].block == "loops"]
-    kept = {counts[k] for k in np.unique(np.linspace(0, len(counts) - 1, 8).round().astype(int))}
+    kept = {counts[k] for k in np.unique(np.linspace(0, len(counts) - 1, MOST_SHOWN).round().astype(int))}
     kept |= {label for label in loops if label not in counts}
     before, after = level(observation, before), level(observation, after)
     found = []
