@@ -18,6 +18,8 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Names, Search, Task, fit_task
 from fretflow.inference.verdict import HeldOut
 
+HIDDEN = 1e12  # factor on the variance of what is held out: beyond all that single precision would tell
+
 
 @dataclass(frozen=True)
 class HeldOutPrediction:
@@ -50,7 +52,7 @@ def held_out(looked: Search, experiment: RigExperiment, names: Names) -> HeldOut
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
     known = looked.fitter.covariance
-    hidden = Covariance(known.variance / np.where(out, np.finfo(float).eps, 1.0),
+    hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance,
                         np.where(out[:, None], 0.0, known.modes))
     sets = list(dict.fromkeys((frozenset[str](), names)))
     refits = looked.pool(fit_task, [Task(Fitter(looked.fitter_of(one).experiment, hidden),
