@@ -99,10 +99,10 @@ def in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) ->
 def at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
     """Run cases by several workers; one that fails does not stop the others."""
     from fretflow.cli.report import show_ended
-    from fretflow.pipeline.run import Task, run_at_once
+    from fretflow.pipeline.run import CaseTask, run_at_once
 
     ends = [Ended()] * len(cases)
-    tasks = [Task(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
+    tasks = [CaseTask(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
     for done, outcome in run_at_once(tasks, workers):
         if outcome.error is not None:
             message, code = describe(outcome.error)

@@ -21,7 +21,7 @@ SUMMARY = "summary.json"
 
 
 @dataclass(frozen=True)
-class Task:
+class CaseTask:
     """One case to run, as handed to a worker."""
 
     case: Case
@@ -110,14 +110,14 @@ def results_of(case: Case, results: Mapping[str, StageResult], home: Path) -> Ru
     return found
 
 
-def run_task(task: Task) -> None:
+def run_task(task: CaseTask) -> None:
     """Run one case in this process alone and write its summary."""
     if started_size() > 1:
         keep_to_itself()
     run(task.case, task.out, until=task.until, force=task.force)
 
 
-def run_at_once(tasks: Sequence[Task], workers: Workers) -> Iterator[tuple[int, Outcome[None]]]:
+def run_at_once(tasks: Sequence[CaseTask], workers: Workers) -> Iterator[tuple[int, Outcome[None]]]:
     """Run `tasks` on `workers` and yield each with how many have ended, as it ends."""
     yield from enumerate(run_ensemble(run_task, tasks, workers), start=1)
 
