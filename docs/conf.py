@@ -44,7 +44,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "image_scrapers": ("matplotlib", "pages.shown_pictures"),
     "reset_modules": ("matplotlib", "pages.forget_effects"),
-    "ignore_repr_types": r"matplotlib|pathlib|list",
+    "ignore_repr_types": r"matplotlib|pathlib|list|int",
     "abort_on_example_error": True,
     "download_all_examples": False,
     "show_signature": False,
