@@ -46,13 +46,13 @@ class Evidence:
 
     def averaged(self, forms: Array, sizes: Array) -> float:
         """Return the log evidence with priors of e (forms,) and of tau (sizes,), which sum to one."""
-        weight = np.outer(forms if len(self.table) > 1 else np.ones(1), sizes)
-        top = float(self.table.max())
-        return top + float(np.log(max(float(np.sum(weight * np.exp(self.table - top))), 1e-300)))
+        prior = np.log(np.maximum(np.outer(forms if len(self.table) > 1 else np.ones(1), sizes), 1e-300))
+        return float(np.logaddexp.reduce(self.table + prior, axis=None))
 
     def coordinates(self, forms: Array, sizes: Array) -> tuple[Array, Array]:
         """Return the mean and the standard deviation (P,) of the coordinates over both sizes."""
-        weight = np.outer(forms if len(self.table) > 1 else np.ones(1), sizes) * np.exp(self.table - self.table.max())
+        prior = np.log(np.maximum(np.outer(forms if len(self.table) > 1 else np.ones(1), sizes), 1e-300))
+        weight = np.exp(self.table + prior - (self.table + prior).max())
         weight = (weight / weight.sum())[:, :, None]
         mean = np.sum(weight * self.mean, axis=(0, 1))
         return mean, np.sqrt(np.sum(weight * (self.spread**2 + (self.mean - mean)**2), axis=(0, 1)))
