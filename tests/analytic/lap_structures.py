@@ -91,3 +91,131 @@ def _element(length, thickness, offset):
     shift = np.eye(6)
     shift[0, 2] = shift[3, 5] = -offset
     return shift.T @ k @ shift, shift.T @ m @ shift
+
+
+def newmark(mass, ground, stiffness, limits, amplitude, step, count, damper=0.0):
+    """Return the decay of a mass on a spring and Jenkins sliders, by the average acceleration and their own mapping."""
+    x, v, anchored = amplitude, 0.0, np.zeros(len(stiffness))
+    found = np.zeros(count)
+
+    def forces(x, anchored):
+        stretch = np.clip(x - anchored, -limits / stiffness, limits / stiffness)
+        return float(stiffness @ stretch) + ground * x, x - stretch
+
+    force, anchored = forces(x, anchored)
+    a = -force / mass
+    for k in range(count):
+        found[k] = x
+        ahead = x + step * v + 0.25 * step**2 * a
+        after = ahead
+        for _ in range(6):  # a contraction by step^2 k / (4 m), some 1e-4
+            speed = 2.0 / step * (after - x) - v
+            after = ahead - 0.25 * step**2 * (forces(after, anchored)[0] + damper * speed) / mass
+        force, anchored = forces(after, anchored)
+        speed = 2.0 / step * (after - x) - v
+        v, x, a = speed, after, -(force + damper * speed) / mass
+    return found
+
+
+class Jenkins:
+    """Springs with sliders behind them, m points: the contact of `decay_in_time`, x, y and z of each in turn."""
+
+    def __init__(self, tangential, normal, friction):
+        self.tangential, self.normal, self.friction = tangential, normal, friction
+        self.slid = np.zeros((len(tangential), 2))
+
+    def force(self, u):
+        """Return forces (3 m,) on the upper faces, and where sliders are then, at relative displacements u (3 m,)."""
+        u = u.reshape(-1, 3)
+        pressing = self.normal * np.maximum(-u[:, 2], 0.0)
+        trial = -self.tangential[:, None] * (u[:, :2] - self.slid)
+        size = np.maximum(np.hypot(*trial.T), 1e-300)
+        held = trial * np.minimum(1.0, self.friction * pressing / size)[:, None]
+        return np.column_stack([held, pressing]).ravel(), u[:, :2] + held / self.tangential[:, None]
+
+    def slope(self, u):
+        """Return the derivative (3 m, 3 m) of the force."""
+        at = u.reshape(-1, 3)
+        closed = at[:, 2] < 0.0
+        trial = -self.tangential[:, None] * (at[:, :2] - self.slid)
+        size = np.maximum(np.hypot(*trial.T), 1e-300)
+        slides = size > self.friction * self.normal * np.maximum(-at[:, 2], 0.0)
+        found = np.zeros((u.size, u.size))
+        for j in range(len(at)):
+            x, y, z = 3 * j, 3 * j + 1, 3 * j + 2
+            if not closed[j]:
+                continue
+            found[z, z] = -self.normal[j]
+            if slides[j]:
+                way, limit = trial[j] / size[j], -self.friction * self.normal[j] * at[j, 2]
+                found[x:z, z] = -self.friction * self.normal[j] * way
+                found[x:z, x:z] = -self.tangential[j] * limit / size[j] * (np.eye(2) - np.outer(way, way))
+            else:
+                found[x, x] = found[y, y] = -self.tangential[j]
+        return found
+
+
+def _balance(jenkins, flexibility, free, guess):
+    """Return u with ``u = free + flexibility f(u)`` by Newton, halved where it goes astray."""
+    u = guess
+    for _ in range(200):
+        force, slid = jenkins.force(u)
+        left = u - free - flexibility @ force
+        if np.abs(left).max() < 1e-7 * max(np.abs(u).max(), 1e-12):
+            return u, force, slid
+        step = np.linalg.solve(np.eye(len(u)) - flexibility @ jenkins.slope(u), left)
+        size = np.abs(left).max()
+        for share in 0.5**np.arange(12):
+            ahead = u - share * step
+            if np.abs(ahead - free - flexibility @ jenkins.force(ahead)[0]).max() < size:
+                break
+        u = ahead
+    raise RuntimeError(f"no balance: {np.abs(left).max():.1e} of {np.abs(u).max():.1e}")
+
+
+def decay_in_time(matrices, modes, springs, friction, bolt_load, damping, amplitude, periods, steps=100):
+    """Return time (N,) and the motion (N,) of the first output: average acceleration, all masses, Jenkins springs.
+
+    Nothing of the package but the change of coordinates to (u, eta): `springs` is the normal stiffness (m,) in N/m of
+    each contact point, the tangential one is that over 1.2; it is struck in the shape of the first mode about
+    the preload, to so many m kg^0.5.
+    """
+    from scipy.linalg import eigh
+
+    from fretflow.structure.reduction.contact_modes import assembled, reduce_structure
+
+    reduced = reduce_structure(matrices, modes)
+    k, m = assembled(reduced)
+    b = len(reduced.stiffness)
+    jenkins = Jenkins(springs / 1.2, springs, friction)
+    load = np.zeros(len(k))
+    load[:b] = bolt_load * reduced.preload[0]
+    # tightened: a soft ground keeps the flexibility finite, and is iterated away
+    soft = 1e-6 * np.abs(np.diag(k)[:b]).max()
+    flexibility, u, force = np.linalg.inv(k[:b, :b] + soft * np.eye(b)), np.zeros(b), np.zeros(b)
+    u[2::3] = -1e-9
+    for _ in range(400):
+        before = u
+        u, force, slid = _balance(jenkins, flexibility, flexibility @ (load[:b] + soft * u), u)
+        if np.abs(u - before).max() < 1e-10 * np.abs(u).max():
+            break
+    jenkins.slid = slid
+    stuck = k.copy()
+    stuck[:b, :b] -= jenkins.slope(u)
+    values, shapes = eigh(stuck, m, subset_by_index=[0, 0])
+    omega, shape = float(np.sqrt(values[0])), shapes[:, 0]
+    step = 2.0 * np.pi / (omega * steps)
+    c = 2.0 * damping / omega * k  # stiffness-proportional: the ratio at the first mode
+    rest = np.r_[u, np.zeros(len(k) - b)]
+    x, v, a = rest, amplitude * omega * shape, np.zeros(len(k))  # struck while in balance, so that nothing rattles
+    row = np.concatenate(next(iter(reduced.outputs.values())))
+    inverse = np.linalg.inv(k + (4.0 / step**2) * m + (2.0 / step) * c)
+    seen = np.zeros(int(periods * steps))
+    for n in range(len(seen)):
+        seen[n] = row @ (x - rest)
+        free = inverse @ (load + m @ (4.0 / step**2 * x + 4.0 / step * v + a) + c @ (2.0 / step * x + v))
+        u, force, jenkins.slid = _balance(jenkins, inverse[:b, :b], free[:b], x[:b] + step * v[:b])
+        after = free + inverse[:, :b] @ force
+        new = 4.0 / step**2 * (after - x) - 4.0 / step * v - a
+        x, v, a = after, v + 0.5 * step * (a + new), new
+    return step * np.arange(len(seen)), seen, omega / (2.0 * np.pi)

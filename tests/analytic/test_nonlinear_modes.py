@@ -180,36 +180,13 @@ def test_a_decay_in_time_has_the_modes_frequency_and_damping(structures):
     assert np.mean(seen.damping[inside] / damping) == pytest.approx(1.0, abs=0.03)
 
 
-def newmark(mass, ground, stiffness, limits, amplitude, step, count):
-    """Return the decay of a mass on a spring and Jenkins sliders, by the average acceleration and their own mapping."""
-    x, v, anchored = amplitude, 0.0, np.zeros(len(stiffness))
-    found = np.zeros(count)
-
-    def forces(x, anchored):
-        stretch = np.clip(x - anchored, -limits / stiffness, limits / stiffness)
-        return float(stiffness @ stretch) + ground * x, x - stretch
-
-    force, anchored = forces(x, anchored)
-    a = -force / mass
-    for k in range(count):
-        found[k] = x
-        ahead = x + step * v + 0.25 * step**2 * a
-        after = ahead
-        for _ in range(6):  # a contraction by step^2 k / (4 m), some 1e-4
-            after = ahead - 0.25 * step**2 * forces(after, anchored)[0] / mass
-        force, anchored = forces(after, anchored)
-        new = -force / mass
-        v, x, a = v + 0.5 * step * (a + new), after, new
-    return found
-
-
 def test_backbone_of_sliders_is_that_of_a_decay_by_another_integrator(structures):
     rng = np.random.default_rng(5)
     stiffness, limits = rng.uniform(500.0, 1500.0, 40), rng.uniform(0.005, 0.1, 40)
     joint = joint_of(structures.sliders(stiffness, limits, MASS, FIRM), 1.0, 1.0)
     mode = joint.linear_modes(1)[0]
     step = 1.0 / (400.0 * mode.frequency)
-    decay = newmark(MASS, FIRM, stiffness, limits, 8e-5, step, 400 * 100)
+    decay = structures.newmark(MASS, FIRM, stiffness, limits, 8e-5, step, 400 * 100)
     seen = instantaneous_mode(step * np.arange(len(decay)), decay, mode.frequency)
     curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60) * np.sqrt(MASS))
     inside = (seen.amplitude > 3.5e-5) & (seen.amplitude < 7e-5)
@@ -220,3 +197,12 @@ def test_backbone_of_sliders_is_that_of_a_decay_by_another_integrator(structures
     assert seen.frequency[inside] == pytest.approx(frequency, rel=0.01)
     assert seen.damping[inside] == pytest.approx(damping, rel=0.05)
     assert np.mean(seen.damping[inside] / damping) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_decay_is_read_at_its_start_and_its_end():
+    """A closed form: a linear decay, of 0.5 % damping, under which another mode rings."""
+    time = np.arange(0.0, 1.2, 1e-4)
+    signal = np.exp(-0.005 * 2.0 * np.pi * 80.0 * time) * np.cos(2.0 * np.pi * 80.0 * np.sqrt(1.0 - 0.005**2) * time)
+    seen = instantaneous_mode(time, signal + 0.05 * np.exp(-3.0 * time) * np.sin(2.0 * np.pi * 290.0 * time), 79.0)
+    assert seen.frequency == pytest.approx(80.0, rel=2e-4)
+    assert seen.damping == pytest.approx(0.005, rel=0.03)

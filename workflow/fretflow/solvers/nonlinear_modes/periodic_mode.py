@@ -126,7 +126,7 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
         square, loss = float(ratio.real), float(ratio.imag)  # Omega^2, 2 zeta Omega^2
         if not square > 0.0:
             raise NonConvergenceError("nonlinear mode: its frequency falls to zero; the joint slides", history)
-        after = _respond(massless.eigenvalues, pull, square, loss, harmonics)
+        after = _respond(massless.eigenvalues, pull, square, loss, own)
         after[1, own] = y[1, own]
         after *= np.where(np.arange(harmonics + 1) == 1, amplitude / np.linalg.norm(after[1]), 1.0)[:, None]
         after[1] *= np.conj(after[1, own]) / abs(after[1, own]) * np.sign(y[1, own].real)
@@ -156,9 +156,12 @@ def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmoni
     return tuple(found)
 
 
-def _respond(eigenvalues: Array, pull: Complex, square: float, loss: float, harmonics: int) -> Complex:
-    order = np.arange(harmonics + 1)[:, None]
-    return np.asarray(eigenvalues * pull / (eigenvalues - order**2 * square - 1j * order * loss))
+def _respond(eigenvalues: Array, pull: Complex, square: float, loss: float, own: int) -> Complex:
+    """Return all harmonics (H + 1, modes) but the fundamental one of the mode itself, which is given."""
+    order = np.arange(len(pull))[:, None]
+    impedance = eigenvalues - order**2 * square - 1j * order * loss
+    impedance[1, own] = eigenvalues[own]
+    return np.asarray(eigenvalues * pull / impedance)
 
 
 def _found(massless: MasslessJoint, mode: LinearMode, amplitude: float, y: Complex, path: Array, history: StaticHistory,

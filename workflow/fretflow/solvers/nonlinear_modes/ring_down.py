@@ -2,14 +2,14 @@
 
 The dynamic modes are integrated by central differences (Verlet), which keep the energy of what is elastic; the contact
 follows them at every step. A recorded decay is read by its analytic signal (D. Gabor, J. IEE 93 (1946) 429) in a band
-about one mode.
+about one mode, by demodulation, which is local: a Hilbert transform would carry the large start into the small end.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, hilbert, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
@@ -19,7 +19,7 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint
 Array = NDArray[np.float64]
 
 BAND = 0.25  # half width about the frequency, relative: the next mode of a beam is farther away
-EDGE = 3.0  # periods at each end of a decay that the filter bends
+EDGE = 6.0  # periods at each end of a decay that the filter bends
 SMOOTHED = 4.0  # periods over which frequency and decay are taken
 STEPS_A_PERIOD = 200  # of the highest dynamic mode at least a tenth of its own
 
@@ -104,8 +104,9 @@ def instantaneous_mode(time: Array, signal: Array, frequency: float) -> Instanta
     if len(even) < 4 * (width + edge):
         raise InputError(f"ring_down: {len(even) * step * frequency:.0f} periods are too few to tell frequency and "
                          "damping over amplitude")
-    band = butter(2, [(1.0 - BAND) * frequency, (1.0 + BAND) * frequency], "bandpass", fs=1.0 / step, output="sos")
-    analytic = hilbert(sosfiltfilt(band, even - even.mean()))[edge:-edge]
+    low_pass = butter(2, BAND * frequency, fs=1.0 / step, output="sos")
+    turned = (even - even.mean()) * np.exp(-2j * np.pi * frequency * step * np.arange(len(even)))
+    analytic = 2.0 * (sosfiltfilt(low_pass, turned.real) + 1j * sosfiltfilt(low_pass, turned.imag))[edge:-edge]
     logarithm = np.log(np.maximum(np.abs(analytic), np.finfo(float).tiny))
     phase = np.unwrap(np.angle(analytic))
     # straight lines through windows that do not overlap, so that the points are independent
@@ -113,6 +114,7 @@ def instantaneous_mode(time: Array, signal: Array, frequency: float) -> Instanta
     line = np.arange(width) - 0.5 * (width - 1)
     scale = float(line @ line) * step
     turning, falling = (np.array([line @ values[k:k + width] for k in at]) / scale for values in (phase, logarithm))
+    turning = turning + 2.0 * np.pi * frequency
     natural = np.hypot(turning, falling)
     return InstantaneousMode(amplitude=np.exp([float(logarithm[k:k + width].mean()) for k in at]),
                              frequency=natural / (2.0 * np.pi), damping=-falling / natural)
