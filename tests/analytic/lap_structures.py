@@ -180,9 +180,8 @@ def decay_in_time(matrices, modes, springs, friction, bolt_load, damping, amplit
     each contact point, the tangential one is that over 1.2; it is struck in the shape of the first mode about
     the preload, to so many m kg^0.5.
     """
-    from scipy.linalg import eigh
-
     from fretflow.structure.reduction.contact_modes import assembled, reduce_structure
+    from scipy.linalg import eigh
 
     reduced = reduce_structure(matrices, modes)
     k, m = assembled(reduced)

@@ -27,6 +27,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError
@@ -38,8 +41,6 @@ from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import Table, read_table
 from fretflow.recordings.schema import FILE, FORMAT
 from fretflow.structure.matrices import StructureMatrices
-from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 Array = NDArray[np.float64]
 

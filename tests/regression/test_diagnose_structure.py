@@ -1,0 +1,109 @@
+"""Property: physics that an independent integration in time put into a structure is named from its decay, or none."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from fretflow.experiments.structure.experiment import Points, StructureExperiment, scatter
+from fretflow.experiments.structure.run import diagnose_structure
+from fretflow.inference.verdict import Verdict
+from fretflow.recordings.kinds.structures import read_structure_recording
+from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
+
+TOML = """
+format = "fretflow-recording/1"
+[test]
+kind = "structure"
+[structure]
+matrices = "structure.npz"
+[structure.unknown]
+bolt_load = [{bolts}]
+modal_damping = [1e-4, 1e-2]
+friction_coefficient = [0.2, 1.2]
+[backbone]
+file = "backbone.csv"
+amplitude_of = "{of}"
+amplitude = {{ column = "a", unit = "um" }}
+frequency = {{ column = "f", unit = "Hz" }}
+damping = {{ column = "zeta", unit = "%" }}
+"""
+
+
+def write(folder, matrices, decay, bolts, of):
+    """Write the recording of a decay (time, signal, frequency), with noise as peaks of a measured one have it."""
+    seen = instantaneous_mode(*decay)
+    rng = np.random.default_rng(7)
+    order = np.argsort(seen.amplitude)
+    order = order[seen.amplitude[order] > 0.03 * seen.amplitude.max()]
+    count = len(order)
+    frequency = seen.frequency[order] + 0.02 * rng.standard_normal(count)
+    damping = seen.damping[order] * (1.0 + 0.02 * rng.standard_normal(count))
+    np.savez(folder / "structure.npz", M=matrices.mass, K=matrices.stiffness, contact_map=matrices.contact_map,
+             areas=matrices.areas, points=matrices.points, preload=matrices.preload,
+             **{f"outputs/{name}": row for name, row in matrices.outputs.items()})
+    np.savetxt(folder / "backbone.csv", np.c_[1e6 * seen.amplitude[order], frequency, 100.0 * damping], delimiter=",",
+               header="a,f,zeta", comments="")
+    (folder / "recording.toml").write_text(TOML.format(bolts=bolts, of=of))
+    return read_structure_recording(folder)
+
+
+@pytest.fixture(scope="module")
+def sprung(structures, tmp_path_factory):
+    """Return a recording of a lapped beam with asperities whose stiffness follows the root of the pressure."""
+    beam = structures.lap_beam(25)
+    pressure = np.abs(beam.contact_map @ beam.preload)[2::3] / beam.areas
+    springs = 3e12 * beam.areas * np.sqrt(pressure / (3.0 / beam.areas.sum()))
+    decay = structures.decay_in_time(beam, 10, springs, 0.45, 8e3, 1e-3, 9e-5, 200)
+    return write(tmp_path_factory.mktemp("sprung"), beam, decay, '"2 kN", "20 kN"', "tip")
+
+
+def test_asperities_of_a_lapped_beam_are_named(sprung):
+    found = diagnose_structure(sprung, True, lambda share, text: None)
+    assert found.verdict is Verdict.NAMED
+    assert found.effects == ("contact-stiffness",)
+    values = {one.name: one for one in found.parameters}
+    area = sprung.matrices.areas.sum()
+    stiffness = values["contact-stiffness.stiffness"]
+    assert stiffness.low < 3e12 / 1.2 * area < stiffness.high
+    assert found.held_out.after < 0.2 * found.held_out.before
+    written = found.to_json()
+    json.dumps(written)
+    assert written["verdict"] == "named"
+    assert written["location"]["channel"] in ("frequency", "damping")
+
+
+def test_nothing_is_missing_from_rigid_sliders(structures, tmp_path):
+    rng = np.random.default_rng(5)
+    stiffness, limits = rng.uniform(500.0, 1500.0, 40), rng.uniform(0.005, 0.1, 40)
+    matrices = structures.sliders(stiffness, limits, 2.0, 1e6)
+    frequency = np.sqrt((1e6 + stiffness.sum()) / 2.0) / (2.0 * np.pi)
+    step = 1.0 / (200.0 * frequency)
+    damper = 2.0 * 1e-3 * 2.0 * np.pi * frequency * 2.0  # a damping ratio of 0.1 %
+    decay = structures.newmark(2.0, 1e6, stiffness, limits, 8e-5, step, 200 * 150, damper)
+    time = step * np.arange(len(decay))
+    recording = write(tmp_path, matrices, (time, decay, frequency), '"0.3 N", "3 N"', "head")
+    found = diagnose_structure(recording, True, lambda share, text: None)
+    assert found.verdict is Verdict.NONE
+    assert found.effects == ()
+    product = np.prod([one.value for one in found.parameters if one.name != "structure.modal_damping"])
+    assert product == pytest.approx(1.0, rel=0.1)  # bolt load times friction, which alone a backbone tells
+
+
+def test_noise_is_read_off_neighbours_and_points_are_averaged(sprung):
+    place = np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 4000))
+    values = 3.0 + place**2 + 0.01 * np.random.default_rng(2).standard_normal(4000)
+    assert scatter(place, values) == pytest.approx(0.01, rel=0.05)
+    points = Points.of(sprung.backbone)
+    assert len(points.amplitude) <= 24
+    assert np.all(np.diff(points.amplitude) > 0.0)
+    assert points.frequency_sd.max() < 0.2
+
+
+def test_the_recorded_mode_is_that_of_the_frequency_or_the_stated_one(sprung):
+    experiment = StructureExperiment.of(sprung)
+    assert experiment.mode == 0
+    assert experiment.measurement.channels == ("frequency", "damping")
+    assert experiment.measurement.held_out.sum() == 2 * max(1, round(len(experiment.points.amplitude) / 3.0))
+    assert {"contact-stiffness", "bending-gap", "joint-damping"} <= set(experiment.candidates())

@@ -1,0 +1,1 @@
+"""Structures with friction joints: frequency and damping over amplitude, ring-downs, responses under control."""

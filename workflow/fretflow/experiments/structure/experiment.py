@@ -1,0 +1,307 @@
+"""The backbone of a structure under the inference engine: frequency and damping of one mode over its amplitude.
+
+What the baseline refits is the bolt load, the friction coefficient and the modal damping of the structure without its
+joint; a value that is stated counts as known to `STATED`. Predictions are quasi-static (`solvers.nonlinear_modes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from fretflow.contact.coulomb import Coulomb
+from fretflow.core.errors import ConfigError, InputError, NonConvergenceError
+from fretflow.effects.catalogue import catalogue, check_together
+from fretflow.effects.effect import Prior
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
+from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, Backbone, StructureRecording
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
+from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, condensed
+from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
+from fretflow.structure.reduction.contact_modes import ReducedStructure, reduce_structure
+
+Array = NDArray[np.float64]
+
+STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
+MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
+NEGLIGIBLE_DAMPING = 1e-7  # in place of a damping ratio of zero, whose logarithm there is not
+MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighbours tell the same
+LEVELS = 24  # of amplitude that are predicted, between which is interpolated
+# From so many contact points on curves are smooth, so that half the levels and two thirds of the steps of load do.
+MANY, LEVELS_OF_MANY, STEPS_OF_MANY = 40, 12, 8
+MODES = 8  # among which the recorded one is looked for
+HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
+RETRIES = 6  # each with two thirds of the largest load, where the joint slides as a whole under it
+ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
+POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, MODAL_UNIT: 0}  # of the angular frequency, in an amplitude of motion
+
+
+@dataclass(frozen=True)
+class Points:
+    """P points of a measured backbone, averaged: amplitude as recorded, frequency (Hz), damping, and their sd (P,)."""
+
+    amplitude: Array
+    frequency: Array
+    damping: Array | None
+    frequency_sd: Array
+    damping_sd: Array
+
+    @classmethod
+    def of(cls, backbone: Backbone) -> Points:
+        """Return at most `MOST_POINTS` points; noise that is not stated is read off how neighbours differ."""
+        count = len(backbone.amplitude)
+        place = np.log(backbone.amplitude)
+        groups = [own for own in np.array_split(np.arange(count), min(count, MOST_POINTS)) if len(own)]
+        size = np.sqrt([len(own) for own in groups])
+
+        def averaged(values: Array) -> Array:
+            return np.array([values[own].mean() for own in groups])
+
+        def noise(values: Array, stated: float | None, name: str) -> Array:
+            one = stated if stated is not None else max(scatter(place, values), 1e-12)
+            if stated is None and count < 8:
+                one = ROUGH[name] * float(np.mean(values))
+            return np.maximum(one / size, 1e-6 * np.abs(averaged(values)))
+
+        damping = backbone.damping
+        return cls(amplitude=np.exp(averaged(place)), frequency=averaged(backbone.frequency),
+                   damping=None if damping is None else averaged(damping),
+                   frequency_sd=noise(backbone.frequency, backbone.frequency_sd, "frequency"),
+                   damping_sd=np.zeros(0) if damping is None else noise(damping, backbone.damping_sd, "damping"))
+
+    def first(self, count: int) -> Points:
+        """Return the `count` points of the smallest amplitudes."""
+        return Points(self.amplitude[:count], self.frequency[:count],
+                      None if self.damping is None else self.damping[:count], self.frequency_sd[:count],
+                      self.damping_sd[:count])
+
+
+def scatter(place: Array, values: Array) -> float:
+    """Return the sd of values (P,) about straight lines through both neighbours, robust against few outliers."""
+    if len(values) < 3:
+        return 0.0
+    gap = np.maximum(place[2:] - place[:-2], 1e-12)
+    weight = np.clip((place[1:-1] - place[:-2]) / gap, 0.0, 1.0)
+    left = values[1:-1] - (1.0 - weight) * values[:-2] - weight * values[2:]
+    return float(1.4826 * np.median(np.abs(left / np.sqrt(1.0 + weight**2 + (1.0 - weight)**2))))
+
+
+@dataclass(frozen=True)
+class StructureExperiment:
+    """A structure's model against a backbone."""
+
+    recording: StructureRecording
+    structure: ReducedStructure
+    points: Points
+    mode: int  # among the linear modes of the preloaded structure, from 0
+    steps: int = STEPS
+    levels: int = LEVELS
+
+    @classmethod
+    def of(cls, recording: StructureRecording) -> StructureExperiment:
+        """Return the experiment of a recording with a backbone.
+
+        Raises
+        ------
+        InputError
+            If the structure has no such mode, or nothing presses its joint together.
+        """
+        if recording.backbone is None:
+            raise InputError(f"{recording.path}: has no [backbone]")
+        bare = cls(recording, reduce_structure(recording.matrices), Points.of(recording.backbone), 0)
+        found = replace(bare, mode=bare._recorded_mode())
+        highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
+        kept = max(MODES, int(np.sum(found.structure.eigenvalues < highest**2)))
+        found = replace(found, structure=condensed(found.structure, kept))
+        return replace(found, levels=LEVELS_OF_MANY, steps=STEPS_OF_MANY) if found.many else found
+
+    @property
+    def many(self) -> bool:
+        """Return whether there are so many contact points that predictions take their time."""
+        return self.structure.contacts > MANY
+
+    def _recorded_mode(self) -> int:
+        """Return the mode that is stated, or that whose frequency is nearest with a motion of the named output."""
+        backbone = self._backbone
+        space = self.parameters(())
+        modes = self.joint(Point(space, np.zeros(space.size))).linear_modes(MODES)
+        if backbone.mode is not None:
+            if backbone.mode > len(modes):
+                raise InputError(f"backbone.mode: {backbone.mode} is beyond the {len(modes)} first modes")
+            return backbone.mode - 1
+        distance = np.array([abs(log(one.frequency / float(self.points.frequency[0]))) for one in modes])
+        return int(np.argmin(distance))
+
+    @property
+    def _backbone(self) -> Backbone:
+        if self.recording.backbone is None:
+            raise InputError(f"{self.recording.path}: has no [backbone]")
+        return self.recording.backbone
+
+    @cached_property
+    def measurement(self) -> Measurement:
+        """Return frequencies, then damping ratios; the place along the backbone stands for half of a loop's phase."""
+        own, count = self.points, len(self.points.amplitude)
+        fine = self._fine
+        blocks = [(own.frequency, own.frequency_sd)]
+        if own.damping is not None:
+            blocks.append((own.damping, own.damping_sd))
+        parts, rows = len(blocks), len(blocks) * count
+        values = np.concatenate([values for values, _ in blocks])
+        place = np.log(own.amplitude)
+        share = np.tile(0.5 * (place - place[0]) / max(float(np.ptp(place)), 1e-12), parts)
+        matrices = np.r_[MATRICES * own.frequency, np.zeros(rows - count)]
+        gain = np.concatenate([np.gradient(values, place) for values, _ in blocks]) * self._backbone.calibration_sd
+        noise = np.concatenate([sd**2 for _, sd in blocks])
+        # points of a mesh slide one by one: a model cannot tell the continuum better than its own curve is smooth
+        rough = np.repeat([scatter(place, one) for one in fine.reshape(parts, count)], count)
+        last = np.arange(count) >= count - max(1, round(HELD_OUT * count))
+        return Measurement(
+            values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain]),
+            code_error=(fine - self._coarse)[:, None], repeatable=noise / (noise + rough**2),
+            channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
+            group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
+            condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
+
+    @cached_property
+    def _coarse(self) -> Array:
+        """Return what the middle of the baseline's ranges predicts, (M,)."""
+        return self.predict(Point(self.parameters(()), np.zeros(3))).values
+
+    @cached_property
+    def _fine(self) -> Array:
+        """Return the same with twice the steps of load and levels of amplitude."""
+        return replace(self, steps=2 * self.steps, levels=2 * self.levels)._coarse
+
+    def candidates(self) -> tuple[str, ...]:
+        """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
+        return tuple(name for name, kind in catalogue().items() if "bolted" in vars(kind))
+
+    def together(self, effects: Sequence[str]) -> bool:
+        """Tell whether effects may act at once."""
+        try:
+            check_together([catalogue()[name]() for name in effects])
+        except ConfigError:
+            return False
+        return True
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the coordinates of bolt load, friction and modal damping, and of `effects`."""
+        baseline = []
+        for name in ("bolt_load", "friction_coefficient", "modal_damping"):
+            if name in self.recording.unknown:
+                low, high = (log(end) for end in self.recording.unknown[name])
+                baseline.append(Coordinate("", name, 0.5 * (low + high), (high - low) / WIDTH, True))
+            else:
+                value = max(self.recording.known[name], NEGLIGIBLE_DAMPING)
+                baseline.append(Coordinate("", name, log(value), STATED, True))
+        return Parameters.of(baseline, effects, signs, self._scaled)
+
+    def _scaled(self, effect: str, field: str, prior: Prior) -> Prior:
+        """Return a range of the catalogue, which is a rig's, at the size of the structure."""
+        most = TYPICAL["modal_damping"][1] if self.points.damping is None else float(self.points.damping[-1])
+        return catalogue()[effect].bolted_range(field, prior, self._bare[0], (self._largest_modal, most))
+
+    def joint(self, point: Point) -> BoltedJoint:
+        """Return the joint of a hypothesis."""
+        own = point.parameters.values(point.z)[""]
+        joint = BoltedJoint(structure=self.structure, bolt_load=own["bolt_load"],
+                            law=Coulomb(friction_coefficient=np.array(own["friction_coefficient"])),
+                            modal_damping=own["modal_damping"])
+        for effect in sorted(point.built(), key=lambda effect: (effect.acts_at, effect.id)):
+            joint = effect.bolted(joint)
+        return joint
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the backbone of a hypothesis at the recorded amplitudes.
+
+        Raises
+        ------
+        NonConvergenceError
+            If no amplitude has an equilibrium.
+        """
+        joint = self.joint(point)
+        mode = joint.linear_modes(self.mode + 1)[self.mode]
+        curve = self.backbone(joint, mode)
+        seen = self._seen(curve, mode)
+        order = np.argsort(seen)
+        place = np.log(seen[order])
+        keep = np.r_[True, np.diff(place) > 1e-9]
+        place, order = place[keep], order[keep]
+        at = np.log(self.points.amplitude)
+        frequency = _along(place, curve.frequency[order], at)
+        values = [frequency]
+        if self.points.damping is not None:
+            values.append(_along(place, curve.damping[order], at))
+        return Prediction(point, np.concatenate(values), curve)
+
+    def backbone(self, joint: BoltedJoint, mode: LinearMode) -> ModalBackbone:
+        """Return the backbone over the recorded amplitudes, or as far as the joint does not slide as a whole."""
+        first, last = (float(self.points.amplitude[k]) / self._gain(mode) for k in (0, -1))
+        top = last
+        for _ in range(RETRIES):
+            try:
+                return quasi_static_backbone(joint, mode, np.geomspace(0.7 * first, max(top, 0.8 * first), self.levels),
+                                             steps=self.steps)
+            except NonConvergenceError:
+                top *= 2.0 / 3.0
+        raise NonConvergenceError("backbone: the joint slides as a whole at all recorded amplitudes")
+
+    def _gain(self, mode: LinearMode) -> float:
+        """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""
+        name = self._backbone.amplitude_of
+        if name not in self.structure.outputs or self._backbone.amplitude_unit == MODAL_UNIT:
+            return 1.0
+        on_contact, on_modes = self.structure.outputs[name]
+        size = abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
+        if not size > 0.0:
+            raise InputError(f"backbone.amplitude_of: mode {self.mode + 1} does not move {name!r}; name the mode by "
+                             "backbone.mode, or another output")
+        return size * float((2.0 * np.pi * mode.frequency)**POWERS[self._backbone.amplitude_unit])
+
+    def _seen(self, curve: ModalBackbone, mode: LinearMode) -> Array:
+        """Return the amplitudes of a backbone as they were recorded."""
+        name = self._backbone.amplitude_of
+        if self._backbone.amplitude_unit == MODAL_UNIT:
+            return curve.amplitude
+        moved = np.abs(curve.outputs[:, curve.output_names.index(name)])
+        return np.asarray(moved * (2.0 * np.pi * curve.frequency)**POWERS[self._backbone.amplitude_unit])
+
+    @cached_property
+    def _bare(self) -> tuple[BoltedJoint, LinearMode]:
+        baseline = Parameters.of([Coordinate("", name, log(max(value, NEGLIGIBLE_DAMPING)), STATED, True)
+                                  for name, value in self._middles.items()], ())
+        joint = self.joint(Point(baseline, np.zeros(3)))
+        return joint, joint.linear_modes(self.mode + 1)[self.mode]
+
+    @property
+    def _middles(self) -> dict[str, float]:
+        return {name: self.recording.known.get(name) or float(np.sqrt(np.prod(self.recording.unknown[name])))
+                for name in ("bolt_load", "friction_coefficient", "modal_damping")}
+
+    @cached_property
+    def _largest_modal(self) -> float:
+        return float(self.points.amplitude[-1]) / self._gain(self._bare[1])
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return the changes (M, V) from a prediction to hypotheses, each predicted."""
+        return differences(self, prediction, points)
+
+    def finer(self) -> Experiment | None:
+        """Return nothing: smaller steps are a matter of `code_error`."""
+        return None
+
+
+def _along(place: Array, values: Array, at: Array) -> Array:
+    """Return values (L,) over rising places interpolated at others; outside they go on in a straight line."""
+    inside = PchipInterpolator(place, values)
+    ends = np.clip(at, place[0], place[-1])
+    slope = inside.derivative()(ends)
+    return np.asarray(inside(ends) + slope * (at - ends))

@@ -1,0 +1,1 @@
+"""Kinds of recordings that are read by a file of their own."""
