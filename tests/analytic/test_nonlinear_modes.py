@@ -170,7 +170,7 @@ def test_a_decay_in_time_has_the_modes_frequency_and_damping(structures):
     mode = joint.linear_modes(1)[0]
     decay = ring_down(joint, mode, 9e-5, 120, modes=3)
     seen = instantaneous_mode(decay.time, decay.outputs[:, 0], mode.frequency)
-    curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60))
+    curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60), Loading.CYCLES, 60)
     order = np.argsort(np.abs(curve.outputs[:, 0]))
     inside = (seen.amplitude > 3e-5) & (seen.amplitude < 1.1e-4)
     assert inside.sum() > 5
@@ -188,7 +188,7 @@ def test_backbone_of_sliders_is_that_of_a_decay_by_another_integrator(structures
     step = 1.0 / (400.0 * mode.frequency)
     decay = structures.newmark(MASS, FIRM, stiffness, limits, 8e-5, step, 400 * 100)
     seen = instantaneous_mode(step * np.arange(len(decay)), decay, mode.frequency)
-    curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60) * np.sqrt(MASS))
+    curve = quasi_static_backbone(joint, mode, np.geomspace(1e-5, 9e-5, 60) * np.sqrt(MASS), Loading.CYCLES, 60)
     inside = (seen.amplitude > 3.5e-5) & (seen.amplitude < 7e-5)
     order = np.argsort(curve.amplitude)
     frequency, damping = (np.interp(seen.amplitude[inside] * np.sqrt(MASS), curve.amplitude[order], values[order])

@@ -64,9 +64,10 @@ def test_asperities_of_a_lapped_beam_are_named(sprung):
     assert found.verdict is Verdict.NAMED
     assert found.effects == ("contact-stiffness",)
     values = {one.name: one for one in found.parameters}
-    area = sprung.matrices.areas.sum()
-    stiffness = values["contact-stiffness.stiffness"]
-    assert stiffness.low < 3e12 / 1.2 * area < stiffness.high
+    # the stiffness itself goes with the pressure at which it is stated, which a backbone does not tell
+    for name, truth in (("structure.bolt_load", 8e3), ("structure.friction_coefficient", 0.45),
+                        ("contact-stiffness.exponent", 0.5)):
+        assert values[name].low < truth < values[name].high
     assert found.held_out.after < 0.2 * found.held_out.before
     written = found.to_json()
     json.dumps(written)

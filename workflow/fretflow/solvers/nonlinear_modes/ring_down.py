@@ -115,6 +115,8 @@ def instantaneous_mode(time: Array, signal: Array, frequency: float) -> Instanta
     scale = float(line @ line) * step
     turning, falling = (np.array([line @ values[k:k + width] for k in at]) / scale for values in (phase, logarithm))
     turning = turning + 2.0 * np.pi * frequency
+    if len(at) > 2:  # the action omega A^2 falls by 2 zeta omega: as the frequency rises in a decay, A falls the faster
+        falling = falling + 0.5 * np.gradient(np.log(turning), width * step)
     natural = np.hypot(turning, falling)
     return InstantaneousMode(amplitude=np.exp([float(logarithm[k:k + width].mean()) for k in at]),
                              frequency=natural / (2.0 * np.pi), damping=-falling / natural)
