@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from fretflow.experiments.structure.experiment import Points, StructureExperiment, scatter
+from fretflow.experiments.structure.experiment import Points, StructureExperiment, scatter, with_backbone
 from fretflow.experiments.structure.run import diagnose_structure
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
@@ -108,3 +108,26 @@ def test_the_recorded_mode_is_that_of_the_frequency_or_the_stated_one(sprung):
     assert experiment.measurement.channels == ("frequency", "damping")
     assert experiment.measurement.held_out.sum() == 2 * max(1, round(len(experiment.points.amplitude) / 3.0))
     assert {"contact-stiffness", "bending-gap", "joint-damping"} <= set(experiment.candidates())
+
+
+def test_a_ring_down_alone_is_read_as_its_backbone(structures, tmp_path):
+    rng = np.random.default_rng(5)
+    stiffness, limits = rng.uniform(500.0, 1500.0, 40), rng.uniform(0.005, 0.1, 40)
+    matrices = structures.sliders(stiffness, limits, 2.0, 1e6)
+    frequency = np.sqrt((1e6 + stiffness.sum()) / 2.0) / (2.0 * np.pi)
+    step = 1.0 / (100.0 * frequency)
+    decay = structures.newmark(2.0, 1e6, stiffness, limits, 8e-5, step, 100 * 100, 5.0)
+    recording = write(tmp_path, matrices, (step * np.arange(len(decay)), decay, frequency), '"0.3 N", "3 N"', "head")
+    np.savetxt(tmp_path / "ring.csv", np.c_[step * np.arange(len(decay)), 1e6 * decay], delimiter=",", header="t,x",
+               comments="")
+    text = TOML.format(bolts='"0.3 N", "3 N"', of="head").split("[backbone]")[0]
+    (tmp_path / "recording.toml").write_text(text + """[ring_down]
+file = "ring.csv"
+time = { column = "t", unit = "s" }
+head = { column = "x", unit = "um" }
+""")
+    found = with_backbone(read_structure_recording(tmp_path)).backbone
+    top = found.amplitude > 2e-5
+    told = recording.backbone
+    assert top.sum() > 5
+    assert np.interp(found.amplitude[top], told.amplitude, told.damping) == pytest.approx(found.damping[top], rel=0.1)

@@ -21,10 +21,11 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Prior
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
-from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, Backbone, StructureRecording
+from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, Backbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, condensed
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
+from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
 from fretflow.structure.reduction.contact_modes import ReducedStructure, reduce_structure
 
 Array = NDArray[np.float64]
@@ -83,6 +84,35 @@ class Points:
                       self.damping_sd[:count])
 
 
+def with_backbone(recording: StructureRecording) -> StructureRecording:
+    """Return a recording with the backbone that its decay tells, where it has no other.
+
+    Raises
+    ------
+    InputError
+        If no channel of the decay is an output of the structure, or it is too short.
+    """
+    decay = recording.ring_down
+    if recording.backbone is not None or decay is None:
+        return recording
+    name = next((one for one in decay.channels if one in recording.matrices.outputs), None)
+    if name is None:
+        raise InputError(f"ring_down: none of {', '.join(decay.channels)} is an output of the structure; it has "
+                         f"{', '.join(recording.matrices.outputs) or 'none'}")
+    signal = decay.channels[name]
+    step = float(np.median(np.diff(decay.time)))
+    lines = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
+    seen = instantaneous_mode(decay.time, signal, float(np.argmax(lines)) / (len(signal) * step))
+    rising = np.argsort(seen.amplitude)
+    rising = rising[(seen.damping[rising] > 0.0) & (seen.amplitude[rising] > 0.0)]
+    if len(rising) < FEWEST:
+        raise InputError("ring_down: too little of it decays to tell frequency and damping over amplitude")
+    return replace(recording, backbone=Backbone(
+        amplitude_of=name, mode=None, amplitude=seen.amplitude[rising], amplitude_unit=decay.units[name],
+        frequency=seen.frequency[rising], damping=seen.damping[rising], frequency_sd=None, damping_sd=None,
+        calibration_sd=0.0))
+
+
 def scatter(place: Array, values: Array) -> float:
     """Return the sd of values (P,) about straight lines through both neighbours, robust against few outliers."""
     if len(values) < 3:
@@ -113,8 +143,10 @@ class StructureExperiment:
         InputError
             If the structure has no such mode, or nothing presses its joint together.
         """
+        recording = with_backbone(recording)
         if recording.backbone is None:
-            raise InputError(f"{recording.path}: has no [backbone]")
+            raise InputError(f"{recording.path}: has neither [backbone] nor [ring_down]; responses alone are not "
+                             "compared yet")
         bare = cls(recording, reduce_structure(recording.matrices), Points.of(recording.backbone), 0)
         found = replace(bare, mode=bare._recorded_mode())
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())

@@ -168,8 +168,10 @@ def _notes(experiment: StructureExperiment) -> list[str]:
              f"motions that strain nothing; mode {experiment.mode + 1} is compared"]
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
-    if experiment.recording.responses or experiment.recording.ring_down is not None:
-        notes.append("the backbone alone is compared; frf and ring_down are read, and not compared yet")
+    if experiment.recording.responses:
+        notes.append("responses (frf) are read, and not compared yet")
+    if experiment.recording.ring_down is not None:
+        notes.append("the backbone alone is compared; where there is none, that of the first output in ring_down is")
     return notes
 
 
