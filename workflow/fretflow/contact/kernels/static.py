@@ -23,7 +23,7 @@ Indices = NDArray[np.int64]
 STICK, SLIP, SEPARATION = int(ContactState.STICK), int(ContactState.SLIP), int(ContactState.SEPARATION)
 CAREFUL = 14  # iterations, after which one point changes its state at a time, as states go round in circles
 PIVOTS = 3  # times as many iterations as there are points may follow
-MOST_PARTS = 64
+MOST_PARTS = 10  # of a step of load, which then is some eighth of it: beyond, no equilibrium is near
 
 
 class StaticContact(NamedTuple):

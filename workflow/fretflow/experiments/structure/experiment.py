@@ -40,6 +40,8 @@ MANY, LEVELS_OF_MANY, STEPS_OF_MANY = 40, 12, 8
 MODES = 8  # among which the recorded one is looked for
 HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
 RETRIES = 6  # each with two thirds of the largest load, where the joint slides as a whole under it
+SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
+          "the unit of the amplitude")
 ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
 POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, MODAL_UNIT: 0}  # of the angular frequency, in an amplitude of motion
 
@@ -202,10 +204,25 @@ class StructureExperiment:
             group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
             condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
 
+    def first_prediction(self) -> Prediction:
+        """Return what the baseline predicts in the middle of its ranges; where all slides there, with tighter bolts.
+
+        Raises
+        ------
+        NonConvergenceError
+            If all slides there too.
+        """
+        space = self.parameters(())
+        tight = np.array([one.field == "bolt_load" for one in space.coordinates], dtype=float)
+        try:
+            return self.predict(Point(space, np.zeros(space.size)))
+        except NonConvergenceError:
+            return self.predict(Point(space, 0.5 * WIDTH * tight))
+
     @cached_property
     def _coarse(self) -> Array:
         """Return what the middle of the baseline's ranges predicts, (M,)."""
-        return self.predict(Point(self.parameters(()), np.zeros(3))).values
+        return self.first_prediction().values
 
     @cached_property
     def _fine(self) -> Array:
@@ -267,6 +284,8 @@ class StructureExperiment:
         place = np.log(seen[order])
         keep = np.r_[True, np.diff(place) > 1e-9]
         place, order = place[keep], order[keep]
+        if len(place) < 2:
+            raise NonConvergenceError(SLIDES)
         at = np.log(self.points.amplitude)
         frequency = _along(place, curve.frequency[order], at)
         values = [frequency]
@@ -284,7 +303,7 @@ class StructureExperiment:
                                              steps=self.steps)
             except NonConvergenceError:
                 top *= 2.0 / 3.0
-        raise NonConvergenceError("backbone: the joint slides as a whole at all recorded amplitudes")
+        raise NonConvergenceError(SLIDES)
 
     def _gain(self, mode: LinearMode) -> float:
         """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""

@@ -15,7 +15,6 @@ from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.structure import words
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import WIDTH
 from fretflow.inference.posterior import Found, decide, smallest_visible
@@ -49,7 +48,7 @@ def diagnose_structure(recording: StructureRecording, fast: bool, progress: Prog
     experiment = StructureExperiment.of(recording)
     progress(0.1, "refitting the baseline")
     pool = _one_by_one if tools is None else tools.pool
-    first = experiment.predict(Point(experiment.parameters(()), np.zeros(experiment.parameters(()).size)))
+    first = experiment.first_prediction()
     found = start_search(experiment, first, FAST if fast or experiment.many else FULL, pool)
     detection = _detect(found)
     if detection.p_value < FALSE_ALARMS:
