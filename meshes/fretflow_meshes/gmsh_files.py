@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 from fretflow.core.errors import MeshError
-from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP, GroupTag
+from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP, GroupTag, copied_mesh
 from numpy.typing import NDArray
 
 from fretflow_meshes.hexmesh import HexMesh
@@ -108,9 +108,8 @@ def read_mesh(path: Path) -> HexMesh:
         If the file or a group is missing, or a group holds elements other than hexahedra of 8 or 27 nodes and
         their faces.
     """
-    _check_is_msh(path)
-    with gmsh_session(path) as gmsh:
-        gmsh.merge(str(path))
+    with copied_mesh(path) as copy, gmsh_session(path) as gmsh:
+        gmsh.merge(str(copy))
         groups = _groups(gmsh, path)
         hexahedra = [kind for kind, _ in _TYPES.values()]
         connectivity = {BODY_GROUP: _elements(gmsh, path, BODY_GROUP, groups, hexahedra)}
@@ -124,17 +123,6 @@ def read_mesh(path: Path) -> HexMesh:
     number = {name: np.searchsorted(used, nodes) for name, nodes in connectivity.items()}
     return HexMesh(points=points, cells=number[BODY_GROUP], contact=number[CONTACT_GROUP],
                    clamped=number[CLAMPED_GROUP])
-
-
-def _check_is_msh(path: Path) -> None:
-    """Check that gmsh will take the file for a mesh; it runs any other text as a script."""
-    try:
-        with path.open("rb") as file:
-            is_mesh = path.suffix == ".msh" and file.read(1) == b"$"
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read ({error.strerror}); give the path of a .msh file") from error
-    if not is_mesh:
-        raise MeshError(f"{path}: is no .msh file; save the mesh in gmsh's format with that ending")
 
 
 def _groups(gmsh: Any, path: Path) -> dict[str, NDArray[np.int64]]:

@@ -45,7 +45,7 @@ def _working_window() -> str:
     environment = {**os.environ, WINDOW_VARIABLE: WINDOWS[0]}
     environment.pop("DISPLAY", None)
     try:
-        probe = subprocess.run([sys.executable, "-c", _PROBE], env=environment, capture_output=True,
+        probe = subprocess.run([sys.executable, "-P", "-c", _PROBE], env=environment, capture_output=True,
                                text=True, timeout=60, check=False)
     except subprocess.TimeoutExpired as error:
         raise PlatformError("pictures: OpenGL does not answer; "

@@ -224,3 +224,16 @@ def test_an_output_path_through_a_file_is_one_clear_error(pipeline, tmp_path):
     (tmp_path / "small").write_text("a file")
     with pytest.raises(StoreError, match="cannot be written"):
         pipeline.run(a_case())
+
+
+@pytest.mark.parametrize("make", [os.symlink, os.link, lambda _, lock: os.mkfifo(lock), lambda _, lock: lock.mkdir()])
+def test_a_lock_that_leads_elsewhere_is_refused_and_what_it_leads_to_stays(pipeline, tmp_path, make):
+    """The lock once wrote its process number into whatever file a link named."""
+    other = tmp_path / "other"
+    other.write_text("precious")
+    (tmp_path / "small").mkdir()
+    make(other, tmp_path / "small" / ".lock")
+    with pytest.raises(StoreError, match=r"\.lock: is .*no ordinary file; remove it"):
+        pipeline.run(a_case())
+    assert other.read_text() == "precious"
+    assert pipeline.calls == []

@@ -16,6 +16,7 @@ from fretflow import __version__
 from fretflow.cli.errors import describe, say
 from fretflow.cli.run import at_once, check_names, in_turn, leading, load
 from fretflow.core.errors import InputError
+from fretflow.pipeline.ranks import close_process
 
 app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
           exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
@@ -331,6 +332,7 @@ def show(case: Path, /) -> None:
 
 def main() -> None:
     """Run the command line and exit: 0 done, 2 bad input, 3 no convergence, 130 interrupted, 1 unexpected."""
+    close_process()
     _limit_threads()
     sys.exit(execute(sys.argv[1:]))
 

@@ -11,6 +11,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+PETSC_ARGUMENTS = ["fretflow", "-skip_petscrc"]  # results depend on no .petscrc of the working folder or the user
 SAMPLING_INTERVAL = 0.05  # s, between two looks at the memory
 
 # Module name (looked for among those loaded) and the distribution that states its version.

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.errors import MeshError
 from fretflow.core.records import quantity, record
 
 # Names of the physical groups that a mesh must have; a user's own mesh carries the same.
 CONTACT_GROUP = "contact"
 CLAMPED_GROUP = "clamped"
 BODY_GROUP = "body"
+_BEGINNINGS = (b"$MeshFormat", b"$NOD")  # of versions 2 to 4 and of version 1
 
 
 class GroupTag(IntEnum):
@@ -48,3 +55,33 @@ class MeshGeometry:
 
     points: NDArray[np.float64] = quantity("m", "(points, 3)")
     hexahedra: NDArray[np.int64] = quantity("1", "(cells, 8), VTK order")
+
+
+@contextmanager
+def copied_mesh(path: Path) -> Iterator[Path]:
+    """Yield a copy of the .msh file `path` that lies alone in a folder of its own, for gmsh to merge.
+
+    Beside ``NAME.msh`` gmsh looks for ``NAME.msh.opt`` and runs the commands in it, and it runs any text that is no
+    mesh as a script.
+
+    Raises
+    ------
+    MeshError
+        If the file cannot be read or copied, or is no mesh in gmsh's format.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise MeshError(f"{path}: is no file; give the path of a .msh file")
+        with path.open("rb") as file:
+            if path.suffix != ".msh" or not file.read(16).startswith(_BEGINNINGS):
+                raise MeshError(f"{path}: is no .msh file; save the mesh in gmsh's format with that ending")
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read ({error.strerror}); give the path of a .msh file") from error
+    with tempfile.TemporaryDirectory(prefix="fretflow-mesh-") as folder:
+        copy = Path(folder) / path.name
+        try:
+            shutil.copyfile(path, copy)
+        except OSError as error:
+            raise MeshError(f"{path}: cannot be copied to {folder} ({error.strerror}); free some space there, or name "
+                            "another folder by TMPDIR") from error
+        yield copy

@@ -20,7 +20,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from fretflow.core.errors import InputError, PlatformError
 from fretflow.pipeline.isolated import call_isolated
-from fretflow.pipeline.ranks import started_rank, started_size
+from fretflow.pipeline.ranks import CLOSED, started_rank, started_size
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -255,9 +255,10 @@ class _Isolated(Executor):
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    """Let processes that start meanwhile use `count` BLAS threads each."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(count)))
+    """Let processes that start meanwhile use `count` BLAS threads each, and import nothing from the working folder."""
+    variables = {**dict.fromkeys(THREAD_VARIABLES, str(count)), **CLOSED}
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:

@@ -25,7 +25,7 @@ def call_isolated(function: Callable[..., R], /, *args: Any, **kwargs: Any) -> R
     Exception
         What the function raises.
     """
-    done = subprocess.run([sys.executable, "-m", __name__], input=pickle.dumps((function, args, kwargs)),
+    done = subprocess.run([sys.executable, "-P", "-m", __name__], input=pickle.dumps((function, args, kwargs)),
                           capture_output=True, check=False)
     if done.returncode != 0:
         words = " ".join(done.stderr.decode(errors="replace")[-LAST_WORDS:].split())

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from fretflow.core.errors import FretflowError
+from fretflow.core.provenance import PETSC_ARGUMENTS
 
 POLL = 0.02  # s; a waiting rank sleeps between looks, so that it leaves its core to rank 0
 FORWARDING = 0.5  # s that mpirun gets to pass on a message before it kills all ranks
@@ -20,6 +21,22 @@ GRACE = 5.0  # s for the other ranks to leave a collective call that failed on o
 
 _SIZE_VARIABLES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
 _RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID")
+
+# Open MPI would start a daemon beside a single process, and both would listen on every network of the machine.
+_ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}
+# No process that starts imports from the folder that it works in, nor takes numba's cache from a file there.
+CLOSED = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", "")}
+
+
+def close_process() -> None:
+    """Let this process and those that it starts import nothing from the working folder and listen to nobody.
+
+    To be called before anything imports MPI. The ranks of mpirun have to listen to each other and go on to do so.
+    """
+    os.environ.update(CLOSED)
+    sys.path[:] = [folder for folder in sys.path if folder]
+    if not any(variable in os.environ for variable in _SIZE_VARIABLES + _RANK_VARIABLES):
+        os.environ.update(_ALONE)
 
 
 def started_size() -> int:
@@ -49,7 +66,7 @@ def keep_to_itself() -> None:
     import petsc4py
     from mpi4py import MPI
 
-    petsc4py.init(comm=MPI.COMM_SELF)
+    petsc4py.init(PETSC_ARGUMENTS, comm=MPI.COMM_SELF)
 
 
 class Ranks:

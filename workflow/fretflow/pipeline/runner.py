@@ -10,12 +10,13 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TextIO
 
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, slice_hash
@@ -255,10 +256,26 @@ def _writing(home: Path) -> Iterator[None]:
         ) from error
 
 
+def _own_file(path: Path) -> TextIO:
+    """Open the file `path`, made if it is not there, but nothing that stands elsewhere under that name."""
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+        handle = os.fdopen(number, "r+", encoding="utf-8")
+    except OSError as error:
+        if path.is_file() and not path.is_symlink():
+            raise
+        raise StoreError(f"{path}: is no ordinary file; remove it and run again") from error
+    state = os.fstat(number)
+    if stat.S_ISREG(state.st_mode) and state.st_nlink == 1:
+        return handle
+    handle.close()
+    raise StoreError(f"{path}: is a link or no ordinary file; remove it and run again")
+
+
 @contextmanager
 def _locked(home: Path) -> Iterator[None]:
     """Hold the run folder for this process; the system lets go of it however the process ends."""
-    with (home / ".lock").open("a+", encoding="utf-8") as handle:
+    with _own_file(home / ".lock") as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -266,7 +283,8 @@ def _locked(home: Path) -> Iterator[None]:
             holder = handle.read().strip() or "unknown"
             raise InputError(f"{home}: in use by another run (process {holder}); wait for it, "
                              "or choose another --out") from error
-        handle.truncate(0)
+        handle.seek(0)
         handle.write(str(os.getpid()))
+        handle.truncate()
         handle.flush()
         yield

@@ -20,6 +20,7 @@ from dolfinx.io import gmshio
 from petsc4py import PETSc
 
 from fretflow.core.errors import MeshError
+from fretflow.core.specimen_mesh import copied_mesh
 
 if TYPE_CHECKING:
     from dolfinx.mesh import Mesh
@@ -68,7 +69,10 @@ def gmsh_model(path: Path) -> Iterator[Any]:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add(path.stem)
         try:
-            gmsh.merge(str(path))
+            with copied_mesh(path) as copy:
+                gmsh.merge(str(copy))
+        except MeshError:
+            raise
         except Exception as error:  # gmsh raises nothing more specific
             raise MeshError(f"{path}: gmsh cannot read it ({error}); write the mesh again as .msh") from error
         yield gmsh

@@ -1,0 +1,148 @@
+"""What lies beside the input is not run, loaded or overwritten, and a single process listens to nobody.
+
+What carries the weight: each of these once ran a stranger's code, wrote into a file that nobody had named, or opened
+a port on every network.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from fretflow.case.config import Mesh, Specimen
+from fretflow.core.errors import MeshError
+from fretflow.pipeline import ranks
+from fretflow.pipeline.ensemble import LocalPool
+from fretflow.pipeline.isolated import call_isolated
+from fretflow_meshes.gmsh_files import read_mesh
+from fretflow_meshes.specimen import Side, build_specimen
+
+TRAP = "open({!r}, 'w').close()\nraise SystemExit('a module of the working folder was imported')\n"
+SHADOWED = ("multiprocessing", "psutil", "vtkmodules", "numba", "pickle")
+LISTENING = """
+import os, sys
+sys.argv[1:] = ["--version"]
+from fretflow.cli import main
+try:
+    main()
+except SystemExit:
+    pass
+import gmsh
+gmsh.initialize()
+import fretflow.structure.fem
+from mpi4py import MPI
+assert MPI.COMM_WORLD.size == 1
+children = open(f"/proc/self/task/{os.getpid()}/children").read().split()
+mine = set()
+for process in ["self", *children]:
+    folder = f"/proc/{process}/fd"
+    mine |= {os.readlink(f"{folder}/{name}") for name in os.listdir(folder) if os.path.islink(f"{folder}/{name}")}
+for table in ("tcp", "tcp6"):
+    for row in open(f"/proc/net/{table}").read().splitlines()[1:]:
+        cells = row.split()
+        if cells[3] == "0A" and f"socket:[{cells[9]}]" in mine:
+            print("listens", cells[1])
+print("children", *children)
+"""
+
+
+@pytest.fixture
+def mesh(tmp_path):
+    """Return a mesh beside which lie the commands that gmsh would run when it merges the file."""
+    path = tmp_path / "upper.msh"
+    build_specimen(Specimen(), Mesh(contact_elements=2), Side.UPPER, path)
+    Path(f"{path}.opt").write_text(f'SystemCall "touch {tmp_path}/ran";\n')
+    return path
+
+
+def test_gmsh_runs_no_commands_that_lie_beside_a_mesh(mesh):
+    read_mesh(mesh)
+    assert not (mesh.parent / "ran").exists()
+
+
+@pytest.mark.fem
+def test_nor_does_it_when_the_mesh_is_read_for_assembly(mesh):
+    from fretflow.structure.fem.mesh_file import read_mesh as read
+    from mpi4py import MPI
+
+    read(mesh, MPI.COMM_SELF)
+    assert not (mesh.parent / "ran").exists()
+
+
+@pytest.mark.fem
+def test_a_script_that_is_called_a_mesh_is_not_run(tmp_path):
+    from fretflow.structure.fem.mesh_file import read_mesh as read
+    from mpi4py import MPI
+
+    path = tmp_path / "script.msh"
+    path.write_text(f'SystemCall "touch {tmp_path}/ran";\n')
+    for reader in (read_mesh, lambda path: read(path, MPI.COMM_SELF)):
+        with pytest.raises(MeshError, match=r"script\.msh: is no \.msh file"):
+            reader(path)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_pipe_in_place_of_a_mesh_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.msh")
+    with pytest.raises(MeshError, match=r"pipe\.msh: is no file"):
+        read_mesh(tmp_path / "pipe.msh")
+
+
+@pytest.fixture
+def trapped(tmp_path, monkeypatch):
+    """Work in a folder whose modules are traps, and return the file that the traps leave."""
+    for name in SHADOWED:
+        (tmp_path / f"{name}.py").write_text(TRAP.format(str(tmp_path / "caught")))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    return tmp_path / "caught"
+
+
+def test_workers_import_nothing_from_the_working_folder(trapped):
+    with LocalPool(2) as pool:
+        assert pool(abs, [-1, -2]) == [1, 2]
+    assert call_isolated(abs, -3) == 3
+    assert not trapped.exists()
+
+
+@pytest.mark.render
+def test_nor_does_the_process_that_looks_for_opengl(trapped):
+    from fretflow_post.offscreen import _working_window
+
+    _working_window.cache_clear()
+    _working_window()
+    assert not trapped.exists()
+
+
+def test_the_command_line_closes_its_own_path_and_that_of_what_it_starts(monkeypatch):
+    for name in (*ranks.CLOSED, *ranks._ALONE, *ranks._SIZE_VARIABLES, *ranks._RANK_VARIABLES):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "path", ["", *sys.path])
+    ranks.close_process()
+    assert "" not in sys.path
+    assert os.environ["PYTHONSAFEPATH"] == "1"
+    assert os.environ["OMPI_MCA_btl"] == "self"
+    monkeypatch.delenv("OMPI_MCA_btl")
+    monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "0")  # started by mpirun, whose ranks have to reach each other
+    ranks.close_process()
+    assert "OMPI_MCA_btl" not in os.environ
+
+
+@pytest.mark.fem
+def test_a_single_process_listens_to_nobody_and_starts_no_daemon(tmp_path):
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("OMPI", "PMI", "PRTE"))}
+    done = subprocess.run([sys.executable, "-c", LISTENING], capture_output=True, text=True, timeout=120,
+                          env=environment, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1] == "children", done.stdout
+    assert "listens" not in done.stdout
+
+
+@pytest.mark.fem
+def test_options_of_petsc_in_the_working_folder_are_left_alone(tmp_path):
+    (tmp_path / ".petscrc").write_text("-fretflow_test 1\n")
+    program = ("import fretflow.structure.fem\nfrom petsc4py import PETSc\n"
+               "print(PETSc.Options().hasName('fretflow_test'))")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert done.stdout.split() == ["False"], done.stderr
