@@ -9,12 +9,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 from fretflow.case.config import Mesh, Specimen
-from fretflow.core.errors import MeshError
+from fretflow.cli import execute
+from fretflow.core.errors import InputError, MeshError
+from fretflow.core.records import quantity, record
+from fretflow.core.store import read_record, write_record
 from fretflow.pipeline import ranks
 from fretflow.pipeline.ensemble import LocalPool
 from fretflow.pipeline.isolated import call_isolated
+from fretflow.recordings.readers.tables import read_table
 from fretflow_meshes.gmsh_files import read_mesh
 from fretflow_meshes.specimen import Side, build_specimen
 
@@ -146,3 +152,79 @@ def test_options_of_petsc_in_the_working_folder_are_left_alone(tmp_path):
                "print(PETSc.Options().hasName('fretflow_test'))")
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.stdout.split() == ["False"], done.stderr
+
+
+@record
+class Secret:
+    """One number of a file that nobody named."""
+
+    value: float = quantity("1")
+
+
+def elsewhere(kind, file, folder):
+    """Put an item ``data`` into `file` that is read from elsewhere."""
+    other = folder / "other.h5"
+    with h5py.File(other, "w") as there:
+        there["data"] = np.arange(64.0)
+    if kind == "external storage":
+        (folder / "secret").write_bytes(np.arange(64.0).tobytes())
+        file.create_dataset("data", shape=(64,), dtype=float, external=[(str(folder / "secret"), 0, 512)])
+    elif kind == "virtual":
+        layout = h5py.VirtualLayout(shape=(64,), dtype=float)
+        layout[:] = h5py.VirtualSource(str(other), "data", shape=(64,))
+        file.create_virtual_dataset("data", layout)
+    else:
+        file["own"] = np.arange(64.0)
+        file["data"] = h5py.ExternalLink(str(other), "data") if kind == "external link" else h5py.SoftLink("/own")
+
+
+@pytest.mark.parametrize("kind", ["external storage", "virtual", "external link", "soft link"])
+def test_hdf5_is_read_from_the_named_file_alone(tmp_path, kind):
+    head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    for name in ("a.h5", "a.mat"):
+        with h5py.File(tmp_path / name, "w", userblock_size=512) as file:
+            elsewhere(kind, file, tmp_path)
+        content = (tmp_path / name).read_bytes()
+        if name == "a.mat":
+            (tmp_path / name).write_bytes(head.ljust(512, b"\0") + content[512:])
+        with pytest.raises(InputError, match=rf"{name}: /data is a link or lies in another file"):
+            read_table(tmp_path / name)
+    path = write_record(tmp_path / "record.h5", Secret(value=1.0))
+    with h5py.File(path, "a") as file:
+        group = file.create_group("below")
+        elsewhere(kind, group, tmp_path)
+        group["again"] = file["below"]  # links may run in a circle
+    with pytest.raises(InputError, match=r"record\.h5: /below/data is a link"):
+        read_record(path, Secret)
+
+
+STEERING = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"
+
+
+def test_text_of_files_and_paths_does_not_steer_the_terminal(tmp_path, capsys):
+    case = tmp_path / f"ca{STEERING}se.toml"
+    assert execute(["init", str(case)]) == 0
+    title = 'title = "a\\u001b]0;owned\\u0007\\u001b[2J title"'
+    lines = [line for line in case.read_text().splitlines() if not line.startswith("title")]
+    case.write_text("\n".join([title, *lines]))
+    assert execute(["show", str(case)]) == 0
+    case.write_text("x")
+    assert execute(["show", str(case)]) == 2
+    assert execute(["loops", str(case)]) == 2
+    seen = capsys.readouterr()
+    for text in (seen.out, seen.err):
+        assert "owned" in text
+        assert not set(text) & set(STEERING) - set("owned]0;[2J31m")
+
+
+def test_tables_and_lines_keep_rich_text_but_no_codes_of_the_user(capsys):
+    from fretflow.cli.report import Terminal, new_table
+
+    view = new_table(f"title {STEERING}", f"heading {STEERING}")
+    view.add_row(f"cell {STEERING}")
+    terminal = Terminal(force_terminal=True, color_system="truecolor", width=60)
+    terminal.print(view)
+    terminal.print(f"[bold]line[/bold] {STEERING}")
+    seen = capsys.readouterr().out
+    assert "\x1b[1mline\x1b[0m" in seen
+    assert not any(code in seen for code in ("\x1b]", "\x1b[2J", "\x9b", "\x07", "\u202e"))

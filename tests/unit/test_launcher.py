@@ -288,3 +288,8 @@ def test_other_pythons_do_not_mix_in(world):
     program.write_text('#!/bin/sh\necho ${PYTHONPATH-none} ${PYTHONHOME-none} $PYTHONNOUSERSITE $PETSC_DIR\n')
     _, out, _ = world.run("modes", PYTHONPATH="/opt/x", PYTHONHOME="/opt/y", PETSC_DIR="/opt/petsc")
     assert out == "none none 1 /usr/lib/petscdir/petsc-real\n"
+
+
+def test_no_module_is_taken_from_the_folder_of_the_call(world):
+    (world.root / "program").write_text('#!/bin/sh\necho "safe path $PYTHONSAFEPATH"\n')
+    assert world.run("modes")[1] == "safe path 1\n"

@@ -15,7 +15,7 @@ from cyclopts import App, Parameter
 from fretflow import __version__
 from fretflow.cli.errors import describe, say
 from fretflow.cli.run import at_once, check_names, in_turn, leading, load
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, printable
 from fretflow.pipeline.ranks import close_process
 
 app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
@@ -313,7 +313,7 @@ def init(path: Path = Path("case.toml"), /) -> None:
         raise InputError(f"{path}: exists and is left as it is; name another file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); name another file") from error
-    sys.stdout.write(f"{path} written; `fretflow run {path}` runs it\n")
+    sys.stdout.write(printable(f"{path} written; `fretflow run {path}` runs it\n"))
 
 
 @app.command

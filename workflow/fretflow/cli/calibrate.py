@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case
-from fretflow.cli.report import new_table, show_files
+from fretflow.cli.report import Terminal, new_table, show_files
 from fretflow.core.errors import InputError
 from fretflow.core.store import write_whole
 from fretflow.core.units import format_quantity
@@ -56,7 +54,7 @@ def calibrate_cases(cases: Sequence[Case], runner: Runner, out: Path) -> None:
 
 def show_rig(found: Identification) -> None:
     """Print the parameters with their intervals, the fit, and what the data determine together."""
-    console = Console()
+    console = Terminal()
     view = new_table("rig", "parameter", "case", "calibrated", "95 % interval", "by these data")
     for row in _parameters(found):
         view.add_row(row["name"], row["before"], row["after"], f"{row['low']} to {row['high']}",
@@ -81,7 +79,7 @@ def show_wear(case: Case, found: WearCoefficient) -> None:
     view.add_row("by the wear history", f"{found.value:.4g}, 95 % {low:.4g} to {high:.4g} by the volume's error")
     view.add_row("if volume were proportional", f"{found.proportional:.4g}")
     view.add_row("by the unworn contact's rate", f"{found.unworn:.4g}")
-    Console().print(view)
+    Terminal().print(view)
 
 
 def _parameters(found: Identification) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from fretflow.cli.report import Progress, new_table, show_files
+from fretflow.cli.report import Progress, Terminal, new_table, show_files
 from fretflow.core.errors import InputError
 from fretflow.core.store import write_csv, write_whole
 from fretflow.inference import words
@@ -50,7 +50,7 @@ def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file:
         found = diagnose(recording, fast=fast, home=home,
                          progress=lambda share, text: shown.advance("diagnose", share, text))
     files = _write(found, home, json_file, case_file)
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     _show(console, found)
     if case_file is not None and not found.case_file:
         console.print(f"{escape(str(case_file))} was not written: nothing is named that a case could add",

@@ -5,11 +5,10 @@ from __future__ import annotations
 from inspect import cleandoc
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
 
 from fretflow.case.casefile import entries
-from fretflow.cli.report import new_table, show_files
+from fretflow.cli.report import Terminal, new_table, show_files
 from fretflow.core.errors import InputError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.units import format_quantity
@@ -24,7 +23,7 @@ def list_effects() -> None:
     view.columns[0].no_wrap = True
     for name, kind in catalogue().items():
         view.add_row(name, kind.block, escape(kind.equation), escape("; ".join(kind.observables)))
-    Console().print(view)
+    Terminal().print(view)
 
 
 def show_effect(name: str, out: Path) -> Path:
@@ -39,7 +38,7 @@ def show_effect(name: str, out: Path) -> Path:
     if name not in known:
         raise InputError(f"{name}: there is no such effect; `fretflow effects` lists them")
     kind = known[name]
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     console.print(f"[bold]{name}[/bold]: {escape(kind.title)}")
     for paragraph in cleandoc(kind.__doc__ or "").split("\n\n"):
         console.print(escape(" ".join(paragraph.split())))

@@ -9,7 +9,7 @@ import traceback
 
 from cyclopts import CycloptsError
 
-from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError
+from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable
 from fretflow.pipeline.ranks import started_rank
 
 INTERRUPTED = 130
@@ -38,7 +38,7 @@ def describe(error: BaseException) -> tuple[str, int]:
 def say(message: str, code: int) -> int:
     """Write one line to stderr, once for all ranks unless it is a surprise of one of them, and return `code`."""
     if started_rank() == 0 or code == UNEXPECTED:
-        sys.stderr.write(f"fretflow: {' '.join(message.split())}\n")
+        sys.stderr.write(f"fretflow: {printable(' '.join(message.split()))}\n")
     return code
 
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from fretflow.cli.report import new_table, show_files
+from fretflow.cli.report import Terminal, new_table, show_files
 from fretflow.core.errors import ConfigError, InputError, UnreliableRecordingError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.store import write_csv, write_whole
@@ -76,7 +76,7 @@ def show_loops(path: Path, options: Mapping[str, str | None], normal_load: str |
     """
     recording, load = _recording(path, options, normal_load, frequency)
     sets, notes = _read(recording, load)
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     console.print(escape(recording.title))
     for found in sets:
         console.print(_lumped_table(found) if recording.kind is TestKind.LUMPED else _table(

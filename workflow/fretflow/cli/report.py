@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
+from rich.segment import Segment
 from rich.table import Table
 
+from fretflow.core.errors import printable
 from fretflow.pipeline.ranks import started_rank, started_size
 
 if TYPE_CHECKING:
@@ -27,11 +29,20 @@ if TYPE_CHECKING:
 MIB = 2**20
 
 
+class Terminal(Console):
+    """The user's terminal, on which text out of files and paths stays text: it moves no cursor and sets no title."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yield the segments of `renderable`, those that rich itself steers the terminal with as they are."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
+
 class Progress:
     """Shows how a run goes on: a bar with the time left on a terminal, and a line for each complete stage."""
 
     def __init__(self) -> None:
-        self._console = Console(quiet=started_rank() > 0)
+        self._console = Terminal(quiet=started_rank() > 0)
         self._task: TaskID | None = None
 
     def __enter__(self) -> Progress:
@@ -80,7 +91,7 @@ def show_case(case: Case) -> None:
     """Print every value of `case` in the units that engineers use."""
     from fretflow.case.casefile import entries
 
-    console, shown = Console(), list(entries(case))
+    console, shown = Terminal(), list(entries(case))
     if case.effects:
         from fretflow.effects.catalogue import parse_effects
 
@@ -97,7 +108,7 @@ def show_case(case: Case) -> None:
 
 def show_modes(specimens: Mapping[str, ReducedSpecimen]) -> None:
     """Print the natural frequencies of each specimen, full model against reduced."""
-    console = Console()
+    console = Terminal()
     for side, specimen in specimens.items():
         view = new_table(f"{side} specimen, back face clamped: {specimen.full_dofs:_} DOF against "
                          f"{len(specimen.stiffness)}", "mode", "full model, Hz", "Craig-Bampton, Hz", "error")
@@ -112,7 +123,7 @@ def show_modes(specimens: Mapping[str, ReducedSpecimen]) -> None:
 def show_summary(case: Case, figures: Sequence[Figure], trends: Sequence[Trend],
                  results: Mapping[str, StageResult]) -> None:
     """Print what a run found, the paper's trends and what each stage cost."""
-    console = Console()
+    console = Terminal()
     if figures:
         view = new_table(f"{case.name}: {case.title}" if case.title else case.name, "figure", "found")
         for figure in figures:
@@ -135,12 +146,12 @@ def show_summary(case: Case, figures: Sequence[Figure], trends: Sequence[Trend],
 def show_ended(done: int, total: int, name: str, failure: str) -> None:
     """Print that a case of several has ended."""
     state = f"failed: {failure}" if failure else "complete"
-    Console().print(f"{done} of {total}  {escape(name)}  {escape(state)}", highlight=False, soft_wrap=True)
+    Terminal().print(f"{done} of {total}  {escape(name)}  {escape(state)}", highlight=False, soft_wrap=True)
 
 
 def show_comparison(rows: Sequence[CaseComparison]) -> None:
     """Print one line a case: what was found, what was measured and the difference."""
-    console = Console(quiet=started_rank() > 0)
+    console = Terminal(quiet=started_rank() > 0)
     view = new_table("found, and beneath it what was measured", "case", "sliding, mean of test", "worn volume",
                      "regime", "time, s")
     for row in rows:
@@ -176,7 +187,7 @@ def _cubic_millimetres(value: float) -> str:
 
 def show_files(files: Sequence[Path], title: str) -> None:
     """Print the paths of `files`."""
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     console.print(f"{title}:")
     for file in files:
         console.print(f"  {escape(str(file))}", soft_wrap=True)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from fretflow.case.config import Case, load_case
-from fretflow.cli.report import Progress, new_table, show_files
+from fretflow.cli.report import Progress, Terminal, new_table, show_files
 from fretflow.core.errors import InputError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.units import parse_quantity
@@ -128,7 +126,7 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
             reasons.append(f"{peak.bridged_points} gaps bridged, {name}: there the curve could not be followed")
         if peak.reason:
             reasons.append(f"no damping for {peak.state}, {peak.excitation:g} N, {peak.direction}: {peak.reason}")
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     console.print(view)
     for reason in reasons:
         console.print(reason)

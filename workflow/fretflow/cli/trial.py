@@ -12,10 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from fretflow.cli.report import new_table, show_files
-from fretflow.core.errors import FretflowError, InputError
+from fretflow.cli.report import Terminal, new_table, show_files
+from fretflow.core.errors import FretflowError, InputError, printable
 from fretflow.core.provenance import commit, versions
 
 
@@ -50,7 +48,7 @@ def show_trial(cases: int, seed: int, fast: bool, jobs: int, out: Path) -> list[
 
 
 def _say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
+    sys.stdout.write(f"{printable(line)}\n")
     sys.stdout.flush()
 
 
@@ -60,4 +58,4 @@ def _show_targets(scores: Mapping[str, Any]) -> None:
         reached = "-" if one["value"] is None else f"{one['value']:.3g}"
         met = {None: "no case", True: "yes", False: "no"}[one["met"]]
         table.add_row(one["name"], reached, str(one["cases"]), one["target"], met)
-    Console(highlight=False).print(table)
+    Terminal(highlight=False).print(table)

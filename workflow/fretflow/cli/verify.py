@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from fretflow.case.config import load_case
+from fretflow.cli.report import Terminal
 from fretflow.core.errors import FretflowError, InputError
 from fretflow.pipeline.stage import CASE_FILE
 from fretflow.pipeline.stages import complete_stages
@@ -38,7 +38,7 @@ def verify(run: Path, periods: int, steps: int | None, out: Path) -> list[Path]:
     case = load_case(home / CASE_FILE)
     if given is not None:
         check_same_case(given, case, home)
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     checks = verify_run(case, folders, periods, steps, console.print)
     files = write_checks(home / FOLDER, checks)
     console.print(_table(checks))

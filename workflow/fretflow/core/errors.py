@@ -6,11 +6,20 @@ Every message is one line: the field or file, what is wrong, and the way out.
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 # What the system says where nothing can be written: the user's to mend.
 NO_SPACE = {errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT, errno.EFBIG}
+
+# What makes a terminal do things instead of showing them: control characters, and those that turn text around.
+_CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """Return `text`, which may come from a file or a path, without what would steer a terminal; lines stay."""
+    return _CONTROL.sub("", text)
 
 
 class FretflowError(Exception):

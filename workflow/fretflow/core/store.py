@@ -10,8 +10,8 @@ import csv
 import io
 import os
 import re
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import Field, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import StoreError
+from fretflow.core.errors import InputError, StoreError
 
 T = TypeVar("T")
 FORMAT = "fretflow-record/1"
@@ -50,6 +50,42 @@ def write_record(path: Path, record: Any) -> Path:
         image = file.id.get_file_image()
     write_whole(path, image)
     return path
+
+
+@contextmanager
+def open_hdf5(path: Path, refusal: type[InputError] = StoreError) -> Iterator[h5py.File]:
+    """Open the HDF5 file `path` for reading, provided that all it holds lies in itself.
+
+    Raises
+    ------
+    InputError
+        Of class `refusal`, naming what would be read from another file, or is a mere link.
+    OSError
+        If the file is no HDF5 or damaged.
+    """
+    with h5py.File(path, "r") as file:
+        try:
+            name = _elsewhere(file["/"], set())
+        except (KeyError, RuntimeError) as error:
+            raise OSError(f"damaged links, {error}") from error
+        if name is not None:
+            raise refusal(f"{path}: {name} is a link or lies in another file; save the data itself in this one")
+        yield file
+
+
+def _elsewhere(group: h5py.Group, seen: set[int]) -> str | None:
+    """Return the name of the first item of `group` that is not stored there, or below it, if any."""
+    for name in group:
+        if group.id.links.get_info(name.encode(errors="surrogateescape")).type != h5py.h5l.TYPE_HARD:
+            return f"{group.name.rstrip('/')}/{name}"
+        item = group[name]
+        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+            return str(item.name)
+        if isinstance(item, h5py.Group) and (place := h5py.h5o.get_info(item.id).addr) not in seen:
+            seen.add(place)
+            if found := _elsewhere(item, seen):
+                return found
+    return None
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -104,7 +140,7 @@ def read_record(path: Path, cls: type[T]) -> T:
     if not path.is_file():
         raise StoreError(f"{path}: no such result file; run the stage that writes it again")
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT or file.attrs.get("record") != cls.__name__:
                 raise StoreError(f"{path}: holds no {cls.__name__} of {FORMAT}; run again with --force")
             return _read_group(file, cls)

@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from fretflow.core.errors import FretflowError
+from fretflow.core.errors import FretflowError, printable
 from fretflow.core.provenance import PETSC_ARGUMENTS
 
 POLL = 0.02  # s; a waiting rank sleeps between looks, so that it leaves its core to rank 0
@@ -146,7 +146,7 @@ class Ranks:
 
 def _report(error: BaseException) -> None:
     if isinstance(error, FretflowError):
-        sys.stderr.write(f"fretflow: {error}\n")
+        sys.stderr.write(f"fretflow: {printable(str(error))}\n")
     else:
         traceback.print_exception(error)
     sys.stderr.flush()

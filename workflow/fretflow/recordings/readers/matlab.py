@@ -21,6 +21,7 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
+from fretflow.core.store import open_hdf5
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Array, Table
 
@@ -85,7 +86,7 @@ def load_matlab(path: Path) -> dict[str, Any]:
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, UnsupportedRecordingError) as file:
             content = {name: _from_hdf5(file, item) for name, item in file.items() if not name.startswith("#")}
     except (MatReadError, ValueError, TypeError, EOFError, KeyError, IndexError, zlib.error) as error:
         raise CorruptRecordingError(f"{path}: is no whole MATLAB file ({error}); save it again") from error

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
+from fretflow.core.store import open_hdf5
 from fretflow.recordings.notes import Note
 
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
 
 def _read_hdf5(path: Path, wanted: Sequence[str] | None) -> Table:
     columns, units = {}, {}
-    with h5py.File(path, "r") as file:
+    with open_hdf5(path, UnsupportedRecordingError) as file:
         there = [name for name, item in file.items() if isinstance(item, h5py.Dataset) and item.ndim == 1]
         for name in there if wanted is None else wanted:
             item = file.get(name)
