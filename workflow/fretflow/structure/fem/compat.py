@@ -6,25 +6,45 @@ Used in one way on both: `fem.form`, `fem.locate_dofs_topological`, `fem.Constan
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import logging
+import os
+import shutil
+import sys
+import tempfile
+import time
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import dolfinx.fem.petsc
+import dolfinx.jit
+import ffcx
 import gmsh
+import ufl
 from dolfinx import fem
 from dolfinx.io import gmshio
 from petsc4py import PETSc
 
-from fretflow.core.errors import MeshError
+from fretflow.core.errors import MeshError, PlatformError
 from fretflow.core.specimen_mesh import copied_mesh
 
 if TYPE_CHECKING:
     from dolfinx.mesh import Mesh
     from mpi4py import MPI
+
+T = TypeVar("T")
+_NEW = hasattr(fem, "functionspace")  # dolfinx 0.7 and later; what were parameters are options there
+_WORD = "options" if _NEW else "params"
+_JIT = {name: entry[0] for name, entry in getattr(
+    dolfinx.jit, f"DOLFINX_DEFAULT_JIT_{'OPTIONS' if _NEW else 'PARAMETERS'}").items()}
+_FORMS = {name: entry[-3 if len(entry) > 2 else 0] for name, entry in (
+    ffcx.options.FFCX_DEFAULT_OPTIONS if _NEW else ffcx.parameters.FFCX_DEFAULT_PARAMETERS).items()}
+_ABANDONED = 86400.0  # s; no compilation takes a day
+_MOST_WORDS = 300  # characters of the last failure that are passed on
 
 
 @contextmanager
@@ -42,10 +62,14 @@ def _quiet_compilation() -> Iterator[None]:
 
 def vector_space(mesh: Mesh, degree: int) -> Any:
     """Return the continuous Lagrange space of three-vectors of `degree` on `mesh`."""
-    with _quiet_compilation():
-        if hasattr(fem, "functionspace"):
-            return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-        return fem.VectorFunctionSpace(mesh, ("Lagrange", degree), dim=3)
+    if _NEW:
+        function, element = fem.functionspace, ("Lagrange", degree, (3,))
+    else:
+        function, element = fem.FunctionSpace, ufl.VectorElement("Lagrange", mesh.ufl_cell(), degree, dim=3)
+    if f"jit_{_WORD}" not in inspect.signature(function).parameters:  # 0.9 compiles no code for elements
+        return function(mesh, element)
+    what = f"vectors {element} {mesh.ufl_cell()}"
+    return _compiled(mesh.comm, what, lambda options: function(mesh, element, **options))
 
 
 def mesh_from_gmsh(comm: MPI.Comm) -> tuple[Mesh, Any]:
@@ -80,20 +104,92 @@ def gmsh_model(path: Path) -> Iterator[Any]:
         gmsh.finalize()
 
 
-def _compiled(form: Any) -> Any:
-    with _quiet_compilation():
-        return fem.form(form)
+def _form(form: Any) -> Any:
+    return _compiled(form.ufl_domain().ufl_cargo().comm, form.signature(), lambda options: fem.form(form, **options))
+
+
+def _compiled(comm: MPI.Comm, what: str, make: Callable[[dict[str, Any]], T]) -> T:
+    """Return what `make` makes with options for dolfinx, which keep the machine code of `what` in the user's cache.
+
+    ffcx waits for a file that an interrupted compiler never writes. So each piece is compiled in a new folder, which
+    gets its final name when it is complete. The options leave none to files in the working folder, which could have
+    gcc load a plug-in.
+
+    Raises
+    ------
+    PlatformError
+        On every rank, if it can be compiled neither in the cache nor in the folder for temporary files.
+    """
+    key = (what, dolfinx.__version__, ffcx.__version__, sys.implementation.cache_tag)
+    kept = _cache() / hashlib.sha256(repr(key).encode()).hexdigest()[:24]
+    failure = f"no folder can be made in {kept.parent}"
+    for parent in (kept, kept.parent, Path(tempfile.gettempdir())):
+        place = comm.bcast(_place(parent, kept) if comm.rank == 0 else None, root=0)
+        if place is None:
+            continue
+        waiting = {"timeout": 1} if place == kept else {}  # s; nobody is compiling in a folder that has its name
+        options = {f"jit_{_WORD}": _JIT | {"cache_dir": place} | waiting, f"form_compiler_{_WORD}": dict(_FORMS)}
+        made, trouble = None, ""
+        try:
+            with _quiet_compilation():
+                made = make(options)
+        except Exception as error:  # noqa: BLE001 - compiler, linker, loader and disk raise many kinds
+            trouble = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        finally:  # also where the user interrupts
+            if made is None and comm.rank == 0:
+                shutil.rmtree(place, ignore_errors=True)
+        troubles = [words for words in comm.allgather(trouble) if words]
+        if comm.rank == 0 and not troubles and place != kept:
+            _keep(place, kept)
+        if made is not None and not troubles:
+            return made
+        failure = troubles[0][-_MOST_WORDS:]
+    raise PlatformError(f"the equations cannot be compiled ({failure}); see that gcc works and that {kept.parent} has "
+                        "room, or name another cache by XDG_CACHE_HOME")
+
+
+def _cache() -> Path:
+    try:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # the user has no home
+        home = Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"
+    return home / "fretflow" / "forms"
+
+
+def _place(parent: Path, kept: Path) -> Path | None:
+    """Return the complete folder `kept` if it is asked for, or a new one in `parent`; None where there is none."""
+    try:
+        if parent == kept:  # code that another user may have put there is not run
+            state = kept.stat()
+            return kept if state.st_uid == os.getuid() and not state.st_mode & 0o022 else None
+        parent.mkdir(parents=True, exist_ok=True)
+        if parent == kept.parent:
+            for left in parent.glob("*.*"):
+                if time.time() - left.stat().st_mtime > _ABANDONED:
+                    shutil.rmtree(left, ignore_errors=True)
+        return Path(tempfile.mkdtemp(prefix=f"{kept.name}.", dir=parent))
+    except OSError:
+        return None
+
+
+def _keep(place: Path, kept: Path) -> None:
+    """Give what was compiled in `place` its final name, unless another process was first or the cache took nothing."""
+    if place.parent == kept.parent:
+        with suppress(OSError):
+            place.rename(kept)
+            return
+    shutil.rmtree(place, ignore_errors=True)
 
 
 def assemble_matrix(form: Any) -> PETSc.Mat:
     """Assemble the bilinear UFL `form` into a PETSc matrix."""
-    matrix = dolfinx.fem.petsc.assemble_matrix(_compiled(form))
+    matrix = dolfinx.fem.petsc.assemble_matrix(_form(form))
     matrix.assemble()
     return matrix
 
 
 def assemble_vector(form: Any) -> PETSc.Vec:
     """Assemble the linear UFL `form` into a PETSc vector, contributions of all ranks added."""
-    vector = dolfinx.fem.petsc.assemble_vector(_compiled(form))
+    vector = dolfinx.fem.petsc.assemble_vector(_form(form))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     return vector
