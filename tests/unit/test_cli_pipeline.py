@@ -6,6 +6,7 @@ names of the stages' folders show.
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from fretflow.core.errors import MeshError, StoreError
 from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.runner import Runner
-from fretflow.pipeline.stage import StageContext
+from fretflow.pipeline.stage import Manifest, StageContext, sum_of, sums_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUICK = EXAMPLES / "quick.toml"
@@ -138,3 +139,34 @@ def test_a_folder_without_a_run_or_with_a_truncated_result_is_refused(tmp_path):
     os.truncate(tmp_path / "run.json", 5)
     with pytest.raises(StoreError, match="holds no run"):
         pipeline_stages.complete_stages(tmp_path)
+
+
+def made(home, name, text, inputs=()):
+    """Make the folder of a complete stage `name` in `home`; return its manifest."""
+    folder = home / f"{name}-1"
+    folder.mkdir(parents=True)
+    (folder / f"{name}.txt").write_text(text)
+    sizes, sums = sums_of(folder)
+    manifest = Manifest(name, 1, folder.name, {i.stage: i.folder for i in inputs}, {}, {}, None, 1, 0.0, 0, False, "",
+                        sizes, sums, {i.stage: i.sum for i in inputs})
+    manifest.write(folder)
+    return manifest
+
+
+def test_a_stage_or_case_of_another_run_beside_the_others_is_refused(tmp_path):
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    for home, text in ((ours, "one"), (theirs, "two")):
+        made(home, "solve", text, [made(home, "mesh", text)])
+        (home / "case.toml").write_text(text)
+        stages = {"mesh": "mesh-1", "solve": "solve-1"}
+        run = {"case": "x", "case_sum": sum_of(home / "case.toml"), "stages": stages}
+        (home / "run.json").write_text(json.dumps(run))
+    assert list(pipeline_stages.complete_stages(ours)) == ["mesh", "solve"]
+    (ours / "case.toml").write_text("two")
+    with pytest.raises(StoreError, match=r"case\.toml: changed since the run"):
+        pipeline_stages.complete_stages(ours)
+    (ours / "case.toml").write_text("one")
+    shutil.rmtree(ours / "mesh-1")
+    shutil.copytree(theirs / "mesh-1", ours / "mesh-1")
+    with pytest.raises(StoreError, match=r"solve-1: was made from other results of the stage mesh"):
+        pipeline_stages.complete_stages(ours)

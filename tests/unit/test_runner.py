@@ -4,6 +4,7 @@ What carries the weight: a stage is computed again exactly when something that i
 folder under its final name is always whole, and whatever goes wrong keeps what was complete.
 """
 
+import hashlib
 import json
 import os
 import shutil
@@ -25,6 +26,9 @@ class Silent:
 
     def end(self, result):
         pass
+
+    def note(self, stage, text):
+        self.notes = [*getattr(self, "notes", []), text]
 
 
 class Pipeline:
@@ -51,7 +55,11 @@ class Pipeline:
 
     def run(self, case, **options):
         self.calls.clear()
-        return Runner(self.stages, self.root, Ranks(), Silent()).run(case, **options)
+        watcher = Silent()
+        try:
+            return Runner(self.stages, self.root, Ranks(), watcher).run(case, **options)
+        finally:
+            self.notes = getattr(watcher, "notes", [])
 
 
 def a_case(mu=0.88, cycles=10, degree=1):
@@ -165,22 +173,98 @@ def test_without_a_history_none_is_claimed_and_the_stage_before_is_the_last_good
     assert caught.value.last_good == mesh
 
 
-@pytest.mark.parametrize("damage", ["truncate", "remove"])
-def test_a_damaged_result_is_refused_by_name(pipeline, damage):
-    file = pipeline.run(a_case())["solve"].folder / "solve.txt"
-    if damage == "truncate":
-        os.truncate(file, 1)
-    else:
-        file.unlink()
-    with pytest.raises(StoreError, match=r"solve\.txt: .*run again"):
-        pipeline.run(a_case())
+def flip(file):
+    """Change one bit in the middle of `file`."""
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
 
 
-def test_a_damaged_manifest_is_refused_by_name(pipeline):
-    manifest = pipeline.run(a_case())["solve"].folder / "manifest.json"
-    os.truncate(manifest, manifest.stat().st_size // 2)
-    with pytest.raises(StoreError, match=r"manifest\.json: .*run again"):
-        pipeline.run(a_case())
+DAMAGE = {"truncate": lambda file: os.truncate(file, file.stat().st_size // 2), "remove": lambda file: file.unlink(),
+          "flip": flip}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("name", ["solve.txt", "manifest.json"])
+def test_a_damaged_result_is_refused_by_name_and_computed_again(pipeline, damage, name):
+    folder = pipeline.run(a_case())["solve"].folder
+    whole = (folder / "solve.txt").read_bytes()
+    DAMAGE[damage](folder / name)
+    with pytest.raises(StoreError, match=rf"{name}: .*run again".replace(".", r"\.", 1)):
+        Manifest.read(folder)
+    pipeline.run(a_case())
+    assert pipeline.calls == ["solve"]  # which gives the same, so that wear stands
+    [line] = pipeline.notes
+    assert name in line
+    assert "computed again" in line
+    assert (folder / "solve.txt").read_bytes() == whole
+    Manifest.read(folder)
+
+
+def test_results_of_another_run_in_a_stage_s_folder_are_not_used(pipeline):
+    other = pipeline.run(a_case(mu=0.5))["solve"].folder
+    folder = pipeline.run(a_case())["solve"].folder
+    whole = (folder / "solve.txt").read_bytes()
+    shutil.rmtree(folder)
+    shutil.copytree(other, folder)
+    pipeline.run(a_case())
+    assert pipeline.calls == ["solve"]
+    assert f"holds the results of {other.name}" in pipeline.notes[0]
+    assert (folder / "solve.txt").read_bytes() == whole
+
+
+def test_a_file_of_another_run_is_not_used(pipeline):
+    other = pipeline.run(a_case(mu=0.55))["solve"].folder
+    folder = pipeline.run(a_case(mu=0.66))["solve"].folder
+    shutil.copy(other / "solve.txt", folder / "solve.txt")  # as long as the one that it replaces
+    pipeline.run(a_case(mu=0.66))
+    assert pipeline.calls == ["solve"]
+
+
+def test_what_was_made_from_results_that_are_others_now_is_computed_again(pipeline):
+    """As after an update of a library that meshes or solves a little otherwise."""
+    pipeline.run(a_case())
+    mesh, solve = pipeline.stages[:2]
+
+    def otherwise(context):
+        figures = mesh.run(context)
+        (context.folder / "mesh.txt").write_text("another mesh")
+        return figures
+
+    pipeline.stages[0] = Stage(mesh.name, mesh.version, mesh.config_slice, mesh.needs, otherwise)
+    flip(next(pipeline.root.glob("small/mesh-*/mesh.txt")))
+    results = pipeline.run(a_case())
+    assert pipeline.calls == ["mesh", "solve", "wear"]
+    assert "other results of the stage mesh" in pipeline.notes[1]
+    assert "another mesh" in (results["solve"].folder / "solve.txt").read_text()
+    assert solve.name == "solve"
+
+
+def test_results_without_sums_are_computed_again(pipeline):
+    """Those of a version that knew sizes only."""
+    path = pipeline.run(a_case())["solve"].folder / "manifest.json"
+    content = json.loads(path.read_text())
+    for key in ("sums", "input_sums", "manifest_sum"):
+        del content[key]
+    path.write_text(json.dumps(content))
+    pipeline.run(a_case())
+    assert pipeline.calls == ["solve"]
+    assert "without SHA-256 sums" in pipeline.notes[0]
+
+
+def test_a_summary_of_another_case_does_not_outlive_a_run_that_fails(pipeline):
+    from fretflow.pipeline.summary import write_summary
+
+    home = pipeline.root / "small"
+    pipeline.run(a_case())
+    summary = write_summary(home, a_case(), [], [])
+    pipeline.failing["wear"] = NonConvergenceError("no")
+    with pytest.raises(NonConvergenceError):
+        pipeline.run(a_case(), force=True)
+    assert summary.exists()  # of the same case
+    with pytest.raises(NonConvergenceError):
+        pipeline.run(a_case(mu=0.3))
+    assert not summary.exists()
 
 
 def test_the_manifest_says_what_was_used_and_what_it_cost(pipeline):
@@ -193,6 +277,11 @@ def test_the_manifest_says_what_was_used_and_what_it_cost(pipeline):
     assert manifest.seconds >= 0.0
     assert 1e6 < manifest.peak_memory < 1e11
     assert manifest.files == {"wear.txt": (results["wear"].folder / "wear.txt").stat().st_size}
+    sums = {name: hashlib.sha256((results[name].folder / f"{name}.txt").read_bytes()).hexdigest()
+            for name in ("wear", "solve")}
+    assert manifest.sums == {"wear.txt": sums["wear"]}
+    assert results["solve"].manifest.sums == {"solve.txt": sums["solve"]}
+    assert manifest.input_sums == {"solve": results["solve"].manifest.sum}
 
 
 def test_a_second_run_in_the_same_folder_is_told_so(pipeline):

@@ -76,7 +76,7 @@ class Progress:
 
     def note(self, stage: str, text: str) -> None:
         """Print a line about `stage`, which goes on."""
-        self._console.print(f"{stage:<9} {text}", highlight=False, soft_wrap=True)
+        self._console.print(f"{stage:<9} {text}", highlight=False, markup=False, soft_wrap=True)
 
     def end(self, result: StageResult) -> None:
         """Note that a stage is complete, computed or reused."""

@@ -19,13 +19,12 @@ from fretflow.pipeline.response_curves import (
     sweep_of,
     write_curves,
 )
-from fretflow.pipeline.stage import CASE_FILE
+from fretflow.pipeline.stage import CASE_FILE, SUMMARY_FILE
 from fretflow.pipeline.stages import complete_stages
 from fretflow.pipeline.summary import summarise, write_summary
 
 STATES = ("unworn", "worn")
 STAGE = "response"
-SUMMARY = "summary.json"
 
 
 def states_of(unworn: bool, worn: bool) -> tuple[str, ...]:
@@ -105,8 +104,8 @@ def respond(case: Case, folders: Mapping[str, Path], home: Path, states: Sequenc
             progress.note(STAGE, f"{one.name}: {len(curves[-1].curve.frequency)} points  {one.file}")
     show_peaks(curves)
     files = [*write_curves(folder, curves, folders), *provided(FIGURES, "response")(folder / "curves.png", curves)]
-    if (home / SUMMARY).is_file():
-        files.append(write_summary(home / SUMMARY, *summarise(case, folders)))
+    if (home / SUMMARY_FILE).is_file():
+        files.append(write_summary(home, case, *summarise(case, folders)))
     show_files([*files, *(one.file for one in asked)], "curves and pictures")
     return files
 

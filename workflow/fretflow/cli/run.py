@@ -143,10 +143,11 @@ def report(cases: Sequence[Case], out: Path, ends: Sequence[Ended]) -> None:
 
 def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
     from fretflow.cli.report import show_files, show_summary
-    from fretflow.pipeline.run import SUMMARY, results_of
+    from fretflow.pipeline.run import results_of
+    from fretflow.pipeline.stage import SUMMARY_FILE
 
     show_summary(case, *results_of(case, results, home).summarised, results)
-    files = [home / SUMMARY]
+    files = [home / SUMMARY_FILE]
     for result in results.values():
         files += [result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))]
     show_files(files, "pictures and curves")

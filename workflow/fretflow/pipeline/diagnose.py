@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -87,11 +88,18 @@ def reduced_problem(case: Case, models: Path) -> PeriodicProblem:
     from fretflow.pipeline.problem import make_problem
     from fretflow.pipeline.ranks import Ranks
     from fretflow.pipeline.runner import Runner, Silent
+    from fretflow.pipeline.stage import Manifest
     from fretflow.pipeline.stages import pipeline
 
     with tempfile.TemporaryDirectory(dir=models) as scratch:
         runner = Runner(pipeline(), Path(scratch), Ranks(together=False), Silent())
-        kept = models / runner.keys(case)["reduce"]
+        key = runner.keys(case)["reduce"]
+        kept = models / key
+        if kept.is_dir():
+            try:
+                Manifest.read(kept, f"reduce-{key}")
+            except StoreError:  # made again, which takes seconds
+                shutil.rmtree(kept, ignore_errors=True)
         if not kept.is_dir():
             try:
                 made = runner.run(case, "reduce")["reduce"].folder

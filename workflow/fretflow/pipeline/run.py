@@ -17,8 +17,6 @@ from fretflow.pipeline.runner import Runner, Silent
 from fretflow.pipeline.stage import Manifest, StageResult
 from fretflow.pipeline.summary import write_summary
 
-SUMMARY = "summary.json"
-
 
 @dataclass(frozen=True)
 class CaseTask:
@@ -106,7 +104,7 @@ def run(case: Case | Path | str, out: Path | str = "runs", *, until: str | None 
 def results_of(case: Case, results: Mapping[str, StageResult], home: Path) -> RunResults:
     """Return what the stages of a run in `home` hold, and write their summary."""
     found = RunResults({name: result.folder for name, result in results.items()}, case, home)
-    write_summary(home / SUMMARY, *found.summarised)
+    write_summary(home, case, *found.summarised)
     return found
 
 

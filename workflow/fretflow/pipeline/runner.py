@@ -8,9 +8,11 @@ checkpoints again.
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import shutil
 import stat
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,11 +29,14 @@ from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.stage import (
     CASE_FILE,
     RUN_FILE,
+    SUMMARY_FILE,
     Figures,
     Manifest,
     Stage,
     StageContext,
     StageResult,
+    case_sum,
+    sums_of,
     write_json,
 )
 
@@ -49,18 +54,25 @@ class Watcher(Protocol):
     def advance(self, stage: str, share: float, text: str) -> None:
         """Note that `share` (0 to 1) of `stage` is done."""
 
+    def note(self, stage: str, text: str) -> None:
+        """Pass on one line about `stage`."""
+
     def end(self, result: StageResult) -> None:
         """Note that a stage is complete, computed or reused."""
 
 
 class Silent:
-    """Watches a run without a word."""
+    """Watches a run without a word, but for what its user has to know."""
 
     def begin(self, stage: str) -> None:
         """Note that `stage` starts computing."""
 
     def advance(self, stage: str, share: float, text: str) -> None:
         """Note that `share` (0 to 1) of `stage` is done."""
+
+    def note(self, stage: str, text: str) -> None:
+        """Pass on one line about `stage` as a warning."""
+        warnings.warn(f"{stage}: {text}", stacklevel=2)
 
     def end(self, result: StageResult) -> None:
         """Note that a stage is complete, computed or reused."""
@@ -127,6 +139,7 @@ class Runner:
         results: dict[str, StageResult] = {}
         with _writing(home), _locked(home):
             keys = self.keys(case)
+            _drop_summary(home, case)
             for stage in stages:
                 folder = home / f"{stage.name}-{keys[stage.name]}"
                 results[stage.name] = self._obtain(stage, case, folder, results, force)
@@ -161,7 +174,13 @@ class Runner:
         if force:
             shutil.rmtree(partial, ignore_errors=True)
         elif folder.exists():
-            return StageResult(stage.name, folder, Manifest.read(folder), reused=True)
+            try:
+                manifest = Manifest.read(folder)
+                manifest.check_inputs(folder, {name: results[name].manifest for name in stage.needs})
+            except StoreError as error:
+                self._watcher.note(stage.name, f"{str(error).removesuffix('; run again')}; it is computed again")
+            else:
+                return StageResult(stage.name, folder, manifest, reused=True)
         resumed = partial.exists()
         partial.mkdir(exist_ok=True)
         (partial / HISTORY_FILE).unlink(missing_ok=True)
@@ -172,12 +191,14 @@ class Runner:
         except NonConvergenceError as error:
             _keep_history(partial, error, list(results.values()))
             raise
+        sizes, sums = sums_of(partial)
         manifest = Manifest(
             stage=stage.name, version=stage.version, folder=folder.name,
             inputs={name: path.name for name, path in folders.items()}, figures=dict(figures),
             versions=versions(), commit=commit(), ranks=self._ranks.size if stage.collective else 1,
             seconds=round(cost.seconds, 3), peak_memory=memory, resumed=resumed,
-            finished=datetime.now(UTC).isoformat(timespec="seconds"), files=_sizes(partial))
+            finished=datetime.now(UTC).isoformat(timespec="seconds"), files=sizes, sums=sums,
+            input_sums={name: results[name].manifest.sum for name in stage.needs})
         manifest.write(partial)
         _promote(partial, folder)
         return StageResult(stage.name, folder, manifest, reused=False)
@@ -214,11 +235,6 @@ def _promote(partial: Path, folder: Path) -> None:
     shutil.rmtree(replaced, ignore_errors=True)
 
 
-def _sizes(folder: Path) -> dict[str, int]:
-    return {str(path.relative_to(folder)): path.stat().st_size for path in sorted(folder.rglob("*"))
-            if path.is_file() and not path.name.startswith(".")}
-
-
 def _keep_history(partial: Path, error: NonConvergenceError, complete: Sequence[StageResult]) -> None:
     """Write the history, if there is one, and name what the stage left, or the stage before where it left nothing."""
     if error.last_good is None and any(partial.iterdir()):
@@ -235,8 +251,21 @@ def _keep_history(partial: Path, error: NonConvergenceError, complete: Sequence[
 def _note_run(home: Path, case: Case, keys: dict[str, str]) -> None:
     """Write which folders are complete for this case, and the case itself."""
     complete = {name: f"{name}-{key}" for name, key in keys.items() if (home / f"{name}-{key}").is_dir()}
-    write_json(home / RUN_FILE, {"case": case.name, "stages": complete})
     write_whole(home / CASE_FILE, dump_case(case).encode())
+    write_json(home / RUN_FILE, {"case": case.name, "case_sum": case_sum(case), "stages": complete})
+
+
+def _drop_summary(home: Path, case: Case) -> None:
+    """Remove a summary that is not of `case`: a run that fails would leave it beside what it does not describe."""
+    path = home / SUMMARY_FILE
+    try:
+        same = json.loads(path.read_text(encoding="utf-8"))["case_sum"] == case_sum(case)
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, KeyError, TypeError):
+        same = False
+    if not same:
+        path.unlink()
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from fretflow.case.config import Case, load_case
 from fretflow.core.errors import MeshError, StoreError
 from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.pipeline import preload, reduce, response, solve, wear
-from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Figures, Manifest, Stage, StageContext
+from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
 
 PICTURES = "pictures"
 FULL = 2**16  # bytes free, or fewer
@@ -79,13 +79,17 @@ def complete_stages(home: Path) -> dict[str, Path]:
         If there is no run, or a result file is missing or damaged.
     """
     try:
-        names = json.loads((home / RUN_FILE).read_text(encoding="utf-8"))["stages"]
-        folders = {stage: home / folder for stage, folder in names.items()}
+        content = json.loads((home / RUN_FILE).read_text(encoding="utf-8"))
+        folders = {stage: home / Path(folder).name for stage, folder in content["stages"].items()}
+        same = "case_sum" not in content or content["case_sum"] == sum_of(home / CASE_FILE)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise StoreError(
             f"{home}: holds no run ({RUN_FILE} is missing or damaged); give a folder such as runs/test1, "
             "made by `fretflow run`"
         ) from error
-    for folder in folders.values():
-        Manifest.read(folder)
+    if not same:
+        raise StoreError(f"{home / CASE_FILE}: changed since the run, or of another one; run the case again")
+    manifests = {stage: Manifest.read(folder) for stage, folder in folders.items()}
+    for stage, manifest in manifests.items():
+        manifest.check_inputs(folders[stage], {name: manifests[name] for name in manifest.inputs if name in manifests})
     return folders

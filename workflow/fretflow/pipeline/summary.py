@@ -16,7 +16,7 @@ from fretflow.core.store import read_record
 from fretflow.core.units import format_quantity
 from fretflow.pipeline.response import ForcedResponse, LoopSeries
 from fretflow.pipeline.response_curves import kept_peaks
-from fretflow.pipeline.stage import write_json
+from fretflow.pipeline.stage import SUMMARY_FILE, case_sum, write_json
 from fretflow.pipeline.trends import Trend, judge_all
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
@@ -69,10 +69,12 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
     return figures, judge_all(interface, case.test.excitation_amplitude, unworn, history, resonances)
 
 
-def write_summary(path: Path, figures: Sequence[Figure], trends: Sequence[Trend]) -> Path:
-    """Write figures and trends to the JSON file `path`; a figure that cannot be told is null."""
+def write_summary(home: Path, case: Case, figures: Sequence[Figure], trends: Sequence[Trend]) -> Path:
+    """Write figures and trends of `case` to the run's folder `home`; a figure that cannot be told is null."""
+    path = home / SUMMARY_FILE
     values = [{"value": figure.value if np.isfinite(figure.value) else None} for figure in figures]
-    write_json(path, {"figures": [asdict(figure) | value for figure, value in zip(figures, values, strict=True)],
+    write_json(path, {"case_sum": case_sum(case),
+                      "figures": [asdict(figure) | value for figure, value in zip(figures, values, strict=True)],
                       "trends": [asdict(trend) for trend in trends]})
     return path
 
