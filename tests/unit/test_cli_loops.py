@@ -114,6 +114,17 @@ def test_what_the_recording_says_wins(make, tmp_path, capsys, options, message):
     assert loops(folder, "--normal-load", "60 N", "--out", tmp_path) == 0
 
 
+@pytest.mark.parametrize(("load", "ratio"), [("60 kN", "0.0006"), ("60 mN", "600")])
+def test_a_normal_load_of_another_unit_than_meant_is_named(make, tmp_path, capsys, load, ratio):
+    made = make()
+    made.test.pop("normal_load")
+    folder = made.write(tmp_path / "a")
+    assert loops(folder, "--normal-load", load, "--out", tmp_path) == 2
+    error = capsys.readouterr().err
+    assert f"{ratio} times the normal load of {load}" in error
+    assert error.count("\n") == 1
+
+
 def test_nothing_there(tmp_path, capsys):
     assert loops(tmp_path / "none") == 2
     assert "there is no such folder or file" in capsys.readouterr().err

@@ -192,7 +192,8 @@ def test_last_loop_cut_off(tmp_path, make):
      "rows 1-800: loops run the wrong way round"),
     (lambda c: c.update(displacement=0.0 * c["displacement"]), "displacement: it never changes"),
     (lambda c: c.update(displacement=1e6 * c["displacement"]), r"16 m peak to peak is beyond fretting-rig"),
-    (lambda c: c.update(friction_force=1e3 * c["friction_force"]), "600 times the normal load"),
+    (lambda c: c.update(friction_force=1e3 * c["friction_force"]), "600 times the normal load of 60 N"),
+    (lambda c: c.update(friction_force=1e-3 * c["friction_force"]), "0.0006 times the normal load of 60 N"),
     (lambda c: c.update(excitation=1e3 * c["excitation"]), "50 kN was measured where excitation_amplitude says 50 N"),
     (lambda c: c.update(time=c["time"][::-1].copy()), "time does not grow at row 2"),
     (lambda c: c.update(repeat=0.0 * c["repeat"]), "time does not grow at row 201"),
@@ -303,3 +304,46 @@ def test_noise_is_measured_beside_kinks_and_jumps(spring_slider):
     for stiffness in (20e6, 1e12):
         loops = spring_slider(turns, stiffness=stiffness)[1] + 0.5 * rng.standard_normal((400, 200))
         assert periods.noise_sd(loops).mean() == pytest.approx(0.5, rel=0.04)
+
+
+@pytest.mark.parametrize("kind", ["fretting-rig", "imposed-displacement"])
+def test_a_normal_load_in_the_wrong_unit_is_named(tmp_path, make, kind):
+    made = make()
+    made.test.update(kind=kind, normal_load="60 kN")
+    with pytest.raises(UnreliableRecordingError, match=r"friction_force: .*normal load of 60 kN.*and normal_load"):
+        read_recording(made.write(tmp_path))
+
+
+@pytest.mark.parametrize(("stiffness", "taken"), [(5e4, True), (2e5, False)])
+def test_only_loops_that_slide_most_of_their_way_tell_friction(tmp_path, make, stiffness, taken):
+    """They enclose 1 - 0.3 N / (stiffness 8 um) of the rectangle around them: 0.25 and 0.81."""
+    folder = make(mu=(0.005, 0.005), stiffness=stiffness).write(tmp_path)
+    if taken:
+        assert read_recording(folder).loops.force.max() == pytest.approx(0.3, rel=1e-3)
+    else:
+        with pytest.raises(UnreliableRecordingError, match=r"0\.005 times the normal load"):
+            read_recording(folder)
+
+
+@pytest.mark.parametrize(("channel", "heading"), [
+    ("displacement", "friction_force_N"), ("displacement", "friction_force"), ("displacement", "x [N]"),
+    ("friction_force", "Displacement (um)"), ("friction_force", "velocity_mm/s"), ("time", "displacement_um")])
+def test_a_column_whose_heading_says_that_it_is_something_else_is_refused(tmp_path, make, channel, heading):
+    made = make()
+    folder = made.write(tmp_path)
+    own = {"displacement": "displacement_um", "friction_force": "force_N", "time": "time_s"}[channel]
+    for name in ("recording.toml", "loops.csv"):
+        text = (folder / name).read_text()
+        if channel != "displacement":
+            text = text.replace("displacement_um", "travel_um")
+        (folder / name).write_text(text.replace(own, heading))
+    with pytest.raises(UnreliableRecordingError, match=rf"loops\.{channel}: its column .* says that it is of"):
+        read_recording(folder)
+
+
+@pytest.mark.parametrize("heading", ["travel", "x", "Weg [um]", "disp_sensor", "d_um", "position mm_s"])
+def test_headings_in_words_of_one_s_own_are_taken(tmp_path, make, heading):
+    folder = make().write(tmp_path)
+    for name in ("recording.toml", "loops.csv"):
+        (folder / name).write_text((folder / name).read_text().replace("displacement_um", heading))
+    read_recording(folder)

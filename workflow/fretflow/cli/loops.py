@@ -21,6 +21,7 @@ from fretflow.core.store import write_csv, write_whole
 from fretflow.core.units import parse_quantity, readable_unit
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.notes import Note
+from fretflow.recordings.plausibility import check_friction
 from fretflow.recordings.readers.bare import Wanted, read_bare
 from fretflow.recordings.readings import LoopReading, RecordedReadings, read_recorded_loops, without_friction
 from fretflow.recordings.recording import Recording, read_recording
@@ -144,6 +145,11 @@ def _read(recording: Recording, load: float | None) -> tuple[list[Read], tuple[N
         known = np.array([np.nan if value is None else value for value in loads])
         readings = read_recorded_loops(loops, known, relative, consecutive)
         lumped = recording.kind is TestKind.LUMPED
+        shown = np.flatnonzero(np.isfinite(readings.friction_coefficient.value))
+        if shown.size and not lumped:
+            k = shown[np.argmax(readings.friction_coefficient.value[shown])]
+            check_friction(f"{recording.path}: {name}: friction force of loop {readings.cycles[k]}",
+                           float(readings.friction_coefficient.value[k]), float(known[k]))
         sets.append(Read(name, index, loops, without_friction(readings) if lumped else readings))
 
     if recording.loops is not None:

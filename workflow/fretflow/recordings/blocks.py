@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
 from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.plausibility import check_heading
 from fretflow.recordings.readers.tables import Array, Table, read_table
 from fretflow.recordings.schema import DisplacementOf, FileBlock, LoopsBlock
 
@@ -84,6 +85,7 @@ def columns_of(table: Table, name: str, block: FileBlock) -> Columns:
     values, units, notes = {}, {}, table.notes
     for channel, spec in block.channels.items():
         heading, column = _column(table, name, channel, spec.column)
+        check_heading(table.path, name, channel, heading)
         _agree(table, name, channel, heading, spec.unit)
         size, units[channel] = unit_size(channel, spec.unit)
         wild = np.flatnonzero(np.abs(column) > LARGEST)

@@ -1,6 +1,7 @@
-"""What no joint does: a displacement of metres, a friction force of many times the normal load; wrong units or columns.
+"""What no joint does: a displacement of metres, friction of many times or a thousandth of the normal load.
 
-Limits are wide: a recording that crosses one is refused, because every result of it would be wrong.
+Limits are wide: a recording that crosses one is refused, because every result of it would be wrong. So is a column
+whose heading says that it is something else.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.errors import UnitError, UnreliableRecordingError
 from fretflow.core.units import format_quantity
+from fretflow.recordings.channels import BRACKETED, CHANNELS, INDICES, split_heading, unit_size
 from fretflow.recordings.loopset import FORCES, LoopSet, plateau
 from fretflow.recordings.notes import Note
 from fretflow.recordings.schema import RecordedTest, RecordingFile, TestKind
@@ -26,9 +28,57 @@ RANGES = {
     TestKind.LUMPED: (1e-9, 20.0),
 }
 LARGEST_FRICTION = 5.0
+# Below it friction is called superlubricity: M. Z. Baykara et al., Appl. Phys. Rev. 5 (2018) 041102.
+LEAST_FRICTION = 0.01
+SLIDES = 0.5  # of the rectangle around a loop that it encloses: it slides most of its way, and shows its friction limit
 STATED = 2.0  # factor between what is stated and what is measured that is refused
 NOTED = 1.05
 SAME_ORDER = 10.0
+
+
+def check_heading(path: Path, block: str, channel: str, heading: str) -> None:
+    """Check that the `heading` of a column does not name another quantity than `channel`.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If it names another channel, or states in brackets a unit of another one, of a dimension that `channel` has not.
+    """
+    base, tail = split_heading(heading)
+    own = set(CHANNELS[channel])
+    others = [name for name, units in CHANNELS.items() if not own & set(units) and name not in INDICES]
+    stated = any(_is_unit(name, tail) for name in (channel, *others))
+    names = {text.strip().lower().replace(" ", "_") for text in (heading, *([base] if stated else []))}
+    other = next((name for name in others if name in names), None)
+    if other is None and BRACKETED.fullmatch(heading) and not _is_unit(channel, tail):
+        other = next((name for name in others if _is_unit(name, tail)), None)
+    if channel not in INDICES and other is not None:
+        raise UnreliableRecordingError(f"{path}: {block}.{channel}: its column {heading!r} says that it is of {other}; "
+                                       "name the right column, or correct the heading")
+
+
+def _is_unit(channel: str, text: str) -> bool:
+    try:
+        unit_size(channel, text)
+    except UnitError:
+        return False
+    return bool(text)
+
+
+def check_friction(where: str, coefficient: float, load: float) -> None:
+    """Check the largest friction `coefficient` of loops under a normal `load` (N); `where` names them.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If no contact rubs so, naming the load.
+    """
+    if LEAST_FRICTION <= coefficient <= LARGEST_FRICTION or not np.isfinite(coefficient):
+        return
+    raise UnreliableRecordingError(
+        f"{where}: its amplitude is {coefficient:.3g} times the normal load of {format_quantity(load, 'N', 4)}, beyond "
+        f"what any contact shows ({LEAST_FRICTION:g} to {LARGEST_FRICTION:g}); check its unit and column, and "
+        "normal_load")
 
 
 def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
@@ -59,15 +109,26 @@ def check_loops(path: Path, block: str, loops: LoopSet, test: RecordedTest, load
         check_motion(path, block, test.kind, float(np.nanmax(np.ptp(loops.mean("displacement"), axis=1))))
     notes: tuple[Note, ...] = ()
     force = next((name for name in FORCES if name in loops.channels), None)
-    if force and test.kind is TestKind.FRETTING_RIG:
+    if force and test.kind is not TestKind.LUMPED and np.isfinite(load).any():  # a lumped system's holds its inertia
+        ratios = plateau(loops.mean(force)) / load
         # a wrong unit is in every loop; what hardens as a scar deepens is in some
-        ratio = float(np.nanmin(plateau(loops.mean(force)) / load)) if np.isfinite(load).any() else 0.0
-        if ratio > LARGEST_FRICTION:
-            raise UnreliableRecordingError(f"{path}: {block}.{force}: its amplitude is {ratio:.3g} times the normal "
-                                           "load; check its unit and column, and normal_load")
+        if not np.nanmin(ratios) > LARGEST_FRICTION:
+            ratios = np.where(_slides(loops, force), np.minimum(ratios, LARGEST_FRICTION), np.nan)
+        if np.isfinite(ratios).any():
+            k = int(np.nanargmax(ratios))
+            check_friction(f"{path}: {block}.{force}", float(ratios[k]), float(load[k]))
     notes += _against(path, block, loops, "excitation", amplitude, "excitation_amplitude", amplitude_of=True)
     notes += _against(path, block, loops, "normal_force", load, "normal_load", amplitude_of=False)
     return notes
+
+
+def _slides(loops: LoopSet, force: str) -> NDArray[np.bool_]:
+    """Return which loops (K,) enclose so much that they show the friction limit."""
+    if "displacement" not in loops.channels:
+        return np.zeros(len(loops.cycles), dtype=bool)
+    moved, pushed = loops.mean("displacement"), loops.mean(force)
+    enclosed = np.abs(np.sum(pushed * (np.roll(moved, -1, axis=1) - np.roll(moved, 1, axis=1)), axis=1)) / 2.0
+    return np.asarray(enclosed > SLIDES * np.ptp(moved, axis=1) * np.ptp(pushed, axis=1))
 
 
 def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, key: str,
