@@ -26,14 +26,17 @@ from fretflow_meshes.specimen import Side, build_specimen
 
 TRAP = "open({!r}, 'w').close()\nraise SystemExit('a module of the working folder was imported')\n"
 SHADOWED = ("multiprocessing", "psutil", "vtkmodules", "numba", "pickle")
-LISTENING = """
-import os, sys
+COMMAND_LINE = """
+import sys
 sys.argv[1:] = ["--version"]
 from fretflow.cli import main
 try:
     main()
 except SystemExit:
     pass
+"""
+LISTENING = """
+import os
 import gmsh
 gmsh.initialize()
 import fretflow.structure.fem
@@ -122,7 +125,7 @@ def test_nor_does_the_process_that_looks_for_opengl(trapped):
 
 
 def test_the_command_line_closes_its_own_path_and_that_of_what_it_starts(monkeypatch):
-    for name in (*ranks.CLOSED, *ranks._ALONE, *ranks._SIZE_VARIABLES, *ranks._RANK_VARIABLES):
+    for name in (*ranks.CLOSED, *ranks.RANK_VARIABLES, *ranks.SIZE_VARIABLES, "OMPI_MCA_btl", "OMPI_MCA_pml"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "path", ["", *sys.path])
     ranks.close_process()
@@ -136,9 +139,10 @@ def test_the_command_line_closes_its_own_path_and_that_of_what_it_starts(monkeyp
 
 
 @pytest.mark.fem
-def test_a_single_process_listens_to_nobody_and_starts_no_daemon(tmp_path):
+@pytest.mark.parametrize("before", ["", COMMAND_LINE], ids=["from Python", "command line"])
+def test_a_single_process_listens_to_nobody_and_starts_no_daemon(tmp_path, before):
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("OMPI", "PMI", "PRTE"))}
-    done = subprocess.run([sys.executable, "-c", LISTENING], capture_output=True, text=True, timeout=120,
+    done = subprocess.run([sys.executable, "-c", before + LISTENING], capture_output=True, text=True, timeout=120,
                           env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[-1] == "children", done.stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import subprocess
 import sys
@@ -12,6 +13,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PETSC_ARGUMENTS = ["fretflow", "-skip_petscrc"]  # results depend on no .petscrc of the working folder or the user
+# By any of these mpirun, or what stands in for it, tells a process its place.
+SIZE_VARIABLES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
+RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID")
 SAMPLING_INTERVAL = 0.05  # s, between two looks at the memory
 
 # Module name (looked for among those loaded) and the distribution that states its version.
@@ -26,6 +30,16 @@ _WITNESSES = {
     "gmsh": "gmsh",
     "pyvista": "pyvista",
 }
+
+
+def alone() -> dict[str, str]:
+    """Return variables with which Open MPI keeps to this process; none where mpirun has started it.
+
+    Otherwise it starts a daemon beside a single process, and both listen on every network of the machine.
+    """
+    if any(variable in os.environ for variable in SIZE_VARIABLES + RANK_VARIABLES):
+        return {}
+    return {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}
 
 
 def own_version() -> str:

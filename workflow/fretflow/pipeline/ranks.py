@@ -13,17 +13,12 @@ from collections.abc import Callable
 from typing import Any
 
 from fretflow.core.errors import FretflowError, printable
-from fretflow.core.provenance import PETSC_ARGUMENTS
+from fretflow.core.provenance import PETSC_ARGUMENTS, RANK_VARIABLES, SIZE_VARIABLES, alone
 
 POLL = 0.02  # s; a waiting rank sleeps between looks, so that it leaves its core to rank 0
 FORWARDING = 0.5  # s that mpirun gets to pass on a message before it kills all ranks
 GRACE = 5.0  # s for the other ranks to leave a collective call that failed on one of them
 
-_SIZE_VARIABLES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
-_RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID")
-
-# Open MPI would start a daemon beside a single process, and both would listen on every network of the machine.
-_ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}
 # No process that starts imports from the folder that it works in, nor takes numba's cache from a file there.
 CLOSED = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", "")}
 
@@ -33,20 +28,18 @@ def close_process() -> None:
 
     To be called before anything imports MPI. The ranks of mpirun have to listen to each other and go on to do so.
     """
-    os.environ.update(CLOSED)
+    os.environ.update(CLOSED | alone())
     sys.path[:] = [folder for folder in sys.path if folder]
-    if not any(variable in os.environ for variable in _SIZE_VARIABLES + _RANK_VARIABLES):
-        os.environ.update(_ALONE)
 
 
 def started_size() -> int:
     """Return the number of ranks that mpirun started, 1 without it; from the environment, so it is free."""
-    return _environment(_SIZE_VARIABLES, 1)
+    return _environment(SIZE_VARIABLES, 1)
 
 
 def started_rank() -> int:
     """Return the rank that mpirun gave this process, 0 without it."""
-    return _environment(_RANK_VARIABLES, 0)
+    return _environment(RANK_VARIABLES, 0)
 
 
 def _environment(variables: tuple[str, ...], default: int) -> int:
