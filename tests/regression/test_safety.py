@@ -16,10 +16,11 @@ from fretflow.case.config import Mesh, Specimen
 from fretflow.cli import execute
 from fretflow.core.errors import InputError, MeshError
 from fretflow.core.records import quantity, record
-from fretflow.core.store import read_record, write_record
+from fretflow.core.store import open_hdf5, read_record, write_record
 from fretflow.pipeline import ranks
 from fretflow.pipeline.ensemble import LocalPool
 from fretflow.pipeline.isolated import call_isolated
+from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
 from fretflow_meshes.gmsh_files import read_mesh
 from fretflow_meshes.specimen import Side, build_specimen
@@ -191,15 +192,28 @@ def test_hdf5_is_read_from_the_named_file_alone(tmp_path, kind):
         content = (tmp_path / name).read_bytes()
         if name == "a.mat":
             (tmp_path / name).write_bytes(head.ljust(512, b"\0") + content[512:])
-        with pytest.raises(InputError, match=rf"{name}: /data is a link or lies in another file"):
-            read_table(tmp_path / name)
+        for reader in (read_table, read_structure):
+            with pytest.raises(InputError, match=rf"{name}: /data is a link or lies in another file"):
+                reader(tmp_path / name)
     path = write_record(tmp_path / "record.h5", Secret(value=1.0))
     with h5py.File(path, "a") as file:
         group = file.create_group("below")
         elsewhere(kind, group, tmp_path)
-        group["again"] = file["below"]  # links may run in a circle
     with pytest.raises(InputError, match=r"record\.h5: /below/data is a link"):
         read_record(path, Secret)
+
+
+def test_groups_that_run_in_a_circle_are_refused(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        twice = file.create_group("one")
+        file["two"] = twice  # the same under another name leads nowhere
+        twice["data"] = np.arange(64.0)
+    with open_hdf5(tmp_path / "a.h5") as file:
+        assert file["two/data"][3] == 3.0
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["one/up"] = file["/"]
+    with pytest.raises(InputError, match=r"a\.h5: /one/up is a link"):
+        read_structure(tmp_path / "a.h5")
 
 
 STEERING = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"

@@ -65,7 +65,7 @@ def open_hdf5(path: Path, refusal: type[InputError] = StoreError) -> Iterator[h5
     """
     with h5py.File(path, "r") as file:
         try:
-            name = _elsewhere(file["/"], set())
+            name = _elsewhere(file["/"], (), set())
         except (KeyError, RuntimeError) as error:
             raise OSError(f"damaged links, {error}") from error
         if name is not None:
@@ -73,18 +73,22 @@ def open_hdf5(path: Path, refusal: type[InputError] = StoreError) -> Iterator[h5
         yield file
 
 
-def _elsewhere(group: h5py.Group, seen: set[int]) -> str | None:
-    """Return the name of the first item of `group` that is not stored there, or below it, if any."""
+def _elsewhere(group: h5py.Group, within: tuple[int, ...], seen: set[int]) -> str | None:
+    """Return the name of the first item at or below `group` that is not stored there or leads back to it, if any."""
+    within = (*within, h5py.h5o.get_info(group.id).addr)
     for name in group:
         if group.id.links.get_info(name.encode(errors="surrogateescape")).type != h5py.h5l.TYPE_HARD:
             return f"{group.name.rstrip('/')}/{name}"
         item = group[name]
         if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
             return str(item.name)
-        if isinstance(item, h5py.Group) and (place := h5py.h5o.get_info(item.id).addr) not in seen:
-            seen.add(place)
-            if found := _elsewhere(item, seen):
+        if isinstance(item, h5py.Group):
+            place = h5py.h5o.get_info(item.id).addr
+            if place in within:
+                return f"{group.name.rstrip('/')}/{name}"
+            if place not in seen and (found := _elsewhere(item, within, seen)):
                 return found
+            seen.add(place)
     return None
 
 

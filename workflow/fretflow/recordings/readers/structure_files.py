@@ -19,6 +19,7 @@ from scipy import sparse
 from scipy.io import mmread
 
 from fretflow.core.errors import CorruptRecordingError, InputError, UnsupportedRecordingError
+from fretflow.core.store import open_hdf5
 from fretflow.core.units import parse_quantity
 from fretflow.recordings.readers.matlab import load_matlab
 from fretflow.recordings.readers.tables import HDF5, MATLAB
@@ -153,7 +154,7 @@ def _content(path: Path) -> dict[str, Any]:
         with path.open("rb") as whole, np.load(whole, allow_pickle=False) as file:
             return _grouped({name: file[name] for name in file.files})
     if suffix in HDF5:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, UnsupportedRecordingError) as file:
             return _of_hdf5(file)
     if suffix in MATLAB:
         return load_matlab(path)
