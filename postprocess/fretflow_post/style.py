@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
@@ -40,8 +40,8 @@ _RC = {
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context in which figures are made and saved with this look."""
-    return matplotlib.rc_context(_RC)
+    """Return a context in which figures are made and saved with this look, whatever a matplotlibrc file says."""
+    return matplotlib.style.context(["default", _RC])
 
 
 def new_figure(title: str, subtitle: str, width: float = WIDTH, height: float = HEIGHT) -> Figure:

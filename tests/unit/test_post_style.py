@@ -2,6 +2,7 @@
 
 import itertools
 
+import matplotlib
 import numpy as np
 import pytest
 from fretflow_post import style
@@ -62,3 +63,11 @@ def test_figures_keep_three_digits(value, text):
 def test_neighbouring_curves_differ_in_colour_and_line():
     looks = [style.curve_look(k) for k in range(10)]
     assert all(a[0] != b[0] and a[1] != b[1] for a, b in itertools.pairwise(looks))
+
+
+def test_the_look_does_not_depend_on_a_matplotlibrc_of_the_working_folder():
+    """One with `text.usetex` would have every picture run LaTeX."""
+    with matplotlib.rc_context({"text.usetex": True, "lines.linestyle": ":"}), style.styled():
+        assert not matplotlib.rcParams["text.usetex"]
+        assert matplotlib.rcParams["lines.linestyle"] == "-"
+        assert matplotlib.rcParams["font.size"] == 15
