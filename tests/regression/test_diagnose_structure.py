@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from fretflow.experiments.structure.experiment import Points, StructureExperiment, scatter, with_backbone
+from fretflow.experiments.structure.experiment import BackbonePoints, StructureExperiment, scatter, with_backbone
 from fretflow.experiments.structure.run import diagnose_structure
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
@@ -96,7 +96,7 @@ def test_noise_is_read_off_neighbours_and_points_are_averaged(sprung):
     place = np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 4000))
     values = 3.0 + place**2 + 0.01 * np.random.default_rng(2).standard_normal(4000)
     assert scatter(place, values) == pytest.approx(0.01, rel=0.05)
-    points = Points.of(sprung.backbone)
+    points = BackbonePoints.of(sprung.backbone)
     assert len(points.amplitude) <= 24
     assert np.all(np.diff(points.amplitude) > 0.0)
     assert points.frequency_sd.max() < 0.2

@@ -21,7 +21,7 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Prior
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
-from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, Backbone, StructureRecording
+from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, condensed
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
@@ -47,7 +47,7 @@ POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, MODAL_UNIT: 0}  # of the angular frequen
 
 
 @dataclass(frozen=True)
-class Points:
+class BackbonePoints:
     """P points of a measured backbone, averaged: amplitude as recorded, frequency (Hz), damping, and their sd (P,)."""
 
     amplitude: Array
@@ -57,7 +57,7 @@ class Points:
     damping_sd: Array
 
     @classmethod
-    def of(cls, backbone: Backbone) -> Points:
+    def of(cls, backbone: MeasuredBackbone) -> BackbonePoints:
         """Return at most `MOST_POINTS` points; noise that is not stated is read off how neighbours differ."""
         count = len(backbone.amplitude)
         place = np.log(backbone.amplitude)
@@ -79,9 +79,9 @@ class Points:
                    frequency_sd=noise(backbone.frequency, backbone.frequency_sd, "frequency"),
                    damping_sd=np.zeros(0) if damping is None else noise(damping, backbone.damping_sd, "damping"))
 
-    def first(self, count: int) -> Points:
+    def first(self, count: int) -> BackbonePoints:
         """Return the `count` points of the smallest amplitudes."""
-        return Points(self.amplitude[:count], self.frequency[:count],
+        return BackbonePoints(self.amplitude[:count], self.frequency[:count],
                       None if self.damping is None else self.damping[:count], self.frequency_sd[:count],
                       self.damping_sd[:count])
 
@@ -109,7 +109,7 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
     rising = rising[(seen.damping[rising] > 0.0) & (seen.amplitude[rising] > 0.0)]
     if len(rising) < FEWEST:
         raise InputError("ring_down: too little of it decays to tell frequency and damping over amplitude")
-    return replace(recording, backbone=Backbone(
+    return replace(recording, backbone=MeasuredBackbone(
         amplitude_of=name, mode=None, amplitude=seen.amplitude[rising], amplitude_unit=decay.units[name],
         frequency=seen.frequency[rising], damping=seen.damping[rising], frequency_sd=None, damping_sd=None,
         calibration_sd=0.0))
@@ -131,7 +131,7 @@ class StructureExperiment:
 
     recording: StructureRecording
     structure: ReducedStructure
-    points: Points
+    points: BackbonePoints
     mode: int  # among the linear modes of the preloaded structure, from 0
     steps: int = STEPS
     levels: int = LEVELS
@@ -149,7 +149,7 @@ class StructureExperiment:
         if recording.backbone is None:
             raise InputError(f"{recording.path}: has neither [backbone] nor [ring_down]; responses alone are not "
                              "compared yet")
-        bare = cls(recording, reduce_structure(recording.matrices), Points.of(recording.backbone), 0)
+        bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
         found = replace(bare, mode=bare._recorded_mode())
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
         kept = max(MODES, int(np.sum(found.structure.eigenvalues < highest**2)))
@@ -174,7 +174,7 @@ class StructureExperiment:
         return int(np.argmin(distance))
 
     @property
-    def _backbone(self) -> Backbone:
+    def _backbone(self) -> MeasuredBackbone:
         if self.recording.backbone is None:
             raise InputError(f"{self.recording.path}: has no [backbone]")
         return self.recording.backbone

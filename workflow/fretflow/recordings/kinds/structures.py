@@ -198,7 +198,7 @@ class StructureFile(Section):
 
 
 @record
-class Backbone:
+class MeasuredBackbone:
     """A measured backbone of P points, amplitude rising."""
 
     amplitude_of: str
@@ -245,7 +245,7 @@ class StructureRecording:
     matrices: StructureMatrices
     known: Mapping[str, float]  # bolt_load N, modal_damping, friction_coefficient: those that are given
     unknown: Mapping[str, tuple[float, float]]  # and the ranges of the others
-    backbone: Backbone | None
+    backbone: MeasuredBackbone | None
     responses: tuple[ControlledResponse, ...]
     ring_down: RingDown | None
     notes: tuple[Note, ...]
@@ -380,7 +380,7 @@ def _named(block: str, name: str, there: Mapping[str, Array], what: str) -> None
         raise ConfigError(f"{block}: {name!r} is no {what} of the structure; it has {', '.join(there) or 'none'}")
 
 
-def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -> Backbone:
+def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -> MeasuredBackbone:
     modal = block.amplitude_of == MODAL
     if not modal:
         _named("backbone.amplitude_of", block.amplitude_of, matrices.outputs, "output")
@@ -402,7 +402,7 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
     if damping is not None and not np.all((damping >= 0.0) & (damping < 1.0)):
         raise UnreliableRecordingError(f"{where}: damping must be a ratio from 0 to 1, it goes from {damping.min():g} "
                                        f"to {damping.max():g}; name its unit, for example \"%\"")
-    return Backbone(
+    return MeasuredBackbone(
         amplitude_of=block.amplitude_of, mode=block.mode, amplitude=amplitude,
         amplitude_unit=MODAL_UNIT if modal else unit, frequency=frequency, damping=damping,
         frequency_sd=_sd("backbone", "frequency", block.frequency, "Hz"),

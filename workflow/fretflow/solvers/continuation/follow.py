@@ -37,7 +37,7 @@ from fretflow.solvers.continuation.curve import (
 )
 from fretflow.solvers.continuation.model import Plane
 from fretflow.solvers.continuation.points import STRAIGHT, Face, FoundPoint, Trail, channels_of, judge
-from fretflow.solvers.continuation.system import ContinuationSystem, Point
+from fretflow.solvers.continuation.system import ContinuationSystem, CurvePoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
@@ -191,7 +191,7 @@ class _Follower:
         change = self._refine(found)
         return _Run(found, followed, *judge(found, self._top(found)), change)
 
-    def _start(self, direction: SweepDirection, reached: list[Point]) -> Point:
+    def _start(self, direction: SweepDirection, reached: list[CurvePoint]) -> CurvePoint:
         """Solve at the end of the range where `direction` begins, from rest or from where another curve ended."""
         s = self.sweep
         omega = 2.0 * pi * (s.start if direction is SweepDirection.UP else s.stop)
@@ -204,7 +204,7 @@ class _Follower:
                 return there[-1]
             return self._loaded(omega, error)
 
-    def _loaded(self, omega: float, error: NonConvergenceError) -> Point:
+    def _loaded(self, omega: float, error: NonConvergenceError) -> CurvePoint:
         """Raise the excitation step by step, from rest."""
         seen: Array = np.zeros(len(self.system.seen) * (2 * self.sweep.harmonics + 1))
         start, before = self.system.march.preloaded(self.problem.preload.frictional), 0.0
@@ -241,14 +241,14 @@ class _Follower:
         raise NonConvergenceError(f"forced response: not out of the frequency range after {MAX_POINTS} points, near "
                                   f"{now.omega / (2.0 * pi):.6g} Hz; take a smaller range")
 
-    def _next_arc(self, new: Point, chord: Array, predicted: Array) -> float:
+    def _next_arc(self, new: CurvePoint, chord: Array, predicted: Array) -> float:
         length, off = float(np.linalg.norm(chord)), float(np.linalg.norm(chord - predicted))
         growth = min(2.0 ** (0.5 * (EFFORT - new.iterations)), sqrt(OFF / max(off, 1e-6)))
         share = max(abs(float(chord[-1])) / length, 1e-9)  # of the frequency in the chord
         arc = length * float(np.clip(growth, 0.5, 2.0))
         return max(min(arc, self.sweep.longest_arc, self.sweep.longest_step / share), self.sweep.shortest_arc)
 
-    def _arc(self, now: Point, along: Array, arc: float) -> tuple[Point, float]:
+    def _arc(self, now: CurvePoint, along: Array, arc: float) -> tuple[CurvePoint, float]:
         """Return the next point and the arc that led there; `along` has the length one."""
         met = self._met(now, along, arc)
         if met is not None:
@@ -270,7 +270,7 @@ class _Follower:
             arc *= SHORTER
         raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap", history)
 
-    def _met(self, now: Point, along: Array, arc: float) -> Point | None:
+    def _met(self, now: CurvePoint, along: Array, arc: float) -> CurvePoint | None:
         """Return the next point of another curve, solved again from the contact at `now`, or None."""
         reach = FAR * max(arc, self.sweep.first_arc)
         for trail in self.trails:
@@ -285,7 +285,7 @@ class _Follower:
                     return new
         return None
 
-    def _bridge(self, now: Point, way: float, error: NonConvergenceError) -> Point:
+    def _bridge(self, now: CurvePoint, way: float, error: NonConvergenceError) -> CurvePoint:
         """Go on at a frequency further on, where the curve cannot be followed."""
         for relative in BRIDGES:
             omega = now.omega * (1.0 + way * relative)
@@ -294,7 +294,7 @@ class _Follower:
                     return self.system.at_frequency(omega, guess, now.end, now)
         raise error
 
-    def _end(self, inside: Point, outside: Point, omega: float) -> Point:
+    def _end(self, inside: CurvePoint, outside: CurvePoint, omega: float) -> CurvePoint:
         """Return the point at the end of the range, `omega`, between two points."""
         share = (omega - inside.omega) / (outside.omega - inside.omega)
         return self.system.at_frequency(omega, inside.seen + share * (outside.seen - inside.seen), inside.end, inside)
@@ -359,7 +359,7 @@ class _Follower:
         known = near if len(near.history.state) == self.sweep.fine_samples else None
         return self._keep(self.fine, self.fine.correct(plane, near.end, known))
 
-    def _finer(self, point: Point) -> Point:
+    def _finer(self, point: CurvePoint) -> CurvePoint:
         """Solve `point` again with the fine settings, at its frequency."""
         return self.fine.at_frequency(point.omega, _resized(point.seen, self.size), point.end)
 
@@ -369,7 +369,7 @@ class _Follower:
     def _top(self, found: list[FoundPoint]) -> int:
         return int(np.argmax(self._amplitude(found)))
 
-    def _keep(self, system: ContinuationSystem, point: Point, bridged: bool = False) -> FoundPoint:
+    def _keep(self, system: ContinuationSystem, point: CurvePoint, bridged: bool = False) -> FoundPoint:
         self.note(point.omega / (2.0 * pi))
         return FoundPoint.of(self.face, system, point, bridged)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.solvers.continuation.curve import CHANNELS, turns
-from fretflow.solvers.continuation.system import ContinuationSystem, Point
+from fretflow.solvers.continuation.system import ContinuationSystem, CurvePoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.candidate_nodes import restrict
 from fretflow.solvers.quasi_static.sample import Array
@@ -45,7 +45,7 @@ class FoundPoint:
     """A point of the curve with what is kept of it."""
 
     system: ContinuationSystem
-    point: Point
+    point: CurvePoint
     first_harmonic: NDArray[np.complex128]
     peak_to_peak: Array
     touched: NDArray[np.bool_]
@@ -57,7 +57,7 @@ class FoundPoint:
         return self.point.omega / (2.0 * pi)
 
     @classmethod
-    def of(cls, face: Face, system: ContinuationSystem, point: Point, bridged: bool) -> FoundPoint:
+    def of(cls, face: Face, system: ContinuationSystem, point: CurvePoint, bridged: bool) -> FoundPoint:
         """Return what is kept of `point`, a root of `system` on `face`."""
         period, part = point.history, face.part
         internal = system.motion(point)
@@ -94,7 +94,7 @@ class Trail:
         beyond = [*(p.bridged for p in found[1:]), False]
         self._left = [(p.point, gap) for p, gap in zip(found, beyond, strict=True)]
 
-    def ahead(self, now: Point, along: Array, reach: float) -> Point | None:
+    def ahead(self, now: CurvePoint, along: Array, reach: float) -> CurvePoint | None:
         """Return the next point if it lies within `reach` of `now`, where `along` leads, else None."""
         while self._left:
             point, gap = self._left[-1]

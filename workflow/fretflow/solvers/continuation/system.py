@@ -45,7 +45,7 @@ RATE_STEP = 1e-6  # of the frequency
 
 
 @dataclass(frozen=True)
-class Point:
+class CurvePoint:
     """Coefficients of the coordinates that the contact sees and of the others in m, omega in rad/s, and the period.
 
     `residual` (n_a,) N, and its norm relative to the excitation.
@@ -113,7 +113,7 @@ class ContinuationSystem:
         return ContinuationSystem(part, self.harmonics, self.samples, self.tolerance, self.max_iterations,
                                   None if self.backbone is None else self.backbone.backbone)
 
-    def motion(self, point: Point) -> Array:
+    def motion(self, point: CurvePoint) -> Array:
         """Return the motion of all coordinates (N, d) in m."""
         return self.equations(point.omega).whole_motion(point.seen, point.other)
 
@@ -128,7 +128,7 @@ class ContinuationSystem:
         return np.asarray(equations.analysis @ motion)
 
     def evaluate(self, unknowns: Array, start: SampleState, near: PeriodHistory | None, last: float,
-                 other: Array | None = None) -> Point:
+                 other: Array | None = None) -> CurvePoint:
         """March the period of (a, omega) from the contact `start`.
 
         `last` is the residual's norm before, for the contact's accuracy; `near` a period close by, `other` the
@@ -140,10 +140,10 @@ class ContinuationSystem:
         none = np.zeros((self.samples, len(self.seen), 0))
         history = self._period(e, seen, none, start, near, last).history
         residual = balance.residual - e.coefficients(history.force @ self.march.system.transfer.T)
-        return Point(seen, balance.other, omega, history, residual, float(np.linalg.norm(residual)) / self.scale,
+        return CurvePoint(seen, balance.other, omega, history, residual, float(np.linalg.norm(residual)) / self.scale,
                      Secants.none(len(seen)))
 
-    def derivative(self, point: Point) -> Array:
+    def derivative(self, point: CurvePoint) -> Array:
         """Return the derivative (n_a, n_a + 1) of R by (a, omega); friction that depends on the rate is held."""
         e = self.equations(point.omega)
         contact = self._period(e, point.seen, e.directions(), point.end, point.history, point.norm)
@@ -152,7 +152,7 @@ class ContinuationSystem:
         return np.column_stack([e.balance(point.seen, point.other).jacobian - e.coefficients(contact.tangent),
                                 (ahead - back) / (2.0 * h)])
 
-    def correct(self, plane: Plane, start: SampleState, known: Point | None = None) -> Point:
+    def correct(self, plane: Plane, start: SampleState, known: CurvePoint | None = None) -> CurvePoint:
         """Return the root of R on `plane`, the contact starting from `start`; `known` is a root close by.
 
         Raises
@@ -163,11 +163,12 @@ class ContinuationSystem:
         now = self._by_defects(plane, start, known)
         return now if now.norm <= self.tolerance else self._by_newton(plane, now)
 
-    def at_frequency(self, omega: float, seen: Array, start: SampleState, known: Point | None = None) -> Point:
+    def at_frequency(self, omega: float, seen: Array, start: SampleState,
+                     known: CurvePoint | None = None) -> CurvePoint:
         """Return the root at `omega` (rad/s), with `seen` as guess. Raises NonConvergenceError as `correct`."""
         return self.correct(Plane.of_frequency(omega, seen), start, known)
 
-    def tangent(self, point: Point, along: Array) -> Array:
+    def tangent(self, point: CurvePoint, along: Array) -> Array:
         """Return the unit tangent of the curve (n_a + 1,) in scaled unknowns, on the side of `along`."""
         bordered = np.vstack([self.derivative(point) * (point.scales / self.scale), along])
         found = np.linalg.solve(bordered, np.append(np.zeros(len(point.seen)), 1.0))
@@ -180,13 +181,13 @@ class ContinuationSystem:
         repeat = min(FIRST_REPEAT, REPEAT * last)
         return self.march.period(e.motion(seen), directions, start, near, accuracy, repeat)
 
-    def _model_of(self, point: Point) -> OnBackbone | None:
+    def _model_of(self, point: CurvePoint) -> OnBackbone | None:
         return self.spring if point.sticks else self.backbone
 
     def _on_model(self, model: OnBackbone, defect: Array, plane: Plane, guess: Array, last: float) -> Array:
         return model.solve(self.equations, defect, plane, guess, MODEL_TOLERANCE * max(last, self.tolerance))
 
-    def _first(self, plane: Plane, known: Point | None) -> Array:
+    def _first(self, plane: Plane, known: CurvePoint | None) -> Array:
         """Return a guess on `plane`: the model with the defect at `known`, else, if that works, the model alone."""
         model = self.backbone if known is None else self._model_of(known)
         if model is None:
@@ -197,7 +198,7 @@ class ContinuationSystem:
             return self._on_model(model, np.zeros(len(plane.unknowns) - 1), plane, plane.unknowns, FIRST)
         return plane.unknowns
 
-    def _by_defects(self, plane: Plane, start: SampleState, known: Point | None) -> Point:
+    def _by_defects(self, plane: Plane, start: SampleState, known: CurvePoint | None) -> CurvePoint:
         """Return the root, or how far the correction of the model's defect led."""
         secants = Secants.none(len(plane.unknowns) - 1) if known is None else known.secants
         now, slow = self.evaluate(self._first(plane, known), start, None, 1.0), 0
@@ -220,10 +221,10 @@ class ContinuationSystem:
             now = replace(following, iterations=count)
         return replace(now, secants=secants)
 
-    def _defect(self, model: OnBackbone, point: Point) -> Array:
+    def _defect(self, model: OnBackbone, point: CurvePoint) -> Array:
         return model.residual(self.equations(point.omega), point.seen) - point.residual
 
-    def _next(self, model: OnBackbone, defect: Array, plane: Plane, now: Point) -> Point | None:
+    def _next(self, model: OnBackbone, defect: Array, plane: Plane, now: CurvePoint) -> CurvePoint | None:
         """Return the next iterate, or None where the model or the contact fails, or the residual grows."""
         near = now.history if now.norm < NEAR else None
         with suppress(NonConvergenceError, np.linalg.LinAlgError):
@@ -233,7 +234,7 @@ class ContinuationSystem:
                 return following
         return None
 
-    def _by_newton(self, plane: Plane, now: Point) -> Point:
+    def _by_newton(self, plane: Plane, now: CurvePoint) -> CurvePoint:
         across, history = 0, [now.norm]
         while now.norm > self.tolerance:
             following = self._step(now, plane, across < MAX_ACROSS) if len(history) <= self.max_iterations else None
@@ -246,13 +247,13 @@ class ContinuationSystem:
             history.append(now.norm)
         return now
 
-    def _step(self, now: Point, plane: Plane, worse: bool) -> Point | None:
+    def _step(self, now: CurvePoint, plane: Plane, worse: bool) -> CurvePoint | None:
         """Return a point with a smaller residual, or a larger one if `worse` is allowed.
 
         Samples that begin to stick put kinks into R. Where a Newton step leads across one, the mean of the
         derivatives on both sides is tried before the step is shortened.
         """
-        tried: list[Point] = []
+        tried: list[CurvePoint] = []
         matrix, length, force = self.derivative(now), 1.0, self.scale
         while length >= SHORTEST_STEP:
             unknowns = now.unknowns + length * plane.step(now.residual / force, matrix / force)
