@@ -6,6 +6,7 @@ met it: before the first stage, between stages, in the middle of a wear step or 
 
 import multiprocessing
 import time
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
@@ -46,7 +47,10 @@ def results(out):
     """Return every number that a complete run leaves."""
     [solution], [history] = (list(out.glob(f"kill/{name}")) for name in ("solve-*/solution.h5", "wear-*/history.h5"))
     records = read_record(solution, PeriodicSolution), read_record(history, WearHistory)
-    return {f"{type(r).__name__}.{f.name}": getattr(r, f.name) for r in records for f in fields(r)}
+    found = {f"{type(r).__name__}.{f.name}": getattr(r, f.name) for r in records for f in fields(r)}
+    nested = {f"{name}.{key}": value for name, held in found.items() if isinstance(held, Mapping)
+              for key, value in held.items()}
+    return {name: held for name, held in found.items() if not isinstance(held, Mapping)} | nested
 
 
 def jumps(out):

@@ -72,9 +72,10 @@ def double(pair):
 
 print(double({name}(3.0)))
 """
-    module = tmp_path / "kept.py"
+    module, path = tmp_path / "kept.py", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     for name in ("Earlier", "Later"):
         module.write_text(source.format(name=name), encoding="utf-8")
         done = subprocess.run([sys.executable, "-c", "import kept"], cwd=tmp_path, capture_output=True, text=True,
-                              env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}, timeout=120)
+                              timeout=120, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+                                                "PYTHONPATH": path})
         assert done.stdout == "6.0\n", done.stderr

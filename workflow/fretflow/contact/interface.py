@@ -13,7 +13,8 @@ from fretflow.core.records import quantity, record
 class Interface:
     """Node pairs of the contact.
 
-    The DOF order everywhere is x, y, z per node, node after node: DOF ``3 m + c`` is direction c of node m.
+    The DOF order everywhere is x, y, z per node, node after node: DOF ``3 m + c`` is direction c of node m. Where nodes
+    lie matters to pictures and to the form of faces alone; numbers of nodes (nodes,) stand for nodes all in one place.
 
     Examples
     --------
@@ -36,6 +37,8 @@ class Interface:
             If the arrays do not match or an area is not positive.
         """
         n = len(self.areas)
+        if self.nodes.ndim == 1 and np.issubdtype(self.nodes.dtype, np.integer):
+            object.__setattr__(self, "nodes", np.zeros((len(self.nodes), 2)))
         if self.nodes.shape != (n, 2) or self.gap.shape != (n,):
             raise InputError(f"interface: nodes {self.nodes.shape}, areas {self.areas.shape} and gap "
                              f"{self.gap.shape} do not match; give one row a node")

@@ -91,24 +91,23 @@ def _gains(recording: Recording, case: Case) -> list[str]:
 def _fundamentals(recording: Recording, case: Case) -> Array:
     """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4)."""
     rows = []
-    stated = recording.test.excitation_amplitude or np.nan, recording.test.excitation_frequency or np.nan
+    stated = recording.test.excitation_frequency or np.nan
     first = recording.loops
     if first is not None:
         rows += _of(first, [stated] * len(first.cycles))
     if recording.sweep is not None:
-        own = {one.id: (one.excitation_amplitude or stated[0], one.excitation_frequency or stated[1])
-               for one in recording.sweep.conditions}
+        own = {one.id: one.excitation_frequency or stated for one in recording.sweep.conditions}
         rows += _of(recording.sweep.loops, [own[int(k)] for k in recording.sweep.loops.cycles])
     return np.array([row for row in rows if np.all(np.isfinite(row))]).reshape(-1, 4)
 
 
-def _of(loops: LoopSet, stated: list[tuple[float, float]]) -> list[list[complex]]:
-    names = ("displacement", loops.force_name)
-    lines = [np.fft.rfft(loops.mean(name), axis=1)[:, 1] * 2.0 / len(loops.phase) for name in names]
-    drive = np.fft.rfft(loops.mean("excitation"), axis=1)[:, 1] * 2.0 / len(loops.phase) \
-        if "excitation" in loops.channels else None
-    return [[complex(stated[k][0]) if drive is None else complex(drive[k]), complex(lines[0][k]), complex(lines[1][k]),
-             complex(2.0 * np.pi * stated[k][1])] for k in range(len(lines[0]))]
+def _of(loops: LoopSet, stated: list[float]) -> list[list[complex]]:
+    """Return the rows of some loops; none without a record of the drive: a stated amplitude has no phase."""
+    if "excitation" not in loops.channels:
+        return []
+    lines = [np.fft.rfft(loops.mean(name), axis=1)[:, 1] * 2.0 / len(loops.phase)
+             for name in ("excitation", "displacement", loops.force_name)]
+    return [[*map(complex, row), complex(2.0 * np.pi * stated[k])] for k, row in enumerate(zip(*lines, strict=True))]
 
 
 def _friction(recording: Recording) -> list[str]:
