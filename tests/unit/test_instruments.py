@@ -72,3 +72,13 @@ def test_what_effects_of_the_catalogue_do_is_no_fault() -> None:
     """A delay of a filter and a gain that is off by a fifth are left to the diagnosis."""
     assert faults(*recorded(late=2e-4)) == ()
     assert faults(*recorded(gain=1.2)) == ()
+
+
+def test_loops_without_a_record_of_their_drive_tell_no_gain() -> None:
+    """Their phase is counted from the displacement, so that the stated drive's is not known."""
+    recording, case = recorded()
+    loops = recording.loops.channels
+    del loops["excitation"]
+    for name, values in loops.items():
+        loops[name] = np.roll(values, SAMPLES // 3, axis=-1)
+    assert faults(recording, case) == ()
