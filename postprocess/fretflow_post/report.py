@@ -15,6 +15,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect
 from fretflow.inference import words
 from fretflow.inference.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
+from fretflow.recordings.kinds import kinds
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -50,7 +51,8 @@ def render_report(diagnosis: Diagnosis) -> str:
     content = {
         "d": diagnosis, "words": words, "gate": EXPLAINED_GATE, "verdict": diagnosis.verdict.value,
         "headline": words.VERDICT_WORDS[diagnosis.verdict],
-        "kind": words.KIND_WORDS.get(diagnosis.kind, diagnosis.kind), "with_after": with_after,
+        "kind": kinds()[diagnosis.kind].words if diagnosis.kind in kinds() else diagnosis.kind,
+        "with_after": with_after,
         "tiles": tuple(_tiles(diagnosis)), "physics": tuple(_physics(diagnosis)), "sure": _how_sure(diagnosis),
         "ranking": _split(_ranking(diagnosis), MOST_RANKED), "loops": loops, "maps": map_views(diagnosis),
         "after_words": words.after_words(diagnosis),

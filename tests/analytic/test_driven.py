@@ -15,7 +15,7 @@ from fretflow.effects.coulomb_friction import CoulombFriction
 from fretflow.effects.directional_friction import DirectionalFriction
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.driven import DrivenJoint, LumpedBaseline, SliderBaseline
-from fretflow.effects.effect import DRIVEN, Kind
+from fretflow.effects.effect import DRIVEN
 from fretflow.effects.force_offset import ForceOffset
 from fretflow.effects.parallel_stiffness import ParallelStiffness
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
@@ -24,6 +24,7 @@ from fretflow.experiments.driven.data import plain_data, prepared
 from fretflow.experiments.driven.experiment import RIG, DrivenExperiment, Scale, unit_of
 from fretflow.experiments.driven.noise import white_noise
 from fretflow.experiments.driven.run import fitted
+from fretflow.recordings.kinds.joints import FRETTING_RIG, IMPOSED_DISPLACEMENT
 from fretflow.structure.driven import Sliders, clipped_march
 from fretflow.structure.motion import Motion
 from hypothesis import given, settings
@@ -172,7 +173,7 @@ def acting():
 
 
 def typical(kind):
-    return (SLIDER, swinging(lean=1.0)) if kind is Kind.IMPOSED_DISPLACEMENT else (BODY, swinging(1e-3))
+    return (SLIDER, swinging(lean=1.0)) if kind is IMPOSED_DISPLACEMENT else (BODY, swinging(1e-3))
 
 
 @pytest.mark.parametrize(("kind", "name"), acting())
@@ -242,10 +243,10 @@ def test_a_fit_finds_what_made_the_force_at_any_scale(size):
         z = min(max(z + step, -g / 2 - s / k), g / 2 + s / k)
         made.append(k * (z - min(max(z, -g / 2), g / 2)))
     made = np.array(made) + 0.01 * s * np.random.default_rng(4).normal(size=len(made))
-    motion, force = prepared(Kind.IMPOSED_DISPLACEMENT, motion, made)
+    motion, force = prepared(IMPOSED_DISPLACEMENT, motion, made)
     assert len(force) <= 2500
     used = np.arange(len(force)) > 100
-    found = fitted(plain_data(Kind.IMPOSED_DISPLACEMENT, motion, force, used), ["backlash"])
+    found = fitted(plain_data(IMPOSED_DISPLACEMENT, motion, force, used), ["backlash"])
     assert {one.name for one in found.parameters.coordinates} == set(true)
     spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
     for one, z, dz in zip(found.parameters.coordinates, found.z, spread, strict=True):
@@ -270,11 +271,11 @@ def test_ranges_go_with_the_size_of_the_joint():
 
 
 def test_recordings_that_cannot_be_fitted_are_refused():
-    still = plain_data(Kind.IMPOSED_DISPLACEMENT, moving(np.zeros(20)), np.zeros(20))
+    still = plain_data(IMPOSED_DISPLACEMENT, moving(np.zeros(20)), np.zeros(20))
     with pytest.raises(InputError, match="constant"):
         DrivenExperiment(still, white_noise(still), 1.0).parameters(())
     with pytest.raises(InputError, match="fretting-rig: no measured motion"):
-        fitted(plain_data(Kind.FRETTING_RIG, swinging(), np.zeros(len(swinging().displacement))), [])
+        fitted(plain_data(FRETTING_RIG, swinging(), np.zeros(len(swinging().displacement))), [])
 
 
 def test_play_keeps_its_side_at_the_start():

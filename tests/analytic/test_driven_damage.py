@@ -10,7 +10,7 @@ from fretflow.core.errors import RecordingError
 from fretflow.experiments.driven import data as driven
 from fretflow.experiments.driven.run import diagnose_driven
 from fretflow.inference.verdict import Verdict
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.recording import read_joint_recording
 
 PERIOD = 200  # rows
 TOML = """format = "fretflow-recording/1"
@@ -47,7 +47,7 @@ def diagnosed(tmp_path):
         (tmp_path / "recording.toml").write_text(toml.format(kind=kind, unit=unit))
         lines = [",".join("" if np.isnan(v) else f"{v:.8g}" for v in row) for row in np.stack(columns, axis=1)]
         (tmp_path / "series.csv").write_text(change("\n".join([",".join("txF"[:len(columns)]), *lines]) + "\n"))
-        return diagnose_driven(read_recording(tmp_path), True, lambda share, text: None)
+        return diagnose_driven(read_joint_recording(tmp_path), True, lambda share, text: None)
 
     return run
 

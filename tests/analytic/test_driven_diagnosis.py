@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.core.errors import RecordingError, UnreliableRecordingError, UnsupportedRecordingError
-from fretflow.experiments import diagnose as kinds
 from fretflow.experiments.diagnose import diagnose
 from fretflow.experiments.driven.data import driven_data
 from fretflow.experiments.driven.noise import correlation_length, effective
@@ -17,9 +16,10 @@ from fretflow.experiments.driven.run import diagnose_driven, searched
 from fretflow.experiments.independent import estimates
 from fretflow.experiments.rig.run import RigTools
 from fretflow.inference.verdict import Verdict
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.recordings.loopset import LoopSet, Series
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.schema import RecordedTest, RecordedWear, TestKind
+from fretflow.recordings.schema import RecordedTest, RecordedWear
 
 K, S, X, HERTZ = 28e6, 50.0, 7e-6, 100.0
 STEP, CYCLES = 1.0 / 20000.0, 6
@@ -48,7 +48,7 @@ def slid(x, up=S, down=S, play=0.0, stiffness=K):
     return np.array(force)
 
 
-def recording(t, x, force, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True):
+def recording(t, x, force, kind=IMPOSED_DISPLACEMENT, timed=True):
     series = Series(time=t if timed else None, channels={"displacement": x, "force": force},
                     usable=np.ones(len(t), bool), units={"displacement": "m", "force": "N"}, sd={}, calibration_sd={},
                     displacement_of=None)
@@ -56,7 +56,7 @@ def recording(t, x, force, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True):
                      wear=RecordedWear(), loops=None, series=series, sweep=None, frf=None, wear_depth=None, notes=())
 
 
-def made(force_of, seed=0, kind=TestKind.IMPOSED_DISPLACEMENT, timed=True, size=SIZE):
+def made(force_of, seed=0, kind=IMPOSED_DISPLACEMENT, timed=True, size=SIZE):
     t, x, v = motion(seed)
     rng = np.random.default_rng(1000 + seed)
     return recording(t, x + 1e-3 * X * rng.standard_normal(len(x)), force_of(t, x, v) + size * rng.standard_normal(
@@ -84,7 +84,7 @@ def test_a_body_without_friction_is_left_alone():
     def body(t, x, v):
         return 120.0 * (2.0 * np.pi * HERTZ)**2 * -x + 8e3 * v
 
-    verdicts = [diagnose_driven(made(body, seed, TestKind.LUMPED, size=0.3), True, quiet).verdict for seed in range(8)]
+    verdicts = [diagnose_driven(made(body, seed, LUMPED, size=0.3), True, quiet).verdict for seed in range(8)]
     assert sum(one is Verdict.NONE for one in verdicts) >= 7
 
 
@@ -134,7 +134,7 @@ def test_coulomb_friction_and_an_offset_of_a_body_have_intervals_that_hold():
     a = sum(-0.08 * np.pi**2 * w * np.sin(2.0 * np.pi * w * t) for w in rates)
     noise = 0.5 * np.random.default_rng(5).standard_normal(len(t))
     force = 12.0 * a + 400.0 * v + slid(x, 20.0, 20.0, stiffness=2e7) - 3.0 + noise
-    found = diagnose_driven(recording(t, x, force, TestKind.LUMPED), False, quiet)
+    found = diagnose_driven(recording(t, x, force, LUMPED), False, quiet)
     assert {"coulomb-friction", "force-offset"} <= set(found.effects)
     assert "velocity-dependent-friction" not in found.effects
     for one in found.parameters:
@@ -211,10 +211,7 @@ def test_recordings_without_a_model_are_refused(tmp_path):
         diagnose(tmp_path / "absent", True, quiet, NO_TOOLS)
 
 
-def test_a_kind_without_a_diagnosis_is_refused_and_not_taken_for_another(monkeypatch):
-    made_up = made(lambda t, x, v: slid(x), kind=TestKind.LUMPED)
-    known = dict(kinds.EXPERIMENTS)
-    del known["lumped"]
-    monkeypatch.setattr(kinds, "EXPERIMENTS", known)
+def test_a_kind_without_a_diagnosis_is_refused_and_not_taken_for_another():
+    made_up = made(lambda t, x, v: slid(x), kind=replace(LUMPED, experiment=""))
     with pytest.raises(UnsupportedRecordingError, match=r"kind 'lumped' has no diagnosis; there is one of fre"):
         diagnose(made_up, True, quiet, NO_TOOLS)

@@ -17,9 +17,10 @@ from fretflow.core.errors import ConfigError
 from fretflow.effects.catalogue import catalogue, parse_effects, tables
 from fretflow.effects.cycle import respond
 from fretflow.effects.derivative import effect_direction
-from fretflow.effects.effect import Effect, Kind
+from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.problem import rig_problem
+from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.solvers.sensitivity import sensitivities
 from fretflow.structure.sensors import Signals
@@ -98,7 +99,7 @@ def acting_in_the_period():
     """Return (effect, parameter) of all that change a period's problem."""
     for name in IDS:
         kind = catalogue()[name]
-        if Kind.FRETTING_RIG in kind.kinds and kind.period is not Effect.period:
+        if FRETTING_RIG in kind.kinds and kind.period is not Effect.period:
             yield from ((name, parameter) for parameter in kind.priors())
 
 
@@ -124,7 +125,7 @@ def test_derivatives_are_those_of_central_differences(name, parameter):
 
 
 def pairs():
-    rig = [name for name in IDS if Kind.FRETTING_RIG in catalogue()[name].kinds]
+    rig = [name for name in IDS if FRETTING_RIG in catalogue()[name].kinds]
     return list(itertools.combinations(rig, 2))
 
 

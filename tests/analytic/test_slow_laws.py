@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from fretflow.case.config import WearScheme
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Kind
 from fretflow.effects.model import EffectModel
 from fretflow.effects.wear_threshold import frictional_power
+from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.march import run_history
@@ -269,7 +269,7 @@ def data_of(problem):
          len(problem.excitation.overtones)], *forces, *factors])
 
 
-@pytest.mark.parametrize("name", [name for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds])
+@pytest.mark.parametrize("name", [name for name, kind in catalogue().items() if FRETTING_RIG in kind.kinds])
 def test_effects_that_follow_cycles_say_so(winkler, name):
     """Those that say nothing march by the baseline's error control, so that none may be forgotten."""
     model = EffectModel.build(winkler(foundation=1e14), [catalogue()[name]()])

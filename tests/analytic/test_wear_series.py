@@ -17,7 +17,7 @@ from fretflow.experiments.wear_series.data import tests_of_detection as detectio
 from fretflow.experiments.wear_series.data import wear_data
 from fretflow.experiments.wear_series.run import diagnose_wear_series, fitted_forms
 from fretflow.inference.verdict import EXPLAINED_GATE, Verdict
-from fretflow.recordings.wear_series import WearSeries
+from fretflow.recordings.kinds.wear_series import WearSeries
 from scipy.integrate import solve_ivp
 
 ALPHA = 3e-14  # m^3/J

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from fretflow.experiments.wear_series.run import diagnose_wear_series
 from fretflow.inference.verdict import Diagnosis, Verdict
-from fretflow.recordings.wear_series import read_wear_series
+from fretflow.recordings.kinds.wear_series import read_wear_series
 
 pytestmark = pytest.mark.real_data
 STEEL, TITANIUM = "baydoun2019_flat_on_flat_steel", "fouvry2017ti_appendixA_test_matrix"

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from fretflow.effects.coulomb_friction import CoulombFriction
 from fretflow.effects.driven import DrivenJoint, LumpedBaseline
-from fretflow.effects.effect import Kind
 from fretflow.effects.force_offset import ForceOffset
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
 from fretflow.experiments.driven.data import plain_data, prepared
 from fretflow.experiments.driven.experiment import DrivenExperiment
 from fretflow.experiments.driven.noise import white_noise
 from fretflow.experiments.driven.run import fitted
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
+from fretflow.recordings.recording import read_joint_recording
 from fretflow.structure.motion import Motion, measure
 from scipy.optimize import least_squares
 
@@ -32,7 +32,7 @@ DAMPERS = ("damper_d1_0p5Hz20lbtension", "damper_d1_0p5Hz35lbtension", "damper_d
 
 @cache
 def recorded(path: Path):
-    series = read_recording(path).series
+    series = read_joint_recording(path).series
     step = (series.time[-1] - series.time[0]) / (len(series.time) - 1)
     return measure(series.channels["displacement"], step), series.channels["force"]
 
@@ -54,10 +54,10 @@ def rms(values):
 def drive(folder, *names):
     """Return a fit of all the positioning drive, and the error on its second half of a fit of the first."""
     measured, force = recorded(folder / "drive_estimation")
-    motion, force = prepared(Kind.LUMPED, measured.motion, force, samples=5000)
+    motion, force = prepared(LUMPED, measured.motion, force, samples=5000)
     first = np.arange(len(force)) < len(force) // 2
-    _, left, _ = refit(Kind.LUMPED, names, motion, force, used=first)
-    whole, rest, taken = refit(Kind.LUMPED, names, motion, force)
+    _, left, _ = refit(LUMPED, names, motion, force, used=first)
+    whole, rest, taken = refit(LUMPED, names, motion, force)
     return whole, rms(left[~first]) / rms(force[~first]), taken, rest
 
 
@@ -80,8 +80,8 @@ def test_the_drive_has_no_stribeck_friction(recordings):
     names = ("coulomb-friction", "force-offset")
     plain, _, _, rest = drive(recordings, *names)
     measured, force = recorded(recordings / "drive_estimation")
-    motion, force = prepared(Kind.LUMPED, measured.motion, force, samples=5000)
-    data = plain_data(Kind.LUMPED, motion, force)
+    motion, force = prepared(LUMPED, measured.motion, force, samples=5000)
+    data = plain_data(LUMPED, motion, force)
     known = {one.field: one.value(z) for one, z in zip(plain.parameters.coordinates, plain.z, strict=True)}
     fastest = np.abs(motion.velocity).max()
     for strength in (0.05, 0.2):
@@ -107,7 +107,7 @@ def loop(path: Path):
     inside = slice(5120, 9421)
     motion = Motion(step=measured.motion.step, displacement=measured.motion.displacement[inside],
                     velocity=measured.motion.velocity[inside], acceleration=measured.motion.acceleration[inside])
-    return prepared(Kind.IMPOSED_DISPLACEMENT, motion, force[inside], samples=600)
+    return prepared(IMPOSED_DISPLACEMENT, motion, force[inside], samples=600)
 
 
 @pytest.mark.parametrize(("name", "expected"), list(zip(DAMPERS, (
@@ -117,7 +117,7 @@ def test_a_damper_with_backlash_is_best_explained_by_play(recordings, name, expe
     motion, force = loop(recordings / name)
     models = ((), ("directional-friction",), ("backlash", "directional-friction"), ("distributed-micro-slip",
                                                                                      "directional-friction"))
-    found = [refit(Kind.IMPOSED_DISPLACEMENT, names, motion, force) for names in models]
+    found = [refit(IMPOSED_DISPLACEMENT, names, motion, force) for names in models]
     errors = [rms(left) / np.ptp(force) for _, left, _ in found]
     assert errors[:3] == pytest.approx(expected, abs=0.0015)
     assert errors[2] < errors[3]
@@ -129,9 +129,9 @@ def test_a_damper_with_backlash_is_best_explained_by_play(recordings, name, expe
 
 def test_the_whole_record_of_a_damper_is_refitted_within_a_second(recordings):
     measured, force = recorded(recordings / DAMPERS[1])
-    motion, force = prepared(Kind.IMPOSED_DISPLACEMENT, measured.motion, force)
-    _, plain, _ = refit(Kind.IMPOSED_DISPLACEMENT, (), motion, force)
-    _, played, taken = refit(Kind.IMPOSED_DISPLACEMENT, ("backlash",), motion, force)
+    motion, force = prepared(IMPOSED_DISPLACEMENT, measured.motion, force)
+    _, plain, _ = refit(IMPOSED_DISPLACEMENT, (), motion, force)
+    _, played, taken = refit(IMPOSED_DISPLACEMENT, ("backlash",), motion, force)
     assert taken < 1.0
     assert rms(played) < 0.5 * rms(plain)
 
@@ -141,7 +141,7 @@ def bolted(folder, name):
     x, force = np.genfromtxt(folder / "bolted_joint_loops" / name, delimiter=",", skip_header=2).T
     x, force = (np.concatenate([values, values, values[:1]]) for values in (1e-3 * x, 1e3 * force))
     motion = Motion(step=1.0, displacement=x, velocity=np.gradient(x), acceleration=np.zeros_like(x))
-    motion, force = prepared(Kind.IMPOSED_DISPLACEMENT, motion, force)
+    motion, force = prepared(IMPOSED_DISPLACEMENT, motion, force)
     return replace(motion, lean=0.0), force, np.arange(len(x)) > len(x) // 2
 
 
@@ -149,6 +149,6 @@ def bolted(folder, name):
                                             ("rousseau2025_loop_steel_amp0p03.csv", 0.9)])
 def test_bolted_joints_have_distributed_slip(recordings, name, gain):
     motion, force, used = bolted(recordings, name)
-    one, many = (rms(refit(Kind.IMPOSED_DISPLACEMENT, names, motion, force, used=used)[1][used]) for names in (
+    one, many = (rms(refit(IMPOSED_DISPLACEMENT, names, motion, force, used=used)[1][used]) for names in (
         ("force-offset",), ("distributed-micro-slip", "force-offset")))
     assert many < gain * one

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.recordings import readings
-from fretflow.recordings.readers.bare import Wanted, read_bare
+from fretflow.recordings.bare import Wanted, read_bare
+from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.recordings.readings import read_recorded_loops
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.recording import read_joint_recording
 from fretflow.recordings.repeatability import repeatability
-from fretflow.recordings.schema import TestKind
 from fretflow.recordings.series import loops_of_series
 
 pytestmark = pytest.mark.real_data
@@ -32,8 +32,8 @@ def read(loops, load=np.nan, **options):
 
 
 def test_run_in(recordings):
-    recording = read_recording(recordings / "example_run_in")
-    assert recording.kind is TestKind.FRETTING_RIG
+    recording = read_joint_recording(recordings / "example_run_in")
+    assert recording.kind is FRETTING_RIG
     assert recording.notes == ()
     assert recording.loops.force.shape == (9, 3, 200)
     seen = read(recording.loops, 60.0).friction_coefficient
@@ -45,7 +45,7 @@ def test_run_in(recordings):
 
 
 def test_baseline(recordings):
-    recording = read_recording(recordings / "example_baseline")
+    recording = read_joint_recording(recordings / "example_baseline")
     seen = read(recording.loops, 60.0)
     assert seen.friction_coefficient.value == pytest.approx(np.full(9, 0.84), abs=0.01)
     # Nearly rigid asperities: the loop cannot tell their stiffness, only bounds.
@@ -62,7 +62,7 @@ def test_baseline(recordings):
     ("damper_d1_1Hz20lbtension", 6, 3.9e3), ("damper_d2_0p5Hz30lbtension1amplitude", 5, 9.4e3),
 ])
 def test_damper(recordings, name, cycles, limit):
-    recording = read_recording(recordings / name)
+    recording = read_joint_recording(recordings / name)
     loops, notes = loops_of_series(recording.series)
     seen = read(loops, consecutive=True)
     assert len(seen.cycles) == cycles
@@ -75,7 +75,7 @@ def test_damper(recordings, name, cycles, limit):
 
 
 def test_drive_work_is_that_of_its_published_friction(recordings):
-    recording = read_recording(recordings / "drive_estimation")
+    recording = read_joint_recording(recordings / "drive_estimation")
     series = recording.series
     loops, _ = loops_of_series(series)
     seen = read(loops)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.effects.catalogue import parse_effects
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.recording import read_joint_recording
 from fretflow_trial import make
 from fretflow_trial.campaign import Plan, Test
 from fretflow_trial.case import LISTED, UNLISTED, Case, Simulated, compose, draw, key
@@ -96,7 +96,7 @@ def test_every_effect_changes_what_it_should(name: str, other: bool) -> None:
 
 def test_recording_is_read_as_it_was_measured(short: Short, tmp_path: Path) -> None:
     case, outcome = short.case, short.simulated.outcome
-    found = read_recording(write(short.simulated, tmp_path / "recording", "Fretting rig"))
+    found = read_joint_recording(write(short.simulated, tmp_path / "recording", "Fretting rig"))
     assert found.loops is not None
     assert found.sweep is not None
     assert found.wear_depth is not None
@@ -150,7 +150,7 @@ def test_without_a_record_of_the_drive_its_phase_is_no_signal(short: Short, tmp_
     assert told > 50.0
     assert untold < 1e-6 * told
     undriven = replace(short.simulated, case=replace(case, drive_recorded=False))
-    found = read_recording(write(undriven, tmp_path / "recording", "Fretting rig"))
+    found = read_joint_recording(write(undriven, tmp_path / "recording", "Fretting rig"))
     assert found.loops is not None
     assert set(found.loops.channels) == set(CHANNELS)
     assert found.loops.aligned_to == "displacement"

@@ -1,5 +1,6 @@
 """The worked examples of the contributor's guide do what it says, each in under 40 lines."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -36,6 +37,27 @@ def test_an_effect(tmp_path, monkeypatch):
     assert np.array_equal(factor, back)
     assert ff.catalogue()["friction-ramp"] is kind
     assert set(kind().sketch().curves) == {"baseline", "effect"}
+
+
+def test_a_kind_of_recordings(tmp_path, monkeypatch):
+    kinds = importlib.import_module("fretflow.recordings.kinds")
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "torsion.py").write_text(block("recordings/kinds/torsion.py"), encoding="utf-8")
+    monkeypatch.setattr(kinds, "__path__", [*kinds.__path__, str(tmp_path / "room")])
+    kinds.kinds.cache_clear()
+    time = np.arange(400) / 2000.0
+    angle = 5e-3 * np.sin(2.0 * np.pi * 10.0 * time)
+    np.savetxt(tmp_path / "test.csv", np.column_stack([time, angle, 3.0 * np.sign(np.cos(20.0 * np.pi * time))]),
+               delimiter=",", header="time_s,angle_rad,torque_Nm", comments="")
+    (tmp_path / "recording.toml").write_text(
+        'format = "fretflow-recording/1"\n[test]\nkind = "torsion"\n[torsion]\nfile = "test.csv"\nradius = "2 cm"\n',
+        encoding="utf-8")
+    try:
+        recording = ff.read_recording(tmp_path)
+    finally:
+        kinds.kinds.cache_clear()
+    assert recording.series.channels["displacement"].max() == pytest.approx(1e-4, rel=1e-3)  # 5 mrad at 2 cm
+    assert recording.series.channels["force"].max() == pytest.approx(150.0)  # 3 N m at 2 cm
 
 
 def test_a_structure_from_matrices():

@@ -10,7 +10,7 @@ import pytest
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings import periods
 from fretflow.recordings.readings import read_recorded_loops
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.recording import read_joint_recording
 from fretflow.recordings.series import loops_of_series
 
 LEAD = 0.3
@@ -35,7 +35,7 @@ def notes_about(recording, words):
 
 def test_even_samples_are_kept_as_they_are(tmp_path, make):
     made = make(cycles=(0, 50, 1000), repeats=3, noise=(3e-8, 0.3))
-    loops = read_recording(made.write(tmp_path)).loops
+    loops = read_joint_recording(made.write(tmp_path)).loops
     assert loops.cycles.tolist() == [0, 50, 1000]
     assert loops.aligned_to == "excitation"
     # The excitation leads by 0.3 turns: its maximum is 140 of 200 samples after the start.
@@ -46,7 +46,7 @@ def test_even_samples_are_kept_as_they_are(tmp_path, make):
 
 def test_samples_between_grid_points_are_kept_too(tmp_path, make):
     made = make(starts=[0.31 / 200] * 4)
-    loops = read_recording(made.write(tmp_path)).loops
+    loops = read_joint_recording(made.write(tmp_path)).loops
     assert np.sort(loops.displacement[0, 0]) == pytest.approx(np.sort(made.columns["displacement"][:200]), rel=1e-9)
     assert loops.phase[0] == pytest.approx(2.0 * np.pi * 0.31 / 200, rel=1e-6)
 
@@ -54,7 +54,7 @@ def test_samples_between_grid_points_are_kept_too(tmp_path, make):
 @pytest.mark.parametrize("excitation", [True, False])
 def test_trigger_jitter_is_taken_out(tmp_path, make, exact, spring_slider, excitation):
     starts = np.random.default_rng(3).uniform(0.0, 1.0, 12)
-    recording = read_recording(make(repeats=6, starts=starts, excitation=excitation).write(tmp_path))
+    recording = read_joint_recording(make(repeats=6, starts=starts, excitation=excitation).write(tmp_path))
     loops = recording.loops
     turns = loops.phase / (2.0 * np.pi) - (LEAD if excitation else 0.0)
     x, force = spring_slider(turns)
@@ -68,7 +68,7 @@ def test_offset_stays_and_does_not_matter(tmp_path, make, exact):
     made = make()
     made.columns["displacement"] += 3e-6
     made.columns["friction_force"] -= 4.0
-    loops = read_recording(made.write(tmp_path)).loops
+    loops = read_joint_recording(made.write(tmp_path)).loops
     assert loops.displacement.mean() == pytest.approx(3e-6, rel=1e-6, abs=0.0)
     assert loops.force.mean() == pytest.approx(-4.0, rel=1e-6)
     assert_readings(loops, exact)
@@ -79,7 +79,7 @@ def test_drift_within_one_period_is_closed(tmp_path, make, exact, drift):
     made = make()
     made.columns["friction_force"] += drift * 72.0 * 100.0 * made.columns["time"]
     made.columns["displacement"] -= drift * 16e-6 * 100.0 * made.columns["time"]
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=4e-3)
     assert {note.channel for note in notes_about(recording, "drift removed")} == {"displacement", "friction_force"}
 
@@ -88,7 +88,7 @@ def test_slow_drift_over_several_periods_is_removed(tmp_path, make, exact):
     made = make(periods=8, repeats=1)
     time = made.columns["time"]
     made.columns["friction_force"] += 7.0 * np.sin(2.0 * np.pi * time / 0.5)
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.force.shape == (2, 8, 200)
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=2e-3)
     assert [note.channel for note in notes_about(recording, "drift removed")] == ["friction_force"]
@@ -96,15 +96,15 @@ def test_slow_drift_over_several_periods_is_removed(tmp_path, make, exact):
 
 def test_no_drift_is_seen_in_noise(tmp_path, make):
     noisy = make(cycles=tuple(range(15)), repeats=3, noise=(1e-7, 0.5))
-    assert not notes_about(read_recording(noisy.write(tmp_path / "a")), "drift")
+    assert not notes_about(read_joint_recording(noisy.write(tmp_path / "a")), "drift")
     long = make(cycles=(0,), repeats=1, periods=50, noise=(1e-7, 0.5))
-    assert not notes_about(read_recording(long.write(tmp_path / "b")), "drift")
+    assert not notes_about(read_joint_recording(long.write(tmp_path / "b")), "drift")
 
 
 @pytest.mark.parametrize("samples", [27.3, 200.0, 333.7])
 def test_record_of_several_periods_is_cut_into_repeats(tmp_path, make, exact, samples):
     made = make(samples=samples, periods=7.4, repeats=1)
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.force.shape == (2, 7, round(samples))
     coarse = 200.0 / min(samples, 200.0)
     stiffness = 5e-3 if samples > 100.0 else None  # three samples of a stick portion are none to fit
@@ -115,7 +115,7 @@ def test_record_of_several_periods_is_cut_into_repeats(tmp_path, make, exact, sa
 
 def test_frequency_a_little_off_is_found(tmp_path, make, exact):
     made = make(periods=30, repeats=1, frequency=100.4, cycles=(0,))
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert_readings(recording.loops, exact, lengths=2e-3)
     assert notes_about(recording, "by which the signal comes back")
 
@@ -123,14 +123,14 @@ def test_frequency_a_little_off_is_found(tmp_path, make, exact):
 def test_wrong_frequency_is_a_contradiction(tmp_path, make):
     made = make(periods=10, repeats=1, frequency=80.0)
     with pytest.raises(UnreliableRecordingError, match=r"periods come at 80\.?\d* Hz where 100 Hz are stated"):
-        read_recording(made.write(tmp_path))
+        read_joint_recording(made.write(tmp_path))
 
 
 def test_missing_samples_are_filled_and_named(tmp_path, make, exact):
     made = make()
     made.columns["friction_force"][[30, 31, 32, 333]] = np.nan
     made.columns["displacement"][500] = np.inf
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=2e-3)
     filled = {note.channel: note.rows for note in notes_about(recording, "filled by interpolation")}
     assert filled == {"friction_force": ((31, 33), (334, 334)), "displacement": ((501, 501),)}
@@ -139,7 +139,7 @@ def test_missing_samples_are_filled_and_named(tmp_path, make, exact):
 def test_loop_with_a_long_hole_is_left_out(tmp_path, make, exact):
     made = make()
     made.columns["friction_force"][20:60] = np.nan
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.repeats.tolist() == [1, 2]
     assert np.isnan(recording.loops.force[0, 1]).all()
     assert_readings(recording.loops, exact)
@@ -149,7 +149,7 @@ def test_loop_with_a_long_hole_is_left_out(tmp_path, make, exact):
 def test_period_with_a_hole_is_left_out_and_its_neighbours_stay(tmp_path, make, exact):
     made = make(periods=5, repeats=1)
     made.columns["friction_force"][420:460] = np.nan
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.repeats.tolist() == [4, 5]
     assert notes_about(recording, "period left out")[0].rows == ((401, 600),)
     assert_readings(recording.loops, exact)
@@ -158,11 +158,11 @@ def test_period_with_a_hole_is_left_out_and_its_neighbours_stay(tmp_path, make, 
 def test_gap_in_time_is_bridged_or_refused(tmp_path, make, exact):
     made = make()
     made.columns = {name: np.delete(values, np.r_[40:44]) for name, values in made.columns.items()}
-    recording = read_recording(made.write(tmp_path / "short"))
+    recording = read_joint_recording(made.write(tmp_path / "short"))
     assert notes_about(recording, "follow gaps in time")[0].rows == ((41, 41),)
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
     made.columns = {name: np.delete(values, np.r_[40:70]) for name, values in made.columns.items()}
-    recording = read_recording(made.write(tmp_path / "long"))
+    recording = read_joint_recording(made.write(tmp_path / "long"))
     assert notes_about(recording, "5% of a period is missing in one place")[0].rows == ((1, 166),)
 
 
@@ -173,7 +173,7 @@ def test_uneven_sampling(tmp_path, make, exact, spring_slider):
     x, force = spring_slider(100.0 * time)
     made.columns.update(time=time, displacement=x, friction_force=force,
                         excitation=50.0 * np.cos(2.0 * np.pi * (100.0 * time + LEAD)))
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert notes_about(recording, "sampled unevenly")
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
 
@@ -181,7 +181,7 @@ def test_uneven_sampling(tmp_path, make, exact, spring_slider):
 def test_last_loop_cut_off(tmp_path, make):
     made = make()
     made.columns = {name: values[:-80] for name, values in made.columns.items()}
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.repeats.tolist() == [2, 1]
     assert notes_about(recording, "60% of a period")[0].rows == ((601, 720),)
 
@@ -212,14 +212,14 @@ def test_damage_that_leaves_nothing(tmp_path, make, spoil, message):
     if "time" in message and "no loop" in message:
         message = r"time: periods come at|no loop is usable"
     with pytest.raises(UnreliableRecordingError, match=message) as caught:
-        read_recording(folder)
+        read_joint_recording(folder)
     assert "\n" not in str(caught.value)
 
 
 def test_a_force_that_rings_is_no_wrong_unit(tmp_path, make):
     made = make()
     made.columns["friction_force"][::40] *= 20.0
-    assert read_recording(made.write(tmp_path)).loops.mean("friction_force").max() > 5.0 * 50.0
+    assert read_joint_recording(made.write(tmp_path)).loops.mean("friction_force").max() > 5.0 * 50.0
 
 
 def test_rows_without_a_cycle_are_left_out(tmp_path, make, exact):
@@ -227,7 +227,7 @@ def test_rows_without_a_cycle_are_left_out(tmp_path, make, exact):
     lines = (folder / "loops.csv").read_text().splitlines()
     lines[5] = lines[5].replace("0,0,", ",0,", 1)
     (folder / "loops.csv").write_text("\n".join(lines) + "\n")
-    recording = read_recording(folder)
+    recording = read_joint_recording(folder)
     assert notes_about(recording, "row left out")[0].rows == ((5, 5),)
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
 
@@ -235,7 +235,7 @@ def test_rows_without_a_cycle_are_left_out(tmp_path, make, exact):
 def test_impossible_numbers_are_missing_ones(tmp_path, make, exact):
     made = make()
     made.columns["friction_force"][77] = 1e300
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert notes_about(recording, "beyond 1e+15")[0].rows == ((78, 78),)
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=1e-2, lengths=2e-3)
 
@@ -244,7 +244,7 @@ def test_one_spoilt_loop_does_not_stop_the_others(tmp_path, make, exact):
     made = make(repeats=3)
     made.columns["displacement"][200:400] = 1e-6
     made.columns["friction_force"][800:1000] *= -1.0
-    recording = read_recording(made.write(tmp_path))
+    recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.repeats.tolist() == [2, 2]
     assert notes_about(recording, "never changes")[0].rows == ((201, 400),)
     assert notes_about(recording, "wrong way round")[0].rows == ((801, 1000),)
@@ -252,7 +252,7 @@ def test_one_spoilt_loop_does_not_stop_the_others(tmp_path, make, exact):
 
 
 def test_one_cycle_count_without_repeats_is_told(tmp_path, make):
-    recording = read_recording(make(cycles=(7,), repeats=1).write(tmp_path))
+    recording = read_joint_recording(make(cycles=(7,), repeats=1).write(tmp_path))
     assert notes_about(recording, "one cycle count only")
     assert notes_about(recording, "no repeats")
 
@@ -262,7 +262,7 @@ def test_series_is_cut_at_the_middle_of_its_displacement(tmp_path, make, exact):
     del made.columns["cycle"], made.columns["repeat"]
     made.columns["displacement"] += 5e-6 + 5e-6 * made.columns["time"]
     made.columns["friction_force"][[250, 251]] = np.nan
-    recording = read_recording(made.write(tmp_path, block="series"))
+    recording = read_joint_recording(made.write(tmp_path, block="series"))
     loops, notes = loops_of_series(recording.series)
     assert loops.cycles.tolist() == [1, 2, 3, 4, 5]
     assert loops.frequency == pytest.approx(np.full(5, 100.0), rel=5e-3)
@@ -275,7 +275,7 @@ def test_series_cycle_with_a_long_hole_is_left_out(tmp_path, make):
     made = make(cycles=(0,), repeats=1, periods=6.2, excitation=False)
     del made.columns["cycle"], made.columns["repeat"]
     made.columns["friction_force"][450:480] = np.nan
-    recording = read_recording(made.write(tmp_path, block="series"))
+    recording = read_joint_recording(made.write(tmp_path, block="series"))
     loops, notes = loops_of_series(recording.series)
     assert loops.cycles.tolist() == [1, 3, 4, 5]
     assert any("cycles left out" in note.text for note in notes)
@@ -311,7 +311,7 @@ def test_a_normal_load_in_the_wrong_unit_is_named(tmp_path, make, kind):
     made = make()
     made.test.update(kind=kind, normal_load="60 kN")
     with pytest.raises(UnreliableRecordingError, match=r"friction_force: .*normal load of 60 kN.*and normal_load"):
-        read_recording(made.write(tmp_path))
+        read_joint_recording(made.write(tmp_path))
 
 
 @pytest.mark.parametrize(("stiffness", "taken"), [(5e4, True), (2e5, False)])
@@ -319,10 +319,10 @@ def test_only_loops_that_slide_most_of_their_way_tell_friction(tmp_path, make, s
     """They enclose 1 - 0.3 N / (stiffness 8 um) of the rectangle around them: 0.25 and 0.81."""
     folder = make(mu=(0.005, 0.005), stiffness=stiffness).write(tmp_path)
     if taken:
-        assert read_recording(folder).loops.force.max() == pytest.approx(0.3, rel=1e-3)
+        assert read_joint_recording(folder).loops.force.max() == pytest.approx(0.3, rel=1e-3)
     else:
         with pytest.raises(UnreliableRecordingError, match=r"0\.005 times the normal load"):
-            read_recording(folder)
+            read_joint_recording(folder)
 
 
 @pytest.mark.parametrize(("channel", "heading"), [
@@ -338,7 +338,7 @@ def test_a_column_whose_heading_says_that_it_is_something_else_is_refused(tmp_pa
             text = text.replace("displacement_um", "travel_um")
         (folder / name).write_text(text.replace(own, heading))
     with pytest.raises(UnreliableRecordingError, match=rf"loops\.{channel}: its column .* says that it is of"):
-        read_recording(folder)
+        read_joint_recording(folder)
 
 
 @pytest.mark.parametrize("heading", ["travel", "x", "Weg [um]", "disp_sensor", "d_um", "position mm_s"])
@@ -346,4 +346,4 @@ def test_headings_in_words_of_one_s_own_are_taken(tmp_path, make, heading):
     folder = make().write(tmp_path)
     for name in ("recording.toml", "loops.csv"):
         (folder / name).write_text((folder / name).read_text().replace("displacement_um", heading))
-    read_recording(folder)
+    read_joint_recording(folder)

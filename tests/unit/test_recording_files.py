@@ -15,10 +15,10 @@ from fretflow.core.errors import (
     UnsupportedRecordingError,
 )
 from fretflow.core.units import registry
+from fretflow.recordings.bare import Wanted, read_bare
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_in_heading, unit_size
-from fretflow.recordings.readers.bare import Wanted, read_bare
 from fretflow.recordings.readers.tables import read_table
-from fretflow.recordings.recording import read_recording
+from fretflow.recordings.recording import read_joint_recording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt
 from fretflow.recordings.series import loops_of_series
 from hypothesis import given
@@ -111,7 +111,7 @@ def test_files_that_are_none(tmp_path):
 def test_a_recording_in_any_form(tmp_path, make, version):
     made = make(noise=(1e-8, 0.1))
     folder = made.write(tmp_path / "a")
-    expected = read_recording(folder).loops
+    expected = read_joint_recording(folder).loops
     toml = (folder / "recording.toml").read_text()
     if version == "hdf5":
         table = read_table(folder / "loops.csv")
@@ -120,17 +120,17 @@ def test_a_recording_in_any_form(tmp_path, make, version):
                 file[name] = values
             file["displacement_um"].attrs["unit"] = "um"
         (folder / "recording.toml").write_text(toml.replace("loops.csv", "loops.h5"))
-    seen = read_recording(folder).loops
+    seen = read_joint_recording(folder).loops
     assert seen.displacement == pytest.approx(expected.displacement, rel=1e-12, abs=0.0)
     assert seen.displacement_of == DisplacementOf(MeasuredAt.CONTACT_FACES)
     if version == "hdf5":
         with h5py.File(folder / "loops.h5", "a") as file:
             file["displacement_um"].attrs["unit"] = "mm"
         with pytest.raises(UnreliableRecordingError, match=r"displacement\.unit: is 'um', but the file .* says 'mm'"):
-            read_recording(folder)
+            read_joint_recording(folder)
         (folder / "loops.h5").write_bytes((folder / "loops.h5").read_bytes()[:3000])
         with pytest.raises(CorruptRecordingError, match=r"loops\.h5"):
-            read_recording(folder)
+            read_joint_recording(folder)
 
 
 def matlab_shapes(loops):
@@ -251,7 +251,7 @@ def test_faults_of_the_description_name_their_field(tmp_path, make, change, mess
     assert change[0] in text
     path.write_text(text.replace(*change, 1))
     with pytest.raises(InputError, match=message) as caught:
-        read_recording(folder)
+        read_joint_recording(folder)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
 
@@ -295,7 +295,7 @@ def test_sweep_map_and_what_is_given(tmp_path, make):
     np.savetxt(folder / "sweep.csv", sweep, delimiter=",", comments="",
                header="condition,repeat,time_s,excitation_N,displacement_um,force_N")
     (folder / "map.csv").write_text("0.0,10\n0.5,11\n1.0,\n")
-    recording = read_recording(folder)
+    recording = read_joint_recording(folder)
     assert recording.loops.sd["displacement"] == pytest.approx(3e-8, rel=1e-12, abs=0.0)
     assert recording.loops.calibration_sd["displacement"] == 0.004
     assert [c.normal_load for c in recording.sweep.conditions] == [60.0, 90.0]
@@ -316,7 +316,7 @@ def test_sweep_map_and_what_is_given(tmp_path, make):
     text = (folder / "recording.toml").read_text()
     (folder / "recording.toml").write_text(text.replace("id = 1", "id = 2"))
     with pytest.raises(UnreliableRecordingError, match=r"sweep\.conditions: none has the id 1"):
-        read_recording(folder)
+        read_joint_recording(folder)
 
 
 @pytest.mark.parametrize(("unit", "fails"), [("um", False), ("mm", True), ("nm", True)])
@@ -329,9 +329,9 @@ def test_depth_and_worn_volume_are_of_one_order(tmp_path, make, unit, fails):
     (folder / "map.csv").write_text("".join(f"{x},{y},10\n" for x in (0, 0.5, 1) for y in (0, 0.5, 1)))
     if fails:
         with pytest.raises(UnreliableRecordingError, match=r"wear_depth: .* check the units of x, y and depth"):
-            read_recording(folder)
+            read_joint_recording(folder)
     else:
-        assert len(read_recording(folder).wear_depth.channels["depth"]) == 9
+        assert len(read_joint_recording(folder).wear_depth.channels["depth"]) == 9
 
 
 PREFIXES = st.sampled_from(["", "k", "m", "u", "n", "M"])

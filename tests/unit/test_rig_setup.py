@@ -19,9 +19,10 @@ from fretflow.experiments.rig.setup import (
     first_wear,
     friction_from_energy,
 )
+from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest, RecordedWear, SweepCondition, TestKind
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest, RecordedWear, SweepCondition
 
 SAMPLES, FRICTION, LOAD, STROKE, COUNTS = 400, 0.6, 50.0, 20e-6, (0, 10_000, 30_000)
 
@@ -39,7 +40,7 @@ def recorded(volume: float | None = 1e-12, **test: float | None) -> Recording:
                     displacement_of=DisplacementOf(MeasuredAt.CONTACT_FACES), aligned_to="displacement")
     stated: Any = {"excitation_frequency": 100.0, "excitation_amplitude": 60.0, "normal_load": LOAD, **test}
     return Recording(path=Path("a-recording"), title="t", given={}, rig=None, specimen=None, notes=(), series=None,
-                     test=RecordedTest.model_construct(kind=TestKind.FRETTING_RIG, cycles=30_000, **stated), sweep=None,
+                     test=RecordedTest.model_construct(kind=FRETTING_RIG, cycles=30_000, **stated), sweep=None,
                      wear=RecordedWear.model_construct(worn_volume=volume), loops=loops, frf=None, wear_depth=None)
 
 

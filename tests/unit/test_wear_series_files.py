@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from fretflow.cli import app
 from fretflow.core.errors import ConfigError, CorruptRecordingError, InputError, RecordingError
-from fretflow.recordings.recording import read_recording
-from fretflow.recordings.wear_headings import Heading, roles_of, take_apart
-from fretflow.recordings.wear_series import is_wear_series, read_wear_series
+from fretflow.recordings.kinds import kind_at
+from fretflow.recordings.kinds.wear_headings import Heading, roles_of, take_apart
+from fretflow.recordings.kinds.wear_series import WEAR_SERIES, read_wear_series
+from fretflow.recordings.recording import read_joint_recording
 
 HEADINGS = ("test", "p_MPa", "delta_um", "f_Hz", "N_cycles", "E_J", "V_mm3")
 TOML = """format = "fretflow-recording/1"
@@ -82,14 +83,14 @@ def test_a_recording_names_the_table_and_its_columns(table, tmp_path):
     (tmp_path / "recording.toml").write_text(TOML + 'volume = { column = "volume", unit = "mm^3" }\n'
                                              'pressure = { column = "a", unit = "MPa" }\n'
                                              'amplitude = { column = 2, unit = "um" }\n')
-    assert is_wear_series(tmp_path)
-    assert is_wear_series(tmp_path / "recording.toml")
+    assert kind_at(tmp_path) is WEAR_SERIES
+    assert kind_at(tmp_path / "recording.toml") is WEAR_SERIES
     found = read_wear_series(tmp_path)
     assert found.title == "Pins"
     assert found.states["pressure"].min() > 4e7
     assert found.states["amplitude"].max() < 1e-4
     with pytest.raises(ConfigError, match=r"test\.kind"):
-        read_recording(tmp_path)
+        read_joint_recording(tmp_path)
 
 
 @pytest.mark.parametrize(("line", "said"), [

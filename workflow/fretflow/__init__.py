@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from fretflow.pipeline.run import run as run
     from fretflow.recordings.hysteresis import LoopReadings as LoopReadings
     from fretflow.recordings.hysteresis import read_loop as read_loop
-    from fretflow.recordings.recording import read_recording as read_recording
+    from fretflow.recordings.kinds import read_recording as read_recording
     from fretflow.solvers.continuation.curve import ResponseCurve as ResponseCurve
     from fretflow.solvers.continuation.follow import continue_response as continue_response
     from fretflow.solvers.periodic import Harmonic as Harmonic
@@ -63,7 +63,7 @@ _PUBLIC = {
     "pipeline.results": ("RunResults",),
     "pipeline.run": ("run",),
     "recordings.hysteresis": ("LoopReadings", "read_loop"),
-    "recordings.recording": ("read_recording",),
+    "recordings.kinds": ("read_recording",),
     "solvers.continuation.curve": ("ResponseCurve",),
     "solvers.continuation.follow": ("continue_response",),
     "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "solve_periodic"),

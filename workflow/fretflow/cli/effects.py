@@ -54,7 +54,7 @@ def show_effect(name: str, out: Path) -> Path:
 
 
 def _kinds(kind: type[Effect]) -> str:
-    return "all kinds" if kind.kinds == ALL_KINDS else ", ".join(sorted(kind.kinds))
+    return "all kinds" if kind.kinds == ALL_KINDS else ", ".join(sorted(map(str, kind.kinds)))
 
 
 def _acts(kind: type[Effect]) -> str:

@@ -19,14 +19,14 @@ from fretflow.core.errors import ConfigError, InputError, UnreliableRecordingErr
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.store import write_csv, write_whole
 from fretflow.core.units import parse_quantity, readable_unit
+from fretflow.recordings.bare import Wanted, read_bare
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.notes import Note
 from fretflow.recordings.plausibility import check_friction
-from fretflow.recordings.readers.bare import Wanted, read_bare
 from fretflow.recordings.readings import LoopReading, RecordedReadings, read_recorded_loops, without_friction
-from fretflow.recordings.recording import Recording, read_recording
+from fretflow.recordings.recording import Recording, read_joint_recording
 from fretflow.recordings.repeatability import repeatability
-from fretflow.recordings.schema import FILE, TestKind, name_of
+from fretflow.recordings.schema import FILE, name_of
 from fretflow.recordings.series import loops_of_series
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def show_loops(path: Path, options: Mapping[str, str | None], normal_load: str |
     console = Terminal(highlight=False)
     console.print(escape(recording.title))
     for found in sets:
-        console.print(_lumped_table(found) if recording.kind is TestKind.LUMPED else _table(
+        console.print(_lumped_table(found) if not recording.kind.friction_alone else _table(
             found, "" if console.width >= WIDE else "\n"))
     _print_notes(console, notes)
     home = out / f"{name_of(path)}-loops"
@@ -111,7 +111,7 @@ def _recording(path: Path, options: Mapping[str, str | None], normal_load: str |
     if given:
         option = next(iter(given)).removeprefix("friction_")
         raise InputError(f"--{option}: columns are named in {FILE} already; leave it out")
-    recording = read_recording(path)
+    recording = read_joint_recording(path)
     test = recording.test
     for option, mine, stated in (("--normal-load", load, test.normal_load),
                                  ("--frequency", hertz, test.excitation_frequency)):
@@ -144,7 +144,7 @@ def _read(recording: Recording, load: float | None) -> tuple[list[Read], tuple[N
     def add(name: str, index: str, loops: LoopSet, loads: Sequence[float | None], consecutive: bool = False) -> None:
         known = np.array([np.nan if value is None else value for value in loads])
         readings = read_recorded_loops(loops, known, relative, consecutive)
-        lumped = recording.kind is TestKind.LUMPED
+        lumped = not recording.kind.friction_alone
         shown = np.flatnonzero(np.isfinite(readings.friction_coefficient.value))
         if shown.size and not lumped:
             k = shown[np.argmax(readings.friction_coefficient.value[shown])]
@@ -162,7 +162,7 @@ def _read(recording: Recording, load: float | None) -> tuple[list[Read], tuple[N
         add("sweep", "conditions", recording.sweep.loops, [c.normal_load for c in recording.sweep.conditions])
     if not sets:
         raise InputError(f"{recording.path}: has no loops, series or sweep to read")
-    if recording.kind is not TestKind.LUMPED and any(np.isnan(s.readings.friction_coefficient.value).all() and
+    if recording.kind.friction_alone and any(np.isnan(s.readings.friction_coefficient.value).all() and
                                                      np.isfinite(s.readings.friction_limit.value).any() for s in sets):
         notes += (Note("test", "the normal load is not known, so the friction limit is given instead of a coefficient; "
                        "--normal-load adds it", "normal_load"),)

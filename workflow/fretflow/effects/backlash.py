@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import INTERFACES, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
@@ -33,7 +33,7 @@ class Backlash(Effect):
                              "controlling mechanical systems with backlash")
     first_order: ClassVar[bool] = False
     observables: ClassVar[tuple[str, ...]] = ("flat part of a loop where the force changes its sign",)
-    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
 
     play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 
@@ -29,7 +29,7 @@ class BendingGap(Effect):
                              "pressure of the faces of the Brake-Reuss beam")
     told_by: ClassVar[str] = "the form of both faces before they were joined, by a profilometer"
     observables: ClassVar[tuple[str, ...]] = ("frequency over amplitude that rises again", "contact pressure")
-    kinds: ClassVar[frozenset[Kind]] = STRUCTURES
+    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", 1e-6, 60e-6,
                                        source="milled and ground faces of lap joints of 120 mm: 1 to 60 um of form")

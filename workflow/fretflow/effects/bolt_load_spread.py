@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 LEAST = 0.02  # of a bolt's force that is left
@@ -29,7 +29,7 @@ class BoltLoadSpread(Effect):
                              "The Mechanics of Jointed Structures (Springer 2018)")
     told_by: ClassVar[str] = "the force of each bolt, by its elongation or a washer that measures it"
     observables: ClassVar[tuple[str, ...]] = ("damping over amplitude", "contact pressure")
-    kinds: ClassVar[frozenset[Kind]] = STRUCTURES
+    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     ends: float = parameter(0.3, "e: half the difference between the bolts at both ends, over the mean", 0.05, 0.6,
                             gt=-1.0, lt=1.0, source="VDI 2230-1: tightening factor 1.4 to 1.6 of a torque wrench")

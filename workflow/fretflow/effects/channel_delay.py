@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.structure.sensors import Signals
 
@@ -25,7 +25,7 @@ class ChannelDelay(Effect):
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("area of a loop that sticks", "force at reversal")
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
     sensed_at: ClassVar[int] = 2
 
     delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6)

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import LUMPED, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.structure.driven import Sliders
 
 
@@ -29,7 +29,7 @@ class CoulombFriction(Effect):
     source: ClassVar[str] = ("C. A. Coulomb, Theorie des machines simples (1785); presliding: P. R. Dahl, Aerospace "
                              "Corp. report TOR-158(3107-18) (1968)")
     observables: ClassVar[tuple[str, ...]] = ("force over the sign of the velocity", "force at standstill")
-    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.LUMPED})
+    kinds: ClassVar[frozenset[RecordingKind]] = frozenset({LUMPED})
 
     friction_limit: u.SignedForce = parameter(20.0, "F_c: friction force while it slides", 1.0, 200.0, ge=0.0)
     reach: u.Length = Field(1e-6, description="d: elastic motion before it slides")

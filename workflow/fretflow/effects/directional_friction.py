@@ -8,7 +8,17 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import ALL_KINDS, OTHER_LOAD, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.effect import (
+    ALL_KINDS,
+    OTHER_LOAD,
+    Array,
+    Block,
+    Effect,
+    Motion,
+    RecordingKind,
+    Sketch,
+    parameter,
+)
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -27,7 +37,7 @@ class DirectionalFriction(Effect):
     source: ClassVar[str] = "A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset disc"
     told_by: ClassVar[str] = OTHER_LOAD
     observables: ClassVar[tuple[str, ...]] = ("mean of the friction force", "even harmonics")
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     difference: float = parameter(0.05, "d: half the difference between both directions, over their mean", 0.01, 0.1,
                                   gt=-1.0, lt=1.0, logarithmic=False)

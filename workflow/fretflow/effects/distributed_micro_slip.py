@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import Array, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import INTERFACES, Array, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
@@ -41,7 +41,7 @@ class DistributedMicroSlip(Effect):
     observables: ClassVar[tuple[str, ...]] = ("knee of a loop between stick and plateau",
                                               "dissipated energy over amplitude below gross slip")
     extends: ClassVar[frozenset[str]] = frozenset({"directional-friction"})  # by c
-    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
 
     spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)
     power: float = parameter(1.0, "b: 1 for a uniform distribution, more for many small limits", 0.5, 4.0,

@@ -24,13 +24,14 @@ from fretflow.effects.catalogue import check_together
 from fretflow.effects.effect import (
     Array,
     Effect,
-    Kind,
     Prior,
+    RecordingKind,
     declared_priors,
     in_sensing_order,
     parameter,
     parameter_limits,
 )
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.structure.driven import Sliders
 from fretflow.structure.motion import Motion
 from fretflow.structure.sensors import Signals
@@ -43,7 +44,7 @@ WIDE = "wide, from the recording's own amplitudes"
 class Baseline(Section):
     """A joint without effects, given by its parameters."""
 
-    kind: ClassVar[Kind]
+    kind: ClassVar[RecordingKind]
 
     def sliders(self) -> Sliders:
         """Return its friction elements."""
@@ -57,7 +58,7 @@ class Baseline(Section):
 class SliderBaseline(Baseline):
     """A Coulomb slider with a spring in series, driven by a measured displacement."""
 
-    kind: ClassVar[Kind] = Kind.IMPOSED_DISPLACEMENT
+    kind: ClassVar[RecordingKind] = IMPOSED_DISPLACEMENT
 
     tangential_stiffness: u.SignedStiffness = parameter(
         28e6, "stiffness of the joint while it sticks", 1e6, 1e9, source=WIDE, gt=0.0)
@@ -71,7 +72,7 @@ class SliderBaseline(Baseline):
 class LumpedBaseline(Baseline):
     """A mass on a damper and, where its field is set, a spring."""
 
-    kind: ClassVar[Kind] = Kind.LUMPED
+    kind: ClassVar[RecordingKind] = LUMPED
 
     mass: u.SignedMass = parameter(10.0, "moving mass", 0.1, 1e3, source=WIDE, ge=0.0)
     damping: u.SignedDamping = parameter(100.0, "viscous damping", 1.0, 1e4, source=WIDE, ge=0.0)
@@ -112,8 +113,8 @@ class DrivenJoint:
         chosen = tuple(sorted(effects, key=lambda effect: effect.id))
         for k, effect in enumerate(chosen):
             if baseline.kind not in effect.kinds:
-                raise ConfigError(f"effects.{effect.id}: does not act in recordings of kind {baseline.kind.value}; "
-                                  f"only in {', '.join(sorted(kind.value for kind in effect.kinds))}")
+                raise ConfigError(f"effects.{effect.id}: does not act in recordings of kind {baseline.kind.id}; "
+                                  f"only in {', '.join(sorted(kind.id for kind in effect.kinds))}")
             if k and chosen[k - 1].id == effect.id:
                 raise ConfigError(f"effects.{effect.id}: given twice; an effect is in a model once")
         check_together(chosen)

@@ -28,6 +28,10 @@ from pydantic import Field
 
 from fretflow.case.config import Case, Section
 from fretflow.core import units as u
+from fretflow.recordings.kinds import RecordingKind as RecordingKind
+from fretflow.recordings.kinds.joints import FRETTING_RIG, IMPOSED_DISPLACEMENT
+from fretflow.recordings.kinds.joints import LUMPED as LUMPED
+from fretflow.recordings.kinds.joints import STRUCTURE as STRUCTURE
 from fretflow.structure.motion import Motion as Motion  # what effects need is in this file
 
 if TYPE_CHECKING:
@@ -54,19 +58,11 @@ class Block(StrEnum):
     SENSOR = "sensor"
 
 
-class Kind(StrEnum):
-    """What a recording was made on, hence which model predicts it."""
-
-    FRETTING_RIG = "fretting-rig"
-    IMPOSED_DISPLACEMENT = "imposed-displacement"
-    LUMPED = "lumped"
-    STRUCTURE = "structure"
-
-
-ALL_KINDS = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
-STRUCTURES = frozenset({Kind.STRUCTURE})
-RIG_ONLY = frozenset({Kind.FRETTING_RIG})
-DRIVEN = frozenset({Kind.IMPOSED_DISPLACEMENT, Kind.LUMPED})
+ALL_KINDS = frozenset({FRETTING_RIG, IMPOSED_DISPLACEMENT, LUMPED})
+STRUCTURES = frozenset({STRUCTURE})
+RIG_ONLY = frozenset({FRETTING_RIG})
+DRIVEN = frozenset({IMPOSED_DISPLACEMENT, LUMPED})
+INTERFACES = frozenset({FRETTING_RIG, IMPOSED_DISPLACEMENT})
 
 
 @dataclass(frozen=True)
@@ -166,7 +162,7 @@ class Effect(Section):
     formula: ClassVar[str] = ""  # the equation in LaTeX, for pages that set it
     source: ClassVar[str]  # of the equation, in the literature
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
-    kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
+    kinds: ClassVar[frozenset[RecordingKind]] = RIG_ONLY
     extends: ClassVar[frozenset[str]] = frozenset()  # ids of other effects whose law its own holds
     excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
     needs_time: ClassVar[bool] = False  # whether it acts by rates or times, which points off a figure lack

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_RATES, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.structure.sensors import Signals
 
@@ -30,7 +30,7 @@ class ExtraMode(Effect):
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("ripple on the plateaus after a reversal", "high harmonics of the force")
-    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
     sensed_at: ClassVar[int] = 1
 
     frequency: u.Frequency = parameter(450.0, "w_0 / 2 pi: frequency of the mode", 250.0, 900.0, logarithmic=True)

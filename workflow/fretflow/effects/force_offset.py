@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.force_laws import BlockPull
@@ -36,7 +36,7 @@ class ForceOffset(Effect):
         "parallel-stiffness": "the same motion about another middle position, which changes the mean force of a spring "
                               "alone,"}
     observables: ClassVar[tuple[str, ...]] = ("mean of the force",)
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0)
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import STRUCTURES, Block, Effect, Kind, Prior, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Block, Effect, Prior, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 
@@ -29,7 +29,7 @@ class JointDamping(Effect):
                              "W. E. Woolam, D. Young, Int. J. Mech. Sci. 9 (1967) 743, air")
     told_by: ClassVar[str] = "the same backbone in vacuum, or of a structure of one piece on the same supports"
     observables: ClassVar[tuple[str, ...]] = ("damping over amplitude without a change of frequency",)
-    kinds: ClassVar[frozenset[Kind]] = STRUCTURES
+    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     slope: float = parameter(1.0, "s: damping ratio over modal amplitude in m kg^0.5", 0.1, 10.0, ge=0.0,
                              source="a tenth of to three times the damping recorded at the largest amplitude")

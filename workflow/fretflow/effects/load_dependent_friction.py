@@ -10,7 +10,7 @@ import numpy as np
 from fretflow.case.config import Case
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Kind, Prior, Sketch, parameter
+from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Prior, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -32,7 +32,7 @@ class LoadDependentFriction(Effect):
                              "J. F. Archard, Proc. R. Soc. A 243 (1957)")
     told_by: ClassVar[str] = OTHER_LOAD
     observables: ClassVar[tuple[str, ...]] = ("friction force at other normal loads", "wear map near the edges")
-    kinds: ClassVar[frozenset[Kind]] = RIG_ONLY
+    kinds: ClassVar[frozenset[RecordingKind]] = RIG_ONLY
 
     exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0)
     reference_pressure: u.Pressure | None = parameter(

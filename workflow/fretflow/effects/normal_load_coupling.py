@@ -9,7 +9,7 @@ import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Kind, Motion, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, RecordingKind, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
 from fretflow.wear.slow import SlowState
@@ -30,7 +30,7 @@ class NormalLoadCoupling(Effect):
                              "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
     told_by: ClassVar[str] = "a record of the normal force over the loops"
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, opposite in sign", "normal force")
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6)
     mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0,

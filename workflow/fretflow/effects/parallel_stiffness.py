@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
@@ -33,7 +33,7 @@ class ParallelStiffness(Effect):
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": "loops of sticking contact at small amplitudes"}
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, UNLOADED, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -27,7 +27,7 @@ class SensorDrift(Effect):
     confirmed_by: ClassVar[str] = ("The channels at rest, before and after the test, would confirm that a sensor's "
                                    "zero moves.")
     observables: ClassVar[tuple[str, ...]] = ("mean of the friction force over cycles",)
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
     sensed_at: ClassVar[int] = 2
 
     drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0)

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_RATES, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.structure.sensors import Signals
 
@@ -28,7 +28,7 @@ class SensorInertia(Effect):
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and negative", "high harmonics")
-    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
     sensed_at: ClassVar[int] = 1
 
     mass: u.SignedMass = parameter(0.5, "m: mass that moves before the sensor", 0.1, 3.0, ge=0.0)

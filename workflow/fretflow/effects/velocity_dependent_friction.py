@@ -18,8 +18,8 @@ from fretflow.effects.effect import (
     Array,
     Block,
     Effect,
-    Kind,
     Motion,
+    RecordingKind,
     Sketch,
     parameter,
 )
@@ -58,7 +58,7 @@ class VelocityDependentFriction(Effect):
     told_from: ClassVar[Mapping[str, str]] = {
         "viscous": OTHER_LOAD + ", with which friction changes and a dashpot does not,"}
     observables: ClassVar[tuple[str, ...]] = ("friction force over the plateau of a loop", "loops at other amplitudes")
-    kinds: ClassVar[frozenset[Kind]] = ALL_KINDS
+    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     strength: float = parameter(0.2, "a: friction at rest over that at high speed, less one", 0.05, 0.5, gt=-1.0)
     speed_scale: u.Velocity = parameter(2e-3, "v_s: speed over which friction falls", 0.5e-3, 8e-3)

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_RATES, Block, Effect, Kind, Sketch, parameter
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.sketches import loop_sketch
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
@@ -31,7 +31,7 @@ class Viscous(Effect):
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("bulge of both plateaus of a loop", "loops at other frequencies")
-    kinds: ClassVar[frozenset[Kind]] = frozenset({Kind.FRETTING_RIG, Kind.IMPOSED_DISPLACEMENT})
+    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
 
     damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0)
 

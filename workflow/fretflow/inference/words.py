@@ -25,13 +25,6 @@ _LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
 _LEAST_POWER, _LARGEST_POWER = -4, 6  # of ten, of numbers that are written without one
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-KIND_WORDS = {
-    "fretting-rig": "fretting rig: the full model predicts motion, friction force and wear",
-    "imposed-displacement": "imposed displacement: the measured motion drives the contact model, which predicts the "
-                            "force",
-    "lumped": "lumped system: mass, spring and friction predict the motion or the force",
-    "wear-series": "wear series: one wear coefficient and the dissipated energy predict the worn volume of each test",
-}
 VERDICT_WORDS = {
     Verdict.NONE: "No missing physics seen",
     Verdict.NAMED: "Missing physics named",

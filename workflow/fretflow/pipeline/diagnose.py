@@ -15,14 +15,13 @@ from fretflow.recordings.schema import FILE
 if TYPE_CHECKING:
     from fretflow.case.config import Case
     from fretflow.inference.verdict import Diagnosis
-    from fretflow.recordings.recording import Recording
-    from fretflow.recordings.wear_series import WearSeries
+    from fretflow.recordings.kinds import Recorded
     from fretflow.solvers.periodic import PeriodicProblem
 
 MODELS = "models"  # folder of the reduced specimens, in the user's cache
 
 
-def diagnose(recording: Recording | WearSeries | Path | str, *, fast: bool = False,
+def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
              progress: Callable[[float, str], None] | None = None, home: Path | None = None) -> Diagnosis:
     """Say whether the model explains a recording and, if not, where they part and which physics is left out.
 
@@ -31,7 +30,7 @@ def diagnose(recording: Recording | WearSeries | Path | str, *, fast: bool = Fal
 
     Parameters
     ----------
-    recording : Recording, WearSeries, Path or str
+    recording : Recorded, Path or str
         As `read_recording` returns it, or what that takes.
     fast : bool
         Look at fewer effects: in a minute or two.

@@ -15,18 +15,13 @@ from numpy.typing import NDArray
 from fretflow.core.errors import UnitError, UnreliableRecordingError
 from fretflow.core.units import format_quantity
 from fretflow.recordings.channels import BRACKETED, CHANNELS, INDICES, split_heading, unit_size
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import FORCES, LoopSet, plateau
 from fretflow.recordings.notes import Note
-from fretflow.recordings.schema import RecordedTest, RecordingFile, TestKind
+from fretflow.recordings.schema import RecordedTest, RecordingFile
 
 Array = NDArray[np.float64]
 
-# Peak-to-peak displacement, m.
-RANGES = {
-    TestKind.FRETTING_RIG: (1e-9, 5e-3),
-    TestKind.IMPOSED_DISPLACEMENT: (1e-9, 1.0),
-    TestKind.LUMPED: (1e-9, 20.0),
-}
 LARGEST_FRICTION = 5.0
 # Below it friction is called superlubricity: M. Z. Baykara et al., Appl. Phys. Rev. 5 (2018) 041102.
 LEAST_FRICTION = 0.01
@@ -81,7 +76,7 @@ def check_friction(where: str, coefficient: float, load: float) -> None:
         "normal_load")
 
 
-def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
+def check_motion(path: Path, block: str, kind: RecordingKind, reach: float) -> None:
     """Check a peak-to-peak displacement (m).
 
     Raises
@@ -89,7 +84,7 @@ def check_motion(path: Path, block: str, kind: TestKind, reach: float) -> None:
     UnreliableRecordingError
         If it is out of the range of its kind of test.
     """
-    low, high = RANGES[kind]
+    low, high = kind.reach
     if not low <= reach <= high:
         raise UnreliableRecordingError(
             f"{path}: {block}.displacement: {format_quantity(reach, 'm', 4)} peak to peak is beyond {kind} tests "
@@ -109,7 +104,7 @@ def check_loops(path: Path, block: str, loops: LoopSet, test: RecordedTest, load
         check_motion(path, block, test.kind, float(np.nanmax(np.ptp(loops.mean("displacement"), axis=1))))
     notes: tuple[Note, ...] = ()
     force = next((name for name in FORCES if name in loops.channels), None)
-    if force and test.kind is not TestKind.LUMPED and np.isfinite(load).any():  # a lumped system's holds its inertia
+    if force and test.kind.friction_alone and np.isfinite(load).any():  # a lumped system's holds its inertia
         ratios = plateau(loops.mean(force)) / load
         # a wrong unit is in every loop; what hardens as a scar deepens is in some
         if not np.nanmin(ratios) > LARGEST_FRICTION:

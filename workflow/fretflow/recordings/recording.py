@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import record
 from fretflow.recordings.blocks import Columns, read_columns
 from fretflow.recordings.cleaning import clean_loops
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import LoopSet, Series, frozen_arrays
 from fretflow.recordings.notes import Note, row_ranges
 from fretflow.recordings.plausibility import check_file, check_loops, check_motion, check_wear
@@ -24,7 +26,6 @@ from fretflow.recordings.schema import (
     RecordedWear,
     RecordingFile,
     SweepCondition,
-    TestKind,
     load_recording_file,
 )
 from fretflow.recordings.series import clean_series
@@ -61,36 +62,25 @@ class Recording:
     path: Path
     title: str
     test: RecordedTest
-    rig: Rig | None  # None where nothing is said of it
-    specimen: Specimens | None
-    given: Mapping[str, Any]  # what the file says of test, rig and specimen, by the keys of case files
-    wear: RecordedWear
-    loops: LoopSet | None
-    series: Series | None
-    sweep: LoopSweep | None
-    frf: Points | None
-    wear_depth: Points | None
-    notes: tuple[Note, ...]
+    rig: Rig | None = None  # None where nothing is said of it
+    specimen: Specimens | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)  # of test, rig and specimen, by the keys of case files
+    wear: RecordedWear = field(default_factory=RecordedWear)
+    loops: LoopSet | None = None
+    series: Series | None = None
+    sweep: LoopSweep | None = None
+    frf: Points | None = None
+    wear_depth: Points | None = None
+    notes: tuple[Note, ...] = ()
 
     @property
-    def kind(self) -> TestKind:
+    def kind(self) -> RecordingKind:
         """Return what is to be predicted."""
         return self.test.kind
 
 
-def read_recording(path: Path | str) -> Recording:
-    """Read a recording: its folder or its ``recording.toml``.
-
-    Parameters
-    ----------
-    path : Path or str
-        See ``docs/recordings.md`` for what stands in the file.
-
-    Returns
-    -------
-    Recording
-        In SI and cleaned; ``loops``, ``series``, ``sweep``, ``frf`` and ``wear_depth`` are None where there is no such
-        block, ``notes`` says what had to be left out or mended, and ``loops.arrays`` is an `xarray.Dataset`.
+def read_joint_recording(path: Path) -> Recording:
+    """Read loops, records and maps of a joint: a recording's folder or its ``recording.toml``.
 
     Raises
     ------
@@ -98,14 +88,7 @@ def read_recording(path: Path | str) -> Recording:
         If a file is damaged, contradicts another or too little of it is usable.
     ConfigError
         If ``recording.toml`` has a missing, unknown or impossible value.
-
-    Examples
-    --------
-    >>> import fretflow as ff
-    >>> recording = ff.read_recording("my recording")  # doctest: +SKIP
-    >>> recording.loops.arrays.friction_force.mean("repeat")  # N, by cycles and phase  # doctest: +SKIP
     """
-    path = Path(path)
     toml = path / FILE if path.is_dir() else path
     file = load_recording_file(toml)
     folder, test = toml.parent, file.test

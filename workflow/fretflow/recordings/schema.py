@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from fretflow.case.config import Rig, Section, Specimens
@@ -20,9 +20,10 @@ from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError
 from fretflow.core.reasons import reason
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
+from fretflow.recordings.kinds import FILE as FILE
+from fretflow.recordings.kinds import RecordingKind, kind_called
 
 FORMAT = "fretflow-recording/1"
-FILE = "recording.toml"
 
 
 def name_of(path: Path) -> str:
@@ -31,14 +32,10 @@ def name_of(path: Path) -> str:
     return whole.parent.name if whole.name == FILE else (whole.name if whole.is_dir() else whole.stem)
 
 
-class TestKind(StrEnum):
-    """What is to be predicted: everything, the force under the measured motion, or a lumped system's motion."""
-
-    __test__ = False  # no test of pytest
-
-    FRETTING_RIG = "fretting-rig"
-    IMPOSED_DISPLACEMENT = "imposed-displacement"
-    LUMPED = "lumped"
+def _kind(value: object) -> RecordingKind:
+    if (kind := kind_called(value)).reader != RecordingKind.reader:
+        raise ValueError(f"a {kind} is no recording of loops; `fretflow diagnose` reads it")
+    return kind
 
 
 class MeasuredAt(StrEnum):
@@ -76,7 +73,8 @@ class RecordedTest(Section):
 
     __test__ = False
 
-    kind: TestKind = Field(description="what is to be predicted")
+    kind: Annotated[InstanceOf[RecordingKind], BeforeValidator(_kind)] = Field(
+        description="what is to be predicted")
     excitation_frequency: u.Frequency | None = Field(None, description="frequency of the excitation")
     excitation_amplitude: u.Force | None = Field(None, description="amplitude of the exciting force")
     displacement_amplitude: u.Length | None = Field(None, description="amplitude of an imposed displacement")
@@ -229,7 +227,7 @@ class RecordingFile(Section):
         if self.sweep is not None and self.sweep.same_channels_as is not None and self.loops is None:
             raise ValueError("sweep.same_channels_as: there is no block [loops]")
         needs_place = self.loops is not None and self.loops.displacement_of is None
-        if self.test.kind is TestKind.FRETTING_RIG and needs_place:
+        if self.test.kind.full_model and needs_place:
             raise ValueError('loops.displacement_of: is required: "contact-faces", "back-faces" or a distance '
                              'from the interface such as "1 mm"')
         return self

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.effects.effect import Kind
 from fretflow.recordings import periods as p
+from fretflow.recordings.kinds import RecordingKind
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.recording import Recording
 from fretflow.structure.motion import FEWEST, Motion, measure
@@ -49,7 +50,7 @@ class Cycle:
 class DrivenData:
     """A record at full length (`whole`, `whole_force`) and thinned for fits; masks (N,) are of the thinned one."""
 
-    kind: Kind
+    kind: RecordingKind
     whole: Motion
     whole_force: Array
     unsmoothed: Array  # m, displacement as measured
@@ -97,7 +98,7 @@ class DrivenData:
         return np.asarray((self.samples_of(cycle) * self.every - cycle.start) / (cycle.stop - cycle.start))
 
 
-def plain_data(kind: Kind, motion: Motion, force: Array, used: Mask | None = None) -> DrivenData:
+def plain_data(kind: RecordingKind, motion: Motion, force: Array, used: Mask | None = None) -> DrivenData:
     """Return a motion and its force (N,) as they are, without cycles; the samples that are not `used` are held out."""
     kept = np.ones(len(force), bool) if used is None else used
     return DrivenData(
@@ -114,7 +115,7 @@ def driven_data(recording: Recording) -> DrivenData:
     UnreliableRecordingError
         If it has neither loops nor a series with displacement and force, or too little that moves.
     """
-    kind = Kind(recording.kind.value)
+    kind = recording.kind
     if recording.series is not None:
         return _of_series(kind, recording.series)
     if recording.loops is not None:
@@ -130,7 +131,7 @@ def _channels(block: str, channels: Mapping[str, Array]) -> tuple[Array, Array]:
     return channels["displacement"], force
 
 
-def _of_series(kind: Kind, series: Series) -> DrivenData:
+def _of_series(kind: RecordingKind, series: Series) -> DrivenData:
     x, force = _channels("series", series.channels)
     usable, notes = series.usable, []
     step = series.sampling_interval or 1.0
@@ -151,7 +152,7 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
         x, force, usable, step = x[::group], force[::group], usable[::group], step * group
         notes.append(f"series: every row of {group} is used, as the record is longer than {MOST_ROWS:,} rows")
     cuts = _cuts(x)
-    if len(cuts) < 2 and kind is Kind.IMPOSED_DISPLACEMENT and _closes(x, force):
+    if len(cuts) < 2 and kind is IMPOSED_DISPLACEMENT and _closes(x, force):
         closed = _closed(kind, [(1, x, force)], [step], series.time is not None, ())
         return replace(closed, notes=(*notes, *closed.notes))
     measured = measure(x, step)
@@ -170,13 +171,13 @@ def _of_series(kind: Kind, series: Series) -> DrivenData:
     return _split(data, inside[::every])
 
 
-def prepared(kind: Kind, motion: Motion, force: Array, samples: int = SAMPLES) -> tuple[Motion, Array]:
+def prepared(kind: RecordingKind, motion: Motion, force: Array, samples: int = SAMPLES) -> tuple[Motion, Array]:
     """Return a recording thinned to some `samples`, leaning as it begins: for fits in a fraction of a second.
 
     A mass is driven, so its friction leans as it moves; elsewhere the force tells, by where it is between the plateaus.
     """
     every = max(1, -(-len(force) // samples))
-    if kind is Kind.LUMPED:
+    if kind is LUMPED:
         lean = float(np.sign(motion.velocity[0]))
     else:
         low, high = np.percentile(force, (10.0, 90.0))
@@ -194,7 +195,7 @@ def _group(x: Array) -> tuple[int, int]:
     return group, min(len(x), group * MOST_ROWS)
 
 
-def _of_loops(kind: Kind, loops: LoopSet) -> DrivenData:
+def _of_loops(kind: RecordingKind, loops: LoopSet) -> DrivenData:
     x, force = _channels("loops", loops.channels)
     samples = x.shape[-1]
     thin = next((k for k in range(samples // LEAST_OF_CYCLE, 0, -1) if samples % k == 0
@@ -207,7 +208,7 @@ def _of_loops(kind: Kind, loops: LoopSet) -> DrivenData:
     return _closed(kind, found, steps, bool(np.isfinite(loops.frequency).all()), ())
 
 
-def _closed(kind: Kind, loops: Sequence[tuple[int, Array, Array]], steps: Sequence[float], timed: bool,
+def _closed(kind: RecordingKind, loops: Sequence[tuple[int, Array, Array]], steps: Sequence[float], timed: bool,
             notes: tuple[str, ...]) -> DrivenData:
     """Return loops (number, displacement, force) one after the other, each gone round twice."""
     parts, cycles, at, noise, width = [], [], 0, [], 3
@@ -285,9 +286,9 @@ def _split(data: DrivenData, usable: Mask) -> DrivenData:
         own = data.samples_of(cycles[0])
         out = (data.phases_of(cycles[0]) * STRETCHES).astype(int) % 3 == 1
         fitted[own[out]], held_out[own[out]], words = False, True, "every third stretch of the cycle"
-    if (len(cycles) < 2 and data.kind is Kind.LUMPED) or not cycles:
+    if (len(cycles) < 2 and data.kind is LUMPED) or not cycles:
         fitted, held_out, words = at < n // 2, at >= n // 2, "second half of the record"
-    elif data.kind is Kind.LUMPED:  # a mass forgets nothing that it was not told: the ends count too
+    elif data.kind is LUMPED:  # a mass forgets nothing that it was not told: the ends count too
         last = data.samples_of(next(one for one in cycles if one.held_out))[0]
         fitted, held_out = at < last, at >= last
         words += " and what follows"

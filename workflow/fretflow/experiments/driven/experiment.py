@@ -20,19 +20,20 @@ from fretflow.core.errors import ConfigError, InputError
 from fretflow.core.units import Unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.driven import Baseline, DrivenJoint, LumpedBaseline, SliderBaseline
-from fretflow.effects.effect import Array, Kind, Prior, declared_priors, parameter_limits
+from fretflow.effects.effect import Array, Prior, declared_priors, parameter_limits
 from fretflow.experiments.driven.data import DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.inference.evidence import MODULATING, harmonics
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.structure.motion import Motion
 
 # Powers of F, X and X / V in what goes with the size of a joint.
 DIMENSIONS = {"N": (1, 0, 0), "m": (0, 1, 0), "m/s": (0, 1, -1), "N/m": (1, -1, 0), "N*s/m": (1, -1, 1),
               "kg": (1, -1, 2), "m/N": (-1, 1, 0), "N/m^3": (1, -3, 0)}
-BASELINES: Mapping[Kind, type[Baseline]] = {one.kind: one for one in (SliderBaseline, LumpedBaseline)}
+BASELINES: Mapping[RecordingKind, type[Baseline]] = {one.kind: one for one in (SliderBaseline, LumpedBaseline)}
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Scale:
 RIG = Scale(50.0, 7e-6, 1.0 / (2.0 * float(np.pi) * 100.0))  # of test 1: 50 N over 7 um at 100 Hz
 
 
-def baseline_of(kind: Kind) -> type[Baseline]:
+def baseline_of(kind: RecordingKind) -> type[Baseline]:
     """Return the baseline of recordings of a kind.
 
     Raises
@@ -80,7 +81,7 @@ def baseline_of(kind: Kind) -> type[Baseline]:
         If no measured motion drives the joint in it.
     """
     if kind not in BASELINES:
-        raise InputError(f"recording of kind {kind.value}: no measured motion drives it; the full model predicts it")
+        raise InputError(f"recording of kind {kind.id}: no measured motion drives it; the full model predicts it")
     return BASELINES[kind]
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from scipy import stats
 
 from fretflow.core.units import readable_unit
-from fretflow.effects.effect import Kind
 from fretflow.experiments.driven.data import Array, DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.law import BINS
 from fretflow.experiments.rig.location import PARITIES, PARITY_BINS, SIGNIFICANT
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.inference.verdict import Detection, Location, Place, ResidualLaw
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 
 
 def phases(data: DrivenData) -> dict[str, Mask]:
@@ -22,7 +22,7 @@ def phases(data: DrivenData) -> dict[str, Mask]:
 
     A body is in the phase of acceleration where that is a larger share of its largest than the speed is.
     """
-    if data.kind is Kind.LUMPED:
+    if data.kind is LUMPED:
         speed, rate = np.abs(data.motion.velocity), np.abs(data.motion.acceleration)
         brisk = rate * speed.max() > speed * rate.max()
         return {"acceleration": brisk, "plateau": ~brisk}
@@ -115,7 +115,7 @@ def residual_law(data: DrivenData, noise: Noise, left: Array) -> ResidualLaw:
         states |= {"velocity": (v, "m/s"), "acceleration": (motion.acceleration, "m/s^2"),
                    "displacement times speed": (x * np.abs(v), "m^2/s"),
                    "squared displacement times velocity": (x**2 * v, "m^3/s")}
-    if data.kind is Kind.IMPOSED_DISPLACEMENT and data.cycles:
+    if data.kind is IMPOSED_DISPLACEMENT and data.cycles:
         since = np.zeros_like(x)
         for one in data.cycles:
             own = data.samples_of(one)

@@ -13,7 +13,6 @@ from itertools import product
 import numpy as np
 
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Kind
 from fretflow.experiments.driven.data import DrivenData, driven_data
 from fretflow.experiments.driven.experiment import DrivenExperiment
 from fretflow.experiments.driven.location import detect, locate, residual_law
@@ -29,6 +28,7 @@ from fretflow.inference.posterior import decide
 from fretflow.inference.search import FAST, FULL, HALF, begin_all, search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
+from fretflow.recordings.kinds.joints import LUMPED
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
@@ -52,7 +52,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
     experiment, fit = own_experiment(looked), looked.fits[found.after]
     before, after = (experiment.force(one) for one in (looked.baseline, fit))
     noise, named = experiment.noise, found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    block = blocks_of(found.effects) or ("rig" if data.kind is Kind.LUMPED else "contact law")
+    block = blocks_of(found.effects) or ("rig" if data.kind is LUMPED else "contact law")
     location = locate(data, noise, data.force - before, "" if found.verdict is Verdict.NONE else block)
     law = residual_law(data, noise, data.force - before) if found.verdict is Verdict.UNKNOWN else None
     remainder = Remainder(
@@ -60,7 +60,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         times_noise=float(np.sqrt(np.mean((data.force - after)[data.used]**2))) / noise.sd,
         where=locate(data, noise, data.force - after, block).phase)
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=data.kind.value, verdict=found.verdict,
+        title=recording.title, recording=str(recording.path), kind=data.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=sentence(found, remainder, location, law), detection=detect(data, noise, data.force - before),
         location=location, remainder=remainder,
@@ -145,6 +145,6 @@ def _notes(recording: Recording, data: DrivenData, experiment: DrivenExperiment)
     rates = [name for name, kind in catalogue().items() if data.kind in kind.kinds and kind.needs_time]
     if not data.timed and rates:
         notes.append(f"the record has no time axis, so that {listed(rates)} were not looked at")
-    if data.kind is Kind.LUMPED:
+    if data.kind is LUMPED:
         notes.append("the force is predicted from the measured motion, which is taken as it is")
     return tuple(notes)

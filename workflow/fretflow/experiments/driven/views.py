@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from fretflow.effects.effect import Kind
 from fretflow.experiments.driven.data import Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN
 from fretflow.inference.verdict import Comparison, ResidualMap
+from fretflow.recordings.kinds.joints import LUMPED
 
 
 def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparison, ...]:
@@ -27,7 +27,7 @@ def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparis
         if not any(one.held_out for one in kept):
             kept = (*kept[:-1], next(one for one in data.cycles if one.held_out))
     groups = [(one.label, one.held_out, data.samples_of(one)) for one in kept]
-    if not groups and data.kind is Kind.LUMPED:
+    if not groups and data.kind is LUMPED:
         groups = [(name, out, np.flatnonzero(mask)) for name, out, mask in (
             ("fitted", False, data.fitted), ("held out", True, data.held_out))]
     found = []
@@ -36,7 +36,7 @@ def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparis
         found.append(Comparison(
             label=label, held_out=held_out, displacement=x, force=data.force[own], before_displacement=x,
             after_displacement=x, before_force=before[own], after_force=after[own],
-            time=data.motion.time[own] if data.kind is Kind.LUMPED and data.timed else None))
+            time=data.motion.time[own] if data.kind is LUMPED and data.timed else None))
     return tuple(found)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fretflow.core.errors import ConfigError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue, check_together
-from fretflow.effects.effect import Kind, in_sensors_alone
+from fretflow.effects.effect import in_sensors_alone
 from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.experiments.rig.phases import Strokes
@@ -18,6 +18,7 @@ from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import Coordinate, Parameters
+from fretflow.recordings.kinds.joints import FRETTING_RIG
 
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
 SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
@@ -110,7 +111,7 @@ def simulation_of(prediction: Prediction) -> Simulation:
 
 def rig_effects() -> tuple[str, ...]:
     """Return the ids of the effects that act in the rig."""
-    return tuple(name for name, kind in catalogue().items() if Kind.FRETTING_RIG in kind.kinds)
+    return tuple(name for name, kind in catalogue().items() if FRETTING_RIG in kind.kinds)
 
 
 def measured(observation: Observation, code_error: Array, total_cycles: int, held_out: frozenset[str]) -> Measurement:

@@ -107,7 +107,7 @@ def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: floa
     """Return what is said of a recording whose instruments contradict themselves or the rig: no physics."""
     whole = Remainder(share=1.0, times_noise=np.inf, where="the instruments")
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=Verdict.UNKNOWN,
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=Verdict.UNKNOWN,
         effects=(), probability=1.0 - FALSE_ALARMS, ranking=(), sentence=words.of_instruments(wrong),
         detection=Detection(p_value=FALSE_ALARMS, statistic="instruments", tests={}, false_alarm_rate=FALSE_ALARMS),
         location=Location(block="sensor", channel="", phase="", cycles=(0, 0), zone="", text=""), parameters=(),
@@ -137,7 +137,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     mean, spread = looked.evidence(found.after).coordinates(looked.form_prior, looked.size_prior)
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.value, verdict=found.verdict,
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=words.sentence(found, remainder, location, law), detection=detect(observation, before),
         location=location, parameters=estimates(experiment.rig, after.parameters, mean, spread),

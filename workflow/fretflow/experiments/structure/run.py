@@ -21,7 +21,7 @@ from fretflow.inference.posterior import Found, decide, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
 from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, separating
-from fretflow.recordings.kinds.structures import KIND, StructureRecording
+from fretflow.recordings.kinds.structures import StructureRecording
 from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def diagnose_structure(recording: StructureRecording, fast: bool, progress: Prog
     location = _locate(found, judged)
     after = found.fits[judged.after]
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=KIND, verdict=judged.verdict,
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability,
         sentence=words.sentence(judged.verdict, judged.sets, found.explained(judged.after), location.text),
         ranking=judged.ranking[:MOST_RANKED], detection=detection, location=location,

@@ -12,8 +12,8 @@ from scipy import stats
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.effects.volume_law import CYCLES, FREQUENCY, POWER, PRESSURE, SLIDING
 from fretflow.experiments.wear_series.scatter import POWERS, Tests, curve_square, power_designs
+from fretflow.recordings.kinds.wear_series import WearSeries
 from fretflow.recordings.notes import row_ranges, rows_in_words
-from fretflow.recordings.wear_series import WearSeries
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

@@ -29,7 +29,7 @@ from fretflow.inference.posterior import Found, decide
 from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
 from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Remainder, Verdict, WearTests
 from fretflow.inference.words import after_model, listed
-from fretflow.recordings.wear_series import KIND, WearSeries
+from fretflow.recordings.kinds.wear_series import WearSeries
 
 Progress = Callable[[float, str], None]
 
@@ -82,9 +82,10 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     remainder = Remainder(share=1.0 - looked.explained(found.after) if found.after else 1.0,
                           times_noise=float(np.sqrt(fit.chi_squared / experiment.measurement.expected)), where="")
     return Diagnosis(
-        title=series.title, recording=str(series.path), kind=KIND, verdict=found.verdict, effects=found.effects,
-        probability=found.probability, ranking=found.ranking, sentence=sentence(found, remainder, location, law),
-        detection=detection, location=location, parameters=parameters, held_out=unseen, remainder=remainder,
+        title=series.title, recording=str(series.path), kind=series.kind.id, verdict=found.verdict,
+        effects=found.effects, probability=found.probability, ranking=found.ranking,
+        sentence=sentence(found, remainder, location, law), detection=detection, location=location,
+        parameters=parameters, held_out=unseen, remainder=remainder,
         separating_measurement=words.next_measurement(found.sets, data, powers, [one.law for one in rivals], law),
         residual_law=law, wear_tests=view,
         smallest_visible=visible(looked) if none else {},

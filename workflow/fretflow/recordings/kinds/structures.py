@@ -24,7 +24,7 @@ import tomllib
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +36,16 @@ from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableR
 from fretflow.core.reasons import reason
 from fretflow.core.records import quantity, record
 from fretflow.recordings.channels import split_heading
+from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.kinds.joints import STRUCTURE
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import Table, read_table
-from fretflow.recordings.schema import FILE, FORMAT
+from fretflow.recordings.schema import FORMAT
 from fretflow.structure.matrices import StructureMatrices
 
 Array = NDArray[np.float64]
 
-KIND = "structure"
 MODAL = "modal"  # the amplitude is the mass-normalised one of the mode
 MODAL_UNIT = "m*kg^0.5"
 MOTIONS = ("m", "m/s", "m/s^2")
@@ -240,6 +241,8 @@ class RingDown:
 class StructureRecording:
     """A recording of a structure, in SI."""
 
+    kind: ClassVar[RecordingKind] = STRUCTURE
+
     path: Path
     title: str
     matrices: StructureMatrices
@@ -249,18 +252,6 @@ class StructureRecording:
     responses: tuple[ControlledResponse, ...]
     ring_down: RingDown | None
     notes: tuple[Note, ...]
-
-
-def is_structure(path: Path) -> bool:
-    """Return whether `path` is a recording that says that it is of a structure."""
-    toml = path / FILE if path.is_dir() else path
-    if toml.suffix != ".toml":
-        return False
-    try:
-        test = tomllib.loads(toml.read_text(encoding="utf-8")).get("test")
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return False  # which its own reader says
-    return isinstance(test, dict) and test.get("kind") == KIND
 
 
 def read_structure_recording(path: Path) -> StructureRecording:
@@ -320,7 +311,7 @@ def _load(toml: Path) -> StructureFile:
     except ValidationError as error:
         first, *rest = error.errors()
         field = ".".join(str(part) for part in first["loc"])
-        clearer = {"extra_forbidden": "unknown key; DESIGN section 8 lists those there are", "missing": "is required",
+        clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
                    "model_type": "must be a table of keys"}
         more = f" (and {len(rest)} more)" if rest else ""
         raise ConfigError(f"{toml}: {field}: {reason(first, clearer)}{more}") from error

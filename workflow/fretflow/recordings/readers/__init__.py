@@ -1,1 +1,1 @@
-"""Readers of files: delimited text, MATLAB, HDF5."""
+"""Readers of files, one file a form: delimited text, MATLAB, HDF5; see `tables.Reader`."""

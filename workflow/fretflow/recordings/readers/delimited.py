@@ -19,6 +19,7 @@ from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingErro
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Array, Table
 
+SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn")
 COMMENTS = ("#", "%")
 EMPTY = {"", "nan", "na", "n/a", "-", "--", "null", "none"}
 
@@ -41,10 +42,11 @@ class _Form:
         return _split(line, self.delimiter)
 
 
-def read_delimited(path: Path) -> Table:
+def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
     """Read a text file of numbers, its headings in the first line that is no comment, if it has any.
 
-    A second line of headings is taken as units. A last row that is cut off is left out with a note.
+    All columns are read; a second line of headings is taken as units. A last row that is cut off is left out with a
+    note.
 
     Raises
     ------

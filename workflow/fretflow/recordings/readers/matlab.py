@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,13 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
 from fretflow.core.store import open_hdf5
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Array, Table
 
+SUFFIXES = (".mat",)
 SHORTEST = 8  # samples of a loop
 COUNTS = ("cycle", "cycles", "cycle_count", "cyclecount", "n_cycles", "ncycles", "num_cycles", "numcycles")
 PAIRS = (("displacement", "force"), ("displacement", "friction_force"), ("disp", "force"), ("x", "f"), ("u", "f"),
@@ -42,7 +41,7 @@ class FoundLoop:
     cycle: float | None
 
 
-def read_matlab(path: Path) -> Table:
+def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
     """Read all loops of a MATLAB file (versions 5 to 7.3) as one table: cycle, repeat, displacement, force.
 
     Raises
@@ -83,6 +82,9 @@ def load_matlab(path: Path) -> dict[str, Any]:
     CorruptRecordingError
         If the file is cut off or damaged.
     """
+    from scipy.io import loadmat  # here, as readers of other forms need none of SciPy
+    from scipy.io.matlab import MatReadError
+
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5

@@ -21,8 +21,9 @@ from scipy.io import mmread
 from fretflow.core.errors import CorruptRecordingError, InputError, UnsupportedRecordingError
 from fretflow.core.store import open_hdf5
 from fretflow.core.units import parse_quantity
+from fretflow.recordings.readers.hdf5 import SUFFIXES as HDF5
+from fretflow.recordings.readers.matlab import SUFFIXES as MATLAB
 from fretflow.recordings.readers.matlab import load_matlab
-from fretflow.recordings.readers.tables import HDF5, MATLAB
 from fretflow.structure.matrices import StructureMatrices, check_force_map
 
 Array = NDArray[np.float64]

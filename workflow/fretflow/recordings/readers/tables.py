@@ -1,24 +1,24 @@
-"""Files of numbers as columns, whatever their form: text, HDF5 or MATLAB."""
+"""Files of numbers as columns: each file of this room that has ``SUFFIXES`` and ``read`` reads one form of them."""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
+from typing import Protocol
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+import fretflow.recordings.readers as room
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
-from fretflow.core.store import open_hdf5
 from fretflow.recordings.notes import Note
 
 Array = NDArray[np.float64]
-
-TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn")
-HDF5 = (".h5", ".hdf5", ".hdf")
-MATLAB = (".mat",)
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,31 @@ class Table:
         raise UnsupportedRecordingError(f"{self.path}: has no column {name!r}; it has {', '.join(self.columns)}")
 
 
+class Reader(Protocol):
+    """A module that reads one form of files."""
+
+    SUFFIXES: tuple[str, ...]
+
+    def read(self, path: Path, wanted: Sequence[str] | None) -> Table:
+        """Return the columns of the file at `path`: at least those `wanted`, by default all.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be used, naming the row where there is one.
+        OSError
+            If it cannot be opened.
+        """
+        ...
+
+
+@cache
+def readers() -> Mapping[str, Reader]:
+    """Return the readers by the suffix of their files."""
+    modules = [importlib.import_module(f"{room.__name__}.{info.name}") for info in pkgutil.iter_modules(room.__path__)]
+    return MappingProxyType({suffix: module for module in modules for suffix in getattr(module, "SUFFIXES", ())})
+
+
 def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
     """Read the file at `path`; of HDF5 only the `wanted` datasets, by default all at its top.
 
@@ -64,38 +89,11 @@ def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
     """
     if not path.is_file():
         raise CorruptRecordingError(f"{path}: there is no such file; a path counts from the folder of recording.toml")
-    suffix = path.suffix.lower()
+    reader = readers().get(path.suffix.lower())
+    if reader is None:
+        raise UnsupportedRecordingError(f"{path}: a file {path.suffix.lower() or 'without a suffix'} is not read; give "
+                                        f"one of {' '.join(readers())}")
     try:
-        if suffix in TEXT:
-            from fretflow.recordings.readers.delimited import read_delimited
-
-            return read_delimited(path)
-        if suffix in HDF5:
-            return _read_hdf5(path, wanted)
-        if suffix in MATLAB:
-            from fretflow.recordings.readers.matlab import read_matlab
-
-            return read_matlab(path)
+        return reader.read(path, wanted)
     except OSError as error:
         raise CorruptRecordingError(f"{path}: cannot be read ({error.strerror or error}); export it again") from error
-    raise UnsupportedRecordingError(
-        f"{path}: a file {suffix or 'without a suffix'} is not read; give one of {' '.join(TEXT + HDF5 + MATLAB)}")
-
-
-def _read_hdf5(path: Path, wanted: Sequence[str] | None) -> Table:
-    columns, units = {}, {}
-    with open_hdf5(path, UnsupportedRecordingError) as file:
-        there = [name for name, item in file.items() if isinstance(item, h5py.Dataset) and item.ndim == 1]
-        for name in there if wanted is None else wanted:
-            item = file.get(name)
-            if not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in "fiub":
-                raise UnsupportedRecordingError(f"{path}: {name!r} is no dataset of one row of numbers; at the top "
-                                                f"of the file there are {', '.join(there) or 'none'}")
-            columns[name] = np.asarray(item[()], dtype=float)
-            unit = item.attrs.get("unit", item.attrs.get("units", ""))
-            units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
-    if len({len(column) for column in columns.values()}) != 1 or not len(next(iter(columns.values()), ())):
-        lengths = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
-        raise CorruptRecordingError(f"{path}: its datasets must be of one length above zero, got {lengths or 'none'}; "
-                                    "export it again")
-    return Table(path, columns, {name: unit for name, unit in units.items() if unit})

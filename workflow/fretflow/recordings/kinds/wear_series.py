@@ -15,7 +15,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,18 @@ from numpy.typing import NDArray
 from fretflow.core.errors import ConfigError, UnreliableRecordingError, UnsupportedRecordingError
 from fretflow.core.records import quantity, record
 from fretflow.core.units import format_quantity, parse_quantity
+from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.kinds.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
-from fretflow.recordings.readers.tables import HDF5, MATLAB, TEXT, Table, read_table
-from fretflow.recordings.schema import FILE, FORMAT
-from fretflow.recordings.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
+from fretflow.recordings.readers.tables import Table, read_table
+from fretflow.recordings.schema import FORMAT
 
 Array = NDArray[np.float64]
 
-KIND = "wear-series"
+WEAR_SERIES = RecordingKind(
+    "wear-series", "wear series: one wear coefficient and the dissipated energy predict the worn volume of each test",
+    "fretflow.experiments.wear_series.run:diagnose_wear_series", f"{__name__}:read_wear_series", tables=True)
+KINDS = (WEAR_SERIES,)
 STATES = ("pressure", "load", "amplitude", "sliding_distance", "frequency", "power_density", "cycles")
 MOST_TESTS = 10_000
 LEAST_TESTS = 5
@@ -43,6 +47,8 @@ CONTRADICTS = 1.5  # ratio of a stated coefficient to volume over energy
 class WearSeries:
     """Wear tests, n of them, in SI."""
 
+    kind: ClassVar[RecordingKind] = WEAR_SERIES
+
     path: Path
     title: str
     rows: NDArray[np.int64] = quantity("1", "(n,), as they count in the file, from 1")
@@ -53,18 +59,6 @@ class WearSeries:
     states: Mapping[str, Array]  # conditions by role, (n,)
     further: Mapping[str, Array]  # columns of no known role, (n,), as they stand in the file
     notes: tuple[Note, ...] = ()
-
-
-def is_wear_series(path: Path) -> bool:
-    """Return whether `path` is a bare table of numbers, or a recording that says that it is a wear series."""
-    if path.is_file() and path.suffix.lower() in (*TEXT, *HDF5, *MATLAB):
-        return True
-    toml = path / FILE if path.is_dir() else path
-    try:
-        test = tomllib.loads(toml.read_text(encoding="utf-8")).get("test")
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return False  # which its own reader says
-    return isinstance(test, dict) and test.get("kind") == KIND
 
 
 def read_wear_series(path: Path) -> WearSeries:

@@ -11,10 +11,11 @@ from typing import Any
 from fretflow.core.errors import UnitError, UnsupportedRecordingError
 from fretflow.recordings.blocks import columns_of
 from fretflow.recordings.channels import CHANNELS, INDICES, channel_of, unit_in_heading, unit_size
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Table, read_table
 from fretflow.recordings.recording import Recording, loops_of, series_of
-from fretflow.recordings.schema import LoopsBlock, RecordedTest, RecordedWear, TestKind
+from fretflow.recordings.schema import LoopsBlock, RecordedTest
 
 _WITH_UNIT = re.compile(r"\s*(.*?)\s*\[\s*([^\]]+?)\s*\]\s*")
 
@@ -40,7 +41,7 @@ def read_bare(path: Path, wanted: Wanted) -> Recording:
     """
     table = read_table(path)
     specs, notes = _specs(table, wanted)
-    test = RecordedTest(kind=TestKind.IMPOSED_DISPLACEMENT)
+    test = RecordedTest(kind=IMPOSED_DISPLACEMENT)
     if wanted.excitation_frequency is not None:
         test = test.model_copy(update={"excitation_frequency": wanted.excitation_frequency})
     name = "loops" if "cycle" in specs else "series"
@@ -50,8 +51,7 @@ def read_bare(path: Path, wanted: Wanted) -> Recording:
         loops, found = loops_of(columns, test)
     else:
         series, found = series_of(columns, test)
-    return Recording(path=path, title=path.stem, test=test, rig=None, specimen=None, given={}, wear=RecordedWear(),
-                     loops=loops, series=series, sweep=None, frf=None, wear_depth=None, notes=(*notes, *found))
+    return Recording(path=path, title=path.stem, test=test, loops=loops, series=series, notes=(*notes, *found))
 
 
 def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tuple[Note, ...]]:

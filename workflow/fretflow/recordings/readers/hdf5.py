@@ -1,0 +1,43 @@
+"""HDF5 files: a dataset of one row of numbers for each column, at the top of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
+from fretflow.core.store import open_hdf5
+from fretflow.recordings.readers.tables import Table
+
+SUFFIXES = (".h5", ".hdf5", ".hdf")
+
+
+def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
+    """Read the `wanted` datasets, by default all at the top of the file.
+
+    Raises
+    ------
+    UnsupportedRecordingError
+        If one is not there or no row of numbers.
+    CorruptRecordingError
+        If they are of several lengths, or empty.
+    """
+    columns, units = {}, {}
+    with open_hdf5(path, UnsupportedRecordingError) as file:
+        there = [name for name, item in file.items() if isinstance(item, h5py.Dataset) and item.ndim == 1]
+        for name in there if wanted is None else wanted:
+            item = file.get(name)
+            if not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in "fiub":
+                raise UnsupportedRecordingError(f"{path}: {name!r} is no dataset of one row of numbers; at the top "
+                                                f"of the file there are {', '.join(there) or 'none'}")
+            columns[name] = np.asarray(item[()], dtype=float)
+            unit = item.attrs.get("unit", item.attrs.get("units", ""))
+            units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
+    if len({len(column) for column in columns.values()}) != 1 or not len(next(iter(columns.values()), ())):
+        lengths = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
+        raise CorruptRecordingError(f"{path}: its datasets must be of one length above zero, got {lengths or 'none'}; "
+                                    "export it again")
+    return Table(path, columns, {name: unit for name, unit in units.items() if unit})
