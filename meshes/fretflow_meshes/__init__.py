@@ -1,5 +1,5 @@
 """Parametric specimen meshes, written and read by gmsh."""
 
-from fretflow_meshes.stage import run_mesh
+from fretflow_meshes.specimen import run_mesh
 
 __all__ = ["run_mesh"]

@@ -16,8 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from fretflow_post import style
-from fretflow_post.contact_grid import contact_cells, node_patches
-from fretflow_post.contact_state import REGIME_WORDS, Regime, StateShares
+from fretflow_post.contact_grid import REGIME_WORDS, Regime, StateShares, contact_cells, node_patches
 from fretflow_post.panels import axes_pixels, edge_label, inches, show_shot
 from fretflow_post.scene import Layer, View, rim, shoot, skirt, surface
 

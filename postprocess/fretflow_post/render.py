@@ -18,7 +18,7 @@ from fretflow.wear.history import WearHistory
 from numpy.typing import NDArray
 
 from fretflow_post import curves, faces, paraview, specimens, style
-from fretflow_post.contact_state import state_shares
+from fretflow_post.contact_grid import state_shares
 from fretflow_post.offscreen import require_offscreen
 from fretflow_post.specimens import MeshedSpecimen
 

@@ -7,8 +7,7 @@ is asserted before the Jacobian is compared, so that no branch of the return map
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
-from fretflow.solvers.dlft.equations import DlftEquations
-from fretflow.solvers.dlft.stiffness import DenseStiffness
+from fretflow.solvers.dlft.equations import DenseStiffness, DlftEquations
 from fretflow.solvers.fourier import to_complex, to_real
 
 HARMONICS, SAMPLES, PENALTY = 2, 64, 3.0

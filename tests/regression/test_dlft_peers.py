@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb, return_mapping
-from fretflow.solvers.dlft.equations import DlftEquations
+from fretflow.solvers.dlft.equations import DenseStiffness, DlftEquations
 from fretflow.solvers.dlft.solver import solve_equations
-from fretflow.solvers.dlft.stiffness import DenseStiffness
 
 PEERS = Path(__file__).parents[1] / "data" / "peers"
 CASES = [c for c in json.loads((PEERS / "coupled_dlft_3d.json").read_text())["B_dlft3d"] if c["N"] in (1, 10)]

@@ -8,8 +8,7 @@ import pytest
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import MeshError
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow_post.contact_grid import contact_cells, node_patches
-from fretflow_post.contact_state import Regime, state_shares
+from fretflow_post.contact_grid import Regime, contact_cells, node_patches, state_shares
 
 STICK, SLIP, SEPARATION = ContactState
 

@@ -33,8 +33,7 @@ from fretflow.case.sections import (
     Wear,
     WearScheme,
 )
-from fretflow.core.errors import ConfigError
-from fretflow.core.reasons import reason
+from fretflow.core.errors import ConfigError, reason
 
 __all__ = [
     "FORMAT", "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",

@@ -7,14 +7,19 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 # What the system says where nothing can be written: the user's to mend.
 NO_SPACE = {errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT, errno.EFBIG}
 
 # What makes a terminal do things instead of showing them: control characters, and those that turn text around.
 _CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+_OWN_WORDS = re.compile(r", (got a|unable to) .*")  # of pydantic, on what was given
 
 
 def printable(text: str) -> str:
@@ -121,3 +126,16 @@ class EnsembleError(FretflowError):
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)
         self.exit_code = exit_code
+
+
+def reason(error: ErrorDetails, clearer: Mapping[str, str]) -> str:
+    """Return the reason of a validation error, by `clearer` (type to words) or by the validator's message."""
+    if error["type"] in clearer:
+        return clearer[error["type"]]
+    text = error["msg"].removeprefix("Value error, ")
+    if not text.startswith("Input should"):
+        return text
+    wanted, given = text.replace("Input should", "must", 1), error["input"]
+    if not isinstance(given, bool | int | float | str):
+        return wanted
+    return f"{_OWN_WORDS.sub('', wanted)}, got {given!r}"

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fretflow.case.config import Case, SlidingRegime
 from fretflow.contact.law import ContactState
 from fretflow.core.store import read_record, write_csv
+from fretflow.pipeline.stage import CHECKPOINTS
 from fretflow.pipeline.trends import mean_sliding
-from fretflow.pipeline.wear import CHECKPOINTS
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.checkpoint import kept_states

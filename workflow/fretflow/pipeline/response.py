@@ -17,8 +17,7 @@ from fretflow.effects.cycle import true_signals
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.problem import make_model, make_solver
 from fretflow.pipeline.response_curves import sweep_of
-from fretflow.pipeline.stage import Figures, Stage, StageContext
-from fretflow.pipeline.wear import CHECKPOINTS
+from fretflow.pipeline.stage import CHECKPOINTS, Figures, Stage, StageContext
 from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_loop
 from fretflow.solvers.continuation.curve import SweepDirection, channel_index
 from fretflow.solvers.continuation.follow import respond

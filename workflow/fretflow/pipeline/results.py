@@ -18,10 +18,9 @@ from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.records import Labelled, to_dataset
 from fretflow.core.store import read_record
 from fretflow.pipeline.response import ForcedResponse
-from fretflow.pipeline.stage import CASE_FILE
+from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS
 from fretflow.pipeline.summary import Figure, summarise
 from fretflow.pipeline.trends import Trend
-from fretflow.pipeline.wear import CHECKPOINTS
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.checkpoint import kept_states

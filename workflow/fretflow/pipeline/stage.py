@@ -18,6 +18,7 @@ MANIFEST = "manifest.json"
 RUN_FILE = "run.json"
 CASE_FILE = "case.toml"
 SUMMARY_FILE = "summary.json"
+CHECKPOINTS = "checkpoints"  # of the wear stage, the period at each asked cycle count
 
 Figures = Mapping[str, float | int | str | None]
 Progress = Callable[[float, str], None]

@@ -1,4 +1,8 @@
-"""The pipeline: all stages in their order, meshes and pictures as other packages provide them."""
+"""The pipeline: all stages in their order, meshes and pictures as other packages provide them.
+
+What a stage depends on besides its inputs is its slice of the case. Every MPI rank reduces specimens; the preload is
+the pressure before anything moves, the solved period that of the unworn joint.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +10,37 @@ import hashlib
 import json
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fretflow.case.config import Case, load_case
+import numpy as np
+
+from fretflow.case.config import Case, PreloadContact, load_case
 from fretflow.core.errors import MeshError, StoreError
 from fretflow.core.plugins import FIGURES, MESHES, provided
-from fretflow.pipeline import preload, reduce, response, solve, wear
-from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
+from fretflow.core.specimen_mesh import MeshSummary
+from fretflow.core.store import read_record, write_record
+from fretflow.pipeline import response
+from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
+
+if TYPE_CHECKING:
+    from fretflow.solvers.periodic import PeriodicProblem
+    from fretflow.structure.fem.preload import Preload
 
 PICTURES = "pictures"
 FULL = 2**16  # bytes free, or fewer
+SIDES = ("upper", "lower")
+MATERIAL = {"youngs_modulus", "poissons_ratio", "density"}
 
 
 def pipeline() -> tuple[Stage, ...]:
     """Return all stages in their order."""
-    return (MESH, reduce.STAGE, preload.STAGE, solve.STAGE, wear.STAGE, response.STAGE, RENDER)
+    return (MESH, REDUCE, PRELOAD, SOLVE, WEAR, response.STAGE, RENDER)
 
 
 def _mesh_slice(case: Case) -> list[object]:
     """Return the geometry, and for the user's own meshes their content."""
     sides = (case.specimen.upper, case.specimen.lower)
-    geometry = [side.model_dump(mode="json", exclude=reduce.MATERIAL) for side in sides]
+    geometry = [side.model_dump(mode="json", exclude=MATERIAL) for side in sides]
     own = [
         hashlib.sha256(path.read_bytes()).hexdigest() for path in (case.mesh.upper, case.mesh.lower) if path
     ]
@@ -46,15 +61,145 @@ def _mesh(context: StageContext) -> Figures:
         "lower_min_scaled_jacobian": lower.min_scaled_jacobian}
 
 
+MESH = Stage("mesh", 1, _mesh_slice, (), _mesh)
+
+
+def _reduce_slice(case: Case) -> list[object]:
+    materials = [getattr(case.specimen, side).model_dump(include=MATERIAL) for side in SIDES]
+    return [materials, case.reduction]
+
+
+def _reduce(context: StageContext) -> Figures:
+    """Write ``upper.h5`` and ``lower.h5`` (ReducedSpecimen)."""
+    from mpi4py import MPI
+
+    from fretflow.structure.reduction.reduce import reduce_specimen
+
+    case, meshes = context.case, context.inputs["mesh"]
+    figures: dict[str, float | int | str | None] = {}
+    for index, side in enumerate(SIDES):
+        context.progress(index / len(SIDES), f"reducing the {side} specimen")
+        summary = read_record(meshes / f"{side}.h5", MeshSummary)
+        reduced = reduce_specimen(meshes / summary.file, summary, getattr(case.specimen, side), case.reduction,
+                                  case.mesh.degree, context.comm or MPI.COMM_SELF)
+        if reduced is not None:
+            write_record(context.folder / f"{side}.h5", reduced)
+            figures[f"{side}_full_dofs"] = reduced.full_dofs
+            figures[f"{side}_frequency_error"] = float(reduced.frequency_error.max())
+    return figures
+
+
+REDUCE = Stage("reduce", 1, _reduce_slice, ("mesh",), _reduce, collective=True)
+
+
+def _preload_slice(case: Case) -> list[object]:
+    frictional = case.contact.preload is PreloadContact.FRICTIONAL
+    return [case.test.normal_load, case.contact.preload, case.contact.friction_coefficient if frictional else None,
+            case.effects]
+
+
+def _preload(context: StageContext) -> Figures:
+    """Write ``preload.h5`` (Preload)."""
+    from fretflow.pipeline.problem import make_model
+
+    context.progress(0.0, "pressing the specimens together")
+    model = make_model(context.case, context.inputs["reduce"])
+    problem = model.problem(model.initial())
+    found = _press_with_friction(problem) if problem.preload.frictional else _press_without_friction(problem)
+    write_record(context.folder / "preload.h5", found)
+    return {
+        "load_N": float(found.force.sum()),
+        "largest_pressure_Pa": float(found.pressure.max()),
+        "area_in_contact_m2": float(problem.interface.areas[found.force > 0.0].sum()),
+    }
+
+
+def _press_without_friction(problem: PeriodicProblem) -> Preload:
+    from fretflow.structure.fem.preload import frictionless_preload
+
+    flexibility = problem.boundary.flexibility[2::3, 2::3]
+    return frictionless_preload(flexibility, problem.interface.gap, problem.interface.areas, problem.normal_load)
+
+
+def _press_with_friction(problem: PeriodicProblem) -> Preload:
+    from fretflow.solvers.quasi_static.solver import press
+    from fretflow.structure.fem.preload import Preload
+
+    pressed, interface = press(problem), problem.interface
+    normal, lift = pressed.force[2::3], pressed.displacement[2::3]
+    boundary, still = problem.boundary, np.zeros((1, problem.boundary.size))
+    approach = boundary.free_motion(still, pressed.displacement[None], problem.loads_at(np.zeros(1)))
+    return Preload(force=normal.copy(), pressure=normal / interface.areas, gap=interface.gap + lift,
+                   approach=-float(approach[0, 0]))
+
+
+PRELOAD = Stage("preload", 2, _preload_slice, ("reduce",), _preload)
+
+
+def _solve_slice(case: Case) -> list[object]:
+    excitation = case.test.model_dump(include={"excitation_frequency", "excitation_amplitude", "normal_load"})
+    return [excitation, case.rig, case.contact.friction_coefficient, case.solver, case.effects]
+
+
+def _solve(context: StageContext) -> Figures:
+    """Write ``solution.h5`` (PeriodicSolution)."""
+    from fretflow.pipeline.problem import make_model, make_solver
+    from fretflow.solvers.quasi_static.solver import sliding_distance
+
+    context.progress(0.0, "finding the steady period")
+    model = make_model(context.case, context.inputs["reduce"])
+    problem = model.problem(model.initial())
+    solution = make_solver(context.case.solver, estimate_error=True).solve(problem)
+    write_record(context.folder / "solution.h5", solution)
+    return {"method": solution.method, "iterations": len(solution.residual_history) - 1,
+            "residual": solution.residual_history[-1],
+            "sliding_distance_m": sliding_distance(solution, problem.interface),
+            "relative_error": solution.error_estimate}
+
+
+SOLVE = Stage("solve", 3, _solve_slice, ("reduce",), _solve)
+
+
+def _stops(case: Case) -> tuple[int, ...]:
+    """Return the cycle counts to land on, ascending, besides the end."""
+    asked = {*case.output.loop_cycles, *case.output.wear_map_cycles}
+    return tuple(sorted(asked - {0, case.test.total_cycles}))
+
+
+def _wear_slice(case: Case) -> list[object]:
+    return [case.wear, case.test.total_cycles, list(_stops(case)), case.effects]
+
+
+def _wear(context: StageContext) -> Figures:
+    """Write ``history.h5`` (WearHistory) and, in ``checkpoints``, the period at each asked cycle count."""
+    from fretflow.effects.catalogue import parse_effects
+    from fretflow.effects.cycle import march_wear
+    from fretflow.pipeline.problem import make_problem, make_solver
+    from fretflow.wear.archard import Archard
+
+    case = context.case
+    history = march_wear(
+        make_problem(case, context.inputs["reduce"]), Archard(case.wear.coefficient, upper_share=case.wear.upper_share),
+        case.test.total_cycles, effects=parse_effects(case.effects), solver=make_solver(case.solver),
+        folder=context.folder / CHECKPOINTS, scheme=case.wear.scheme, stops=_stops(case), tolerance=case.wear.tolerance,
+        max_depth_per_jump=case.wear.max_depth_per_jump, vanishing_rate=case.wear.vanishing_rate,
+        progress=lambda done, asked: context.progress(done / max(asked, 1), f"{done:_} of {asked:_} cycles"))
+    write_record(context.folder / "history.h5", history)
+    return {"jumps": len(history.cycles) - 1, "solutions": history.solves, "stopped_by": history.stopped_by,
+            "shortened_jumps": history.shortened_jumps, "volume_m3": float(history.volume[-1]),
+            "largest_depth_m": float(history.depth[-1].max())}
+
+
+WEAR = Stage("wear", 2, _wear_slice, ("reduce", "solve"), _wear)
+
+
 def _render(context: StageContext) -> Figures:
     context.progress(0.0, "drawing")
     return {"files": len(provided(FIGURES, "run")(context.inputs, context.folder, context.case.output))}
 
 
-MESH = Stage("mesh", 1, _mesh_slice, (), _mesh)
-RENDER = Stage(
-    "render", 1, lambda case: case.output, ("mesh", "reduce", "preload", "solve", "wear", "response"), _render
-)
+RENDER = Stage("render", 1, lambda case: case.output, ("mesh", "reduce", "preload", "solve", "wear", "response"),
+               _render)
 
 
 def render_run(home: Path) -> list[Path]:

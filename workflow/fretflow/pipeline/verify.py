@@ -14,7 +14,7 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv
 from fretflow.effects.cycle import respond
 from fretflow.pipeline.problem import make_model
-from fretflow.pipeline.wear import CHECKPOINTS
+from fretflow.pipeline.stage import CHECKPOINTS
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.time_integration import settle
 from fretflow.wear.checkpoint import kept_states

@@ -17,8 +17,7 @@ from pydantic_core import ErrorDetails
 
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError
-from fretflow.core.reasons import reason
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, reason
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.kinds import FILE as FILE
 from fretflow.recordings.kinds import RecordingKind, kind_called

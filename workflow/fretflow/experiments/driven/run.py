@@ -17,8 +17,7 @@ from fretflow.experiments.driven.data import DrivenData, driven_data
 from fretflow.experiments.driven.experiment import DrivenExperiment
 from fretflow.experiments.driven.location import detect, locate, residual_law
 from fretflow.experiments.driven.noise import effective, measured_noise, white_noise
-from fretflow.experiments.driven.views import comparisons, residual_maps
-from fretflow.experiments.driven.words import case_text, next_measurement
+from fretflow.experiments.driven.views import case_text, comparisons, next_measurement, residual_maps
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.inference.experiment import Point

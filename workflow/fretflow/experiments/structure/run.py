@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,6 @@ from scipy.stats import chi2
 
 from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
-from fretflow.experiments.structure import words
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import WIDTH
@@ -31,6 +30,10 @@ FALSE_ALARMS = 0.05
 MOST_RANKED = 40
 CHECKED = 5  # amplitudes at which the fitted model is solved as periodic motion too
 NOTHING: Names = frozenset()
+THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")
+NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
+MEANINGS = {"bolt_load": "load of the bolts", "friction_coefficient": "friction of the faces",
+            "modal_damping": "damping ratio of the structure without its joint"}
 
 
 def diagnose_structure(recording: StructureRecording, fast: bool, progress: Progress, tools: Any = None) -> Diagnosis:
@@ -63,10 +66,10 @@ def diagnose_structure(recording: StructureRecording, fast: bool, progress: Prog
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability,
-        sentence=words.sentence(judged.verdict, judged.sets, found.explained(judged.after), location.text),
+        sentence=sentence(judged.verdict, judged.sets, found.explained(judged.after), location.text),
         ranking=judged.ranking[:MOST_RANKED], detection=detection, location=location,
         parameters=_estimates(found, judged.after), held_out=held_out, remainder=_remainder(found, judged),
-        separating_measurement=words.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
+        separating_measurement=NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         notes=(*map(str, recording.notes), *_notes(experiment), _checked(experiment, after)),
         after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast)
@@ -105,7 +108,7 @@ def _estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
         made.append(Estimate(
             name=one.name if one.effect else f"structure.{one.field}", value=one.value(middle), low=ends[0],
             high=ends[1], unit=units.get(one.field, marks[0] if marks else "1"),
-            meaning=words.MEANINGS.get(one.field, "") if info is None else info.description or ""))
+            meaning=MEANINGS.get(one.field, "") if info is None else info.description or ""))
     return tuple(made)
 
 
@@ -148,7 +151,7 @@ def _locate(found: Search, judged: Found) -> Location:
     total = max(float(square.sum()), 1e-300)
     third = np.digitize(own.phase, (0.5 / 3.0, 1.0 / 3.0))
     places = []
-    for cut, labels, index in (("channel", own.channels, own.channel), ("amplitude", words.THIRDS, third)):
+    for cut, labels, index in (("channel", own.channels, own.channel), ("amplitude", THIRDS, third)):
         for k, label in enumerate(labels):
             rows = index == k
             if rows.any():
@@ -158,7 +161,7 @@ def _locate(found: Search, judged: Found) -> Location:
         "channel", "amplitude"))
     block = blocks_of(frozenset().union(*judged.sets)) if judged.sets else "contact law"
     return Location(block=block, channel=channel.where, phase="", cycles=(0, 0), zone=zone.where, places=tuple(places),
-                    text=words.parted(channel, zone))
+                    text=parted(channel, zone))
 
 
 def _notes(experiment: StructureExperiment) -> list[str]:
@@ -190,3 +193,19 @@ def _checked(experiment: StructureExperiment, fit: Fit) -> str:
     return (f"periodic motions of the fitted model (4 harmonics) differ from static loads by {100.0 * frequency:.2g} % "
             f"of the frequency and {damping:.2g} of the damping ratio at most")
 
+
+def sentence(verdict: Verdict, sets: Sequence[frozenset[str]], explained: float, where: str) -> str:
+    """Return the verdict in a sentence or two."""
+    if verdict is Verdict.NONE:
+        return "Bolt load, friction and modal damping explain frequency and damping over the amplitude."
+    if verdict is Verdict.UNKNOWN:
+        return (f"Something is missing that no effect of the catalogue explains; the best leaves "
+                f"{100.0 * (1.0 - explained):.0f} % of the difference. {where}").strip()
+    names = " or ".join(" with ".join(sorted(one)) for one in sets)
+    return f"What is missing is {names}: {100.0 * explained:.0f} % of the difference. {where}".strip()
+
+
+def parted(channel: Place, zone: Place) -> str:
+    """Return where measured and predicted part."""
+    return (f"They part most in the {channel.where} ({100.0 * channel.share:.0f} % of the difference) and at "
+            f"{zone.where} ({100.0 * zone.share:.0f} %).")

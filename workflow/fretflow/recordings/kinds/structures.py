@@ -32,8 +32,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError
-from fretflow.core.reasons import reason
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, reason
 from fretflow.core.records import quantity, record
 from fretflow.recordings.channels import split_heading
 from fretflow.recordings.kinds import FILE, RecordingKind

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.solvers.dlft.march import PeriodicFriction, friction_derivative, periodic_friction
 from fretflow.solvers.dlft.preconditioner import NodePreconditioner
-from fretflow.solvers.dlft.stiffness import Stiffness
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex, to_real
 from fretflow.solvers.newton import Operator
 
@@ -152,3 +151,37 @@ class DlftEquations:
             return np.asarray((zv - force.reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, -1)).ravel())
 
         return apply, NodePreconditioner(derivative, self._single_stiffness, self.penalty)
+
+
+class Stiffness(Protocol):
+    """Dynamic stiffness Z at harmonics 0..H; `rig.condensed.RelativeStiffness` is one."""
+
+    def apply(self, u: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return Z u in N for complex amplitudes (H + 1, 3 n) in m."""
+        ...
+
+    def real_part(self, harmonic: int) -> NDArray[np.float64]:
+        """Return the real part of Z at one harmonic, (3 n, 3 n) in N/m."""
+        ...
+
+    def up_to(self, harmonics: int) -> Stiffness:
+        """Return the first harmonics, 0..`harmonics`."""
+        ...
+
+
+class DenseStiffness(NamedTuple):
+    """One dense complex matrix a harmonic, (H + 1, 3 n, 3 n) in N/m."""
+
+    matrices: NDArray[np.complex128]
+
+    def apply(self, u: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return Z u in N for complex amplitudes (H + 1, 3 n) in m."""
+        return np.asarray((self.matrices @ u[:, :, None])[:, :, 0])
+
+    def real_part(self, harmonic: int) -> NDArray[np.float64]:
+        """Return the real part of Z at one harmonic, (3 n, 3 n) in N/m."""
+        return np.asarray(self.matrices[harmonic].real)
+
+    def up_to(self, harmonics: int) -> DenseStiffness:
+        """Return the first harmonics, 0..`harmonics`."""
+        return DenseStiffness(self.matrices[:harmonics + 1])

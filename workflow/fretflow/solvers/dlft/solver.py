@@ -20,8 +20,7 @@ from fretflow.case.config import Solver
 from fretflow.contact.coulomb import audit_contact
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import NonConvergenceError
-from fretflow.solvers.dlft.equations import DlftEquations, Evaluation
-from fretflow.solvers.dlft.stiffness import DenseStiffness, Stiffness
+from fretflow.solvers.dlft.equations import DenseStiffness, DlftEquations, Evaluation, Stiffness
 from fretflow.solvers.fourier import analysis_matrix, to_complex, to_real
 from fretflow.solvers.newton import NewtonResult, solve_newton
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, refuse_unknown, structure_loads

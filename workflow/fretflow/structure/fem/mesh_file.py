@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from fretflow.core.errors import MeshError
+from fretflow.core.errors import FretflowError, MeshError
 from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP
 from fretflow.structure.fem import compat
-from fretflow.structure.fem.ranks import on_root
 
 _GROUPS = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
 # gmsh's element types of 4 or 9 nodes and of 8 or 27 nodes.
 _QUADRILATERALS_AND_HEXAHEDRA = {2: {3, 10}, 3: {5, 12}}
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -76,3 +76,24 @@ def _check_elements(path: Path, model: Any, name: str, dim: int, tag: int) -> No
     if not kinds <= _QUADRILATERALS_AND_HEXAHEDRA[dim] or len(kinds) > 1:
         raise MeshError(f"{path}: the group {name!r} has other elements than hexahedra of 8 or 27 nodes "
                         f"and their faces (gmsh types {sorted(kinds)}); recombine the mesh")
+
+
+def on_root(comm: Any, work: Callable[[], T]) -> T | None:
+    """Run `work` on rank 0 of `comm` and return its value there, None elsewhere.
+
+    Raises
+    ------
+    FretflowError
+        On every rank, if `work` raised it on rank 0.
+    """
+    value: T | None = None
+    failure: FretflowError | None = None
+    if comm.rank == 0:
+        try:
+            value = work()
+        except FretflowError as error:
+            failure = error
+    failure = comm.bcast(failure, root=0)
+    if failure is not None:
+        raise failure
+    return value

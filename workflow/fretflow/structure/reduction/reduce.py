@@ -12,8 +12,7 @@ from fretflow.case import config
 from fretflow.core.errors import InputError, MeshError
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.structure.fem.elasticity import ElasticBody, assemble
-from fretflow.structure.fem.mesh_file import read_mesh
-from fretflow.structure.fem.ranks import on_root
+from fretflow.structure.fem.mesh_file import on_root, read_mesh
 from fretflow.structure.reduction.craig_bampton import ComponentModes, audit, clamped_frequencies
 from fretflow.structure.reduction.modes import component_modes, full_frequencies
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen

@@ -12,7 +12,7 @@ from fretflow.inference.words import number, pretty_unit
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from fretflow_post.report_svg import Axis, Chart, extent, horizontal, thinned, vertical
+from fretflow_post.report.svg import Axis, Chart, extent, horizontal, thinned, vertical
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,10 @@ from fretflow.recordings.kinds import kinds
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from fretflow_post.report_loops import loop_views
-from fretflow_post.report_maps import law_view, map_views, plausible_range, wear_views
-from fretflow_post.report_tests import tests_view
+from fretflow_post.report.loops import loop_views
+from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view, wear_views
 
-PAGE = Path(__file__).parent / "report_page"
+PAGE = Path(__file__).parent / "page"
 PROBABILITY_OF = {
     Verdict.NONE: "that nothing is missing", Verdict.NAMED: "of this name, among all explanations tried",
     Verdict.AMBIGUOUS: "of the set, taken together", Verdict.UNKNOWN: "that it is something the catalogue lacks",
