@@ -236,7 +236,7 @@ def test_text_of_files_and_paths_does_not_steer_the_terminal(tmp_path, capsys):
 
 
 def test_tables_and_lines_keep_rich_text_but_no_codes_of_the_user(capsys):
-    from fretflow.cli.report import Terminal, new_table
+    from fretflow.cli.terminal import Terminal, new_table
 
     view = new_table(f"title {STEERING}", f"heading {STEERING}")
     view.add_row(f"cell {STEERING}")

@@ -98,7 +98,7 @@ def test_further_copies_go_where_they_are_wanted(cases, calls, tmp_path, capsys)
 def test_progress_is_shown_on_a_terminal(cases, calls, monkeypatch, capsys):
     calls(cases.empty())
     monkeypatch.setenv("TERM", "xterm")  # on a dumb one no bar moves
-    monkeypatch.setattr("fretflow.cli.report.Terminal", lambda **_: Console(force_terminal=True, width=100))
+    monkeypatch.setattr("fretflow.cli.terminal.Terminal", lambda **_: Console(force_terminal=True, width=100))
     assert cli.execute(["diagnose", "my rig"]) == 0
     assert "step 1.0" in capsys.readouterr().out
 

@@ -4,62 +4,65 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.markup import escape
 
-from fretflow.cli.report import Progress, Terminal, new_table, show_files
+from fretflow.cli.terminal import Flag, Progress, Terminal, new_table, show_files
 from fretflow.core.errors import InputError
-from fretflow.core.store import write_csv, write_whole
-from fretflow.inference import words
-from fretflow.inference.verdict import Diagnosis
-from fretflow.pipeline.diagnose import diagnose, made_folder
-from fretflow.recordings.schema import FILE, name_of
+
+if TYPE_CHECKING:
+    from fretflow.inference.verdict import Diagnosis
 
 HOME = Path("runs/diagnosis")
 MOST_RANKED = 5
 
 
-def diagnose_recording(recording: Path, fast: bool, out: Path | None, json_file: Path | None,
-                       case_file: Path | None) -> list[Path]:
-    """Diagnose a recording, print the verdict and return the files that were written.
+def diagnose(
+    recording: Path, /, *, fast: Flag = False, json: Path | None = None,
+    out: Path | None = None, case: Path | None = None,
+) -> None:
+    """Say whether the model explains a recording and, if not, where they part and which physics is left out.
+
+    Writes report.html, the verdict as JSON, the places of the difference as CSV and, where effects are named, a case
+    with them for `fretflow run`. Every verdict has exit code 0.
 
     Parameters
     ----------
-    recording : Path
-        Folder of a recording, or its ``recording.toml``.
-    fast : bool
-        Whether a screening is enough.
-    out : Path or None
-        Folder of the results; by default one that is named after the recording.
-    json_file, case_file : Path or None
-        Further copies of the JSON, and of the case with the named effects where there is one.
-
-    Raises
-    ------
-    RecordingError
-        If the recording cannot be used.
-    InputError
-        If there is no such recording, or the results cannot be written.
+    recording
+        folder with a recording.toml, or a table of wear tests
+    fast
+        looks at fewer effects: in a minute or two
+    json
+        file for a copy of the JSON
+    out
+        folder of the results; by default runs/diagnosis/<recording>
+    case
+        file for a copy of the case
     """
+    from fretflow.pipeline.diagnose import diagnose as judge
+    from fretflow.pipeline.diagnose import made_folder
+    from fretflow.recordings.schema import FILE, name_of
+
     if not recording.exists():
         raise InputError(f"{recording}: there is no such folder or file; give a folder with a {FILE}")
     home = made_folder(HOME / name_of(recording) if out is None else out)
     with Progress() as shown:
         shown.begin("diagnose")
-        found = diagnose(recording, fast=fast, home=home,
+        found = judge(recording, fast=fast, home=home,
                          progress=lambda share, text: shown.advance("diagnose", share, text))
-    files = _write(found, home, json_file, case_file)
+    files = _write(found, home, json, case)
     console = Terminal(highlight=False)
     _show(console, found)
-    if case_file is not None and not found.case_file:
-        console.print(f"{escape(str(case_file))} was not written: nothing is named that a case could add",
+    if case is not None and not found.case_file:
+        console.print(f"{escape(str(case))} was not written: nothing is named that a case could add",
                       soft_wrap=True)
     show_files(files, "report and numbers")
-    return files
 
 
 def _write(found: Diagnosis, home: Path, json_file: Path | None, case_file: Path | None) -> list[Path]:
+    from fretflow.core.store import write_csv, write_whole
+
     places = found.location.places
     columns: dict[str, Sequence[object]] = {
         "cut": [p.cut for p in places], "where": [p.where for p in places],
@@ -77,14 +80,18 @@ def _write(found: Diagnosis, home: Path, json_file: Path | None, case_file: Path
 
 
 def _copies(own: Path, wanted: Path | None) -> list[Path]:
+    from fretflow.pipeline.diagnose import made_folder
+
     if wanted is None or wanted.resolve() == own.resolve():
         return [own]
     made_folder(wanted.parent)
     return [own, wanted]
 
 
-def _show(console: Console, found: Diagnosis) -> None:
+def _show(console: Terminal, found: Diagnosis) -> None:
     """Print the verdict in short; the page has the rest."""
+    from fretflow.inference import words
+
     console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
     console.print(f"[bold]{words.VERDICT_WORDS[found.verdict]}.[/bold] {escape(found.sentence)}", soft_wrap=True)
     console.print(f"by chance: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))

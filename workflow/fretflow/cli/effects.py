@@ -2,42 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from inspect import cleandoc
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from fretflow.case.casefile import entries
-from fretflow.cli.report import Terminal, new_table, show_files
+from fretflow.cli.terminal import Out, Terminal, new_table, show_files
 from fretflow.core.errors import InputError
-from fretflow.core.plugins import FIGURES, provided
-from fretflow.core.units import format_quantity
-from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import ALL_KINDS, Effect
+
+if TYPE_CHECKING:
+    from fretflow.effects.effect import Effect
 
 
-def list_effects() -> None:
+def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects")) -> None:
+    """List the physics beyond the baseline, or describe one effect with its equation, parameters and a picture.
+
+    Parameters
+    ----------
+    effect
+        id of an effect
+    """
+    from fretflow.effects.catalogue import catalogue
+
+    known = catalogue()
+    if effect is None:
+        _list(known)
+    elif effect in known:
+        _show(effect, known[effect], out)
+    else:
+        raise InputError(f"{effect}: there is no such effect; `fretflow effects` lists them")
+
+
+def _list(known: Mapping[str, type[Effect]]) -> None:
     """Print all effects: id, block, equation, where they show."""
     view = new_table("effects: physics beyond the baseline; `fretflow effects ID` shows one", "id", "block", "equation",
                      "shows in")
     view.columns[0].no_wrap = True
-    for name, kind in catalogue().items():
+    for name, kind in known.items():
         view.add_row(name, kind.block, escape(kind.equation), escape("; ".join(kind.observables)))
     Terminal().print(view)
 
 
-def show_effect(name: str, out: Path) -> Path:
-    """Print the sheet of effect `name`, draw its picture and return that file.
+def _show(name: str, kind: type[Effect], out: Path) -> None:
+    """Print the sheet of an effect and draw its picture."""
+    from fretflow.core.plugins import FIGURES, provided
 
-    Raises
-    ------
-    InputError
-        If there is no such effect.
-    """
-    known = catalogue()
-    if name not in known:
-        raise InputError(f"{name}: there is no such effect; `fretflow effects` lists them")
-    kind = known[name]
     console = Terminal(highlight=False)
     console.print(f"[bold]{name}[/bold]: {escape(kind.title)}")
     for paragraph in cleandoc(kind.__doc__ or "").split("\n\n"):
@@ -50,14 +61,17 @@ def show_effect(name: str, out: Path) -> Path:
     console.print(_parameters(kind))
     picture: Path = provided(FIGURES, "effect")(out / f"{name}.png", name, kind())
     show_files([picture], "picture")
-    return picture
 
 
 def _kinds(kind: type[Effect]) -> str:
+    from fretflow.effects.effect import ALL_KINDS
+
     return "all kinds" if kind.kinds == ALL_KINDS else ", ".join(sorted(map(str, kind.kinds)))
 
 
 def _acts(kind: type[Effect]) -> str:
+    from fretflow.effects.effect import Effect
+
     where = {"period": "within the period (residual, Jacobian and derivatives)",
              "evolve": "over cycles (memory)", "wear_factor": "over cycles (wear rate)",
              "sense": "in the sensors", "limit": "on driven joints (friction limit)",
@@ -71,6 +85,9 @@ def _excluded(kind: type[Effect]) -> str:
 
 
 def _parameters(kind: type[Effect]) -> object:
+    from fretflow.case.casefile import entries
+    from fretflow.core.units import format_quantity
+
     view = new_table(f"[effects.{kind.id}]", "parameter", "default", "plausible range", "meaning", "range from")
     priors = kind.priors()
     for entry in entries(kind()):

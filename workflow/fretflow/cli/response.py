@@ -2,29 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fretflow.case.config import Case, load_case
-from fretflow.cli.report import Progress, Terminal, new_table, show_files
-from fretflow.core.errors import InputError
-from fretflow.core.plugins import FIGURES, provided
-from fretflow.core.units import parse_quantity
-from fretflow.pipeline.response_curves import (
-    FOLDER,
-    RunCurve,
-    asked_curves,
-    make_curve,
-    read_peaks,
-    sweep_of,
-    write_curves,
-)
-from fretflow.pipeline.stage import CASE_FILE, SUMMARY_FILE
-from fretflow.pipeline.stages import complete_stages
-from fretflow.pipeline.summary import summarise, write_summary
+from fretflow.cli.terminal import Flag, Out, Progress, Terminal, new_table, positive, show_files
+
+if TYPE_CHECKING:
+    from fretflow.pipeline.response_curves import RunCurve
 
 STATES = ("unworn", "worn")
 STAGE = "response"
+
+
+def response(
+    run: Path, /, *, unworn: Flag = False,
+    worn: Flag = False, start: str | None = None, stop: str | None = None,
+    excitation: tuple[str, ...] = (), out: Out = Path("runs"),
+) -> None:
+    """Follow the nonlinear frequency response by continuation, up and down, around turning points.
+
+    Every point is a solution of the whole contact, with its stability; peak, half-power damping and folds are read
+    off each curve. A curve takes a minute or two and is kept beside the run's stages, so that it is made once.
+
+    Parameters
+    ----------
+    run
+        result folder of a case, for example runs/test1, or a case file, whose stages are run as far as needed
+    unworn
+        the unworn contact only; by default both
+    worn
+        the worn contact only
+    start
+        lowest frequency, for example "20 Hz"; by default the case's
+    stop
+        highest frequency
+    excitation
+        amplitude of the force, for example "53 N"; may be given several times; by default the case's
+    """
+    from fretflow.case.config import load_case
+    from fretflow.pipeline.run import leading, make_curves
+    from fretflow.pipeline.stage import CASE_FILE
+    from fretflow.pipeline.stages import complete_stages
+
+    states = states_of(unworn, worn)
+    bounds = positive("--start", start, "Hz"), positive("--stop", stop, "Hz")
+    levels = [level for text in excitation if (level := positive("--excitation", text, "N")) is not None]
+    progress, home = Progress(), run
+    if run.is_file():
+        case = load_case(run)
+        home = out / case.name
+        with leading(out, progress) as runner, progress:
+            stages = runner.run(case, "wear" if "worn" in states else "reduce")
+        folders = {name: result.folder for name, result in stages.items()}
+    else:
+        folders = complete_stages(run)
+        case = load_case(run / CASE_FILE)
+    with progress:
+        progress.begin(STAGE)
+        curves, files = make_curves(case, folders, home, states, bounds, levels,
+                                    lambda share, text: progress.advance(STAGE, share, text),
+                                    lambda text: progress.note(STAGE, text))
+    show_peaks(curves)
+    show_files(files, "curves and pictures")
 
 
 def states_of(unworn: bool, worn: bool) -> tuple[str, ...]:
@@ -32,86 +72,10 @@ def states_of(unworn: bool, worn: bool) -> tuple[str, ...]:
     return tuple(s for s, asked in zip(STATES, (unworn, worn), strict=True) if asked or unworn == worn)
 
 
-def quantity_of(option: str, text: str | None, unit: str) -> float | None:
-    """Return the number that `option` gives in `unit`, or None where it is not given.
-
-    Raises
-    ------
-    InputError
-        If it has no unit of the right kind, or is not positive.
-    """
-    if text is None:
-        return None
-    try:
-        value = parse_quantity(text, unit)
-    except ValueError as error:
-        raise InputError(f"{option}: {error}") from error
-    if not value > 0.0:
-        raise InputError(f"{option} {text!r}: must be positive")
-    return value
-
-
-def run_of(given: Path) -> tuple[Case, dict[str, Path]]:
-    """Return the case and the complete stages of the result folder `given`.
-
-    Raises
-    ------
-    StoreError
-        If there is no run.
-    """
-    folders = complete_stages(given)
-    return load_case(given / CASE_FILE), folders
-
-
-def respond(case: Case, folders: Mapping[str, Path], home: Path, states: Sequence[str],
-            bounds: tuple[str | None, str | None], levels: Sequence[str], progress: Progress) -> list[Path]:
-    """Make the curves of a run, show their peaks and return the files written.
-
-    Parameters
-    ----------
-    case : Case
-    folders : mapping of str to Path
-        The run's complete stages.
-    home : Path
-        The run's folder.
-    states : sequence of str
-        Out of unworn and worn.
-    bounds : (str or None, str or None)
-        Lowest and highest frequency with unit; by default the case's.
-    levels : sequence of str
-        Excitations with unit; by default the case's.
-    progress : Progress
-
-    Raises
-    ------
-    InputError
-        If an option cannot be used or a stage is missing.
-    NonConvergenceError
-        Naming the frequency.
-    """
-    start, stop = (quantity_of(name, text, "Hz") for name, text in zip(("--start", "--stop"), bounds, strict=True))
-    given = [value for text in levels if (value := quantity_of("--excitation", text, "N")) is not None]
-    excitations = sorted(set(given)) or [case.test.excitation_amplitude]
-    folder = home / FOLDER
-    asked = asked_curves(case, folders, states, excitations, sweep_of(case, start, stop), folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    curves: list[RunCurve] = []
-    with progress:
-        progress.begin(STAGE)
-        for done, one in enumerate(asked):
-            curves.append(make_curve(one, lambda share, text, done=done: progress.advance(  # type: ignore[misc]
-                STAGE, (done + share) / len(asked), text)))
-            progress.note(STAGE, f"{one.name}: {len(curves[-1].curve.frequency)} points  {one.file}")
-    show_peaks(curves)
-    files = [*write_curves(folder, curves, folders), *provided(FIGURES, "response")(folder / "curves.png", curves)]
-    if (home / SUMMARY_FILE).is_file():
-        files.append(write_summary(home, case, *summarise(case, folders)))
-    show_files([*files, *(one.file for one in asked)], "curves and pictures")
-    return files
-
-
 def show_peaks(curves: Sequence[RunCurve]) -> None:
     """Print what is read off each of `curves`."""
+    from fretflow.pipeline.response_curves import read_peaks
+
     view = new_table("resonance of the moving mass", "curve", "", "peak", "amplitude", "damping", "folds", "stability")
     reasons = []
     for peak in read_peaks(curves):

@@ -1,81 +1,77 @@
-"""Cases as the commands run them: read, led by one rank, in turn or at once, and what was found in the end."""
+"""The run command: cases in turn or at once, and what was found in the end."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.errors import describe, say
-from fretflow.core.errors import EnsembleError, InputError, StoreError
+from rich.markup import escape
+
+from fretflow.cli.terminal import Force, Out, Progress, Terminal, describe, load, new_table, say, show_files
+from fretflow.core.errors import EnsembleError, StoreError
+from fretflow.pipeline.ranks import started_rank
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case
+    from fretflow.pipeline.comparison import CaseComparison
     from fretflow.pipeline.ensemble import Workers
-    from fretflow.pipeline.runner import Runner, Watcher
     from fretflow.pipeline.stage import StageResult
+    from fretflow.pipeline.summary import Figure
+    from fretflow.pipeline.trends import Trend
 
 COMPARISON_FILE = "comparison.csv"
+MIB = 2**20
 
 
-def load(path: Path) -> Case:
-    """Read a case file, its effects included, before anything is computed."""
-    from fretflow.case.config import load_case
+def run(
+    case: Path, /, *cases: Path, until: str | None = None, out: Out = Path("runs"), force: Force = False,
+    jobs: int = 1, executor: str = "local",
+) -> None:
+    """Run all stages of one or more cases: mesh, reduce, preload, solve, wear, response, render.
 
-    case = load_case(path)
-    if case.effects:
-        from fretflow.effects.catalogue import parse_effects
+    Complete stages are reused and an interrupted one goes on where it stopped. Several cases end with one table
+    of what was found beside what each case says was measured; a case that fails does not stop the others, and
+    the exit code is that of the worst.
 
-        parse_effects(case.effects, str(path))
-    return case
-
-
-def check_names(cases: Sequence[Case]) -> None:
-    """Check that every case has a name of its own.
-
-    Raises
-    ------
-    InputError
-        Naming the one that several have.
+    Parameters
+    ----------
+    case
+        case file to run; more may follow
+    cases
+        more case files
+    until
+        last stage to run
+    jobs
+        cases run at a time on this machine
+    executor
+        where cases run: local processes; mpi, the ranks of `mpirun -n N fretflow run ...`, of which one leads;
+        or dask=ADDRESS of a scheduler whose workers see the same files
     """
-    names = [case.name for case in cases]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"name: {name!r} is the name of several cases; give each its own")
+    from fretflow.pipeline.ensemble import Workers
+    from fretflow.pipeline.run import check_names
 
-
-@contextmanager
-def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
-    """Give rank 0 the runner; every other rank serves it here until the run is over, and exits."""
-    from fretflow.pipeline.ranks import Ranks
-    from fretflow.pipeline.runner import Runner
-    from fretflow.pipeline.stages import pipeline
-
-    ranks = Ranks()
-    runner = Runner(pipeline(), out, ranks, watcher)
-    if ranks.rank > 0:
-        runner.serve()
-        sys.exit(0)
-    try:
-        yield runner
-    finally:
-        ranks.dismiss()
+    parsed = [load(path) for path in (case, *cases)]
+    check_names(parsed)
+    workers = Workers.parse(executor, jobs)
+    if workers.in_turn:
+        _in_turn(parsed, until, out, force)
+    else:
+        _at_once(parsed, until, out, force, workers)
 
 
 @dataclass(frozen=True)
-class Ended:
+class _Ended:
     """How a case ended: exit code 0 and no message if well."""
 
     code: int = 0
     message: str = ""
 
 
-def in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -> None:
+def _in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -> None:
     """Run cases one after the other in this process; one that fails does not stop the others."""
-    from fretflow.cli.report import Progress
+    from fretflow.pipeline.run import leading
 
     progress, ends = Progress(), []
     with leading(out, progress) as runner:
@@ -89,30 +85,32 @@ def in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) ->
                     raise
                 message, code = describe(error)
                 say(f"{case.name}: {message}", code)
-                ends.append(Ended(code, message))
+                ends.append(_Ended(code, message))
             else:
-                ends.append(Ended())
+                ends.append(_Ended())
     if len(cases) > 1:
-        report(cases, out, ends)
+        _report(cases, out, ends)
 
 
-def at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
+def _at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
     """Run cases by several workers; one that fails does not stop the others."""
-    from fretflow.cli.report import show_ended
     from fretflow.pipeline.run import CaseTask, run_at_once
 
-    ends = [Ended()] * len(cases)
+    ends = [_Ended()] * len(cases)
     tasks = [CaseTask(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
     for done, outcome in run_at_once(tasks, workers):
         if outcome.error is not None:
             message, code = describe(outcome.error)
-            ends[outcome.index] = Ended(code, message)
-        show_ended(done, len(cases), cases[outcome.index].name, ends[outcome.index].message)
+            ends[outcome.index] = _Ended(code, message)
+        failure = ends[outcome.index].message
+        state = f"failed: {failure}" if failure else "complete"
+        Terminal().print(f"{done} of {len(cases)}  {escape(cases[outcome.index].name)}  {escape(state)}",
+                         highlight=False, soft_wrap=True)
     if workers.leads:
-        report(cases, out, ends)
+        _report(cases, out, ends)
 
 
-def report(cases: Sequence[Case], out: Path, ends: Sequence[Ended]) -> None:
+def _report(cases: Sequence[Case], out: Path, ends: Sequence[_Ended]) -> None:
     """Show one table of all cases, keep it as a CSV file, and raise if any failed.
 
     Raises
@@ -120,13 +118,12 @@ def report(cases: Sequence[Case], out: Path, ends: Sequence[Ended]) -> None:
     EnsembleError
         Naming the cases that failed.
     """
-    from fretflow.cli.report import show_comparison, show_files
     from fretflow.pipeline.comparison import CaseComparison, write_comparison
     from fretflow.pipeline.run import compare_run
 
     rows = [CaseComparison(case.name, failure=end.message) if end.message  # what is on disk may be of another run
             else compare_run(case, out / case.name) for case, end in zip(cases, ends, strict=True)]
-    show_comparison(rows)
+    _show_comparison(rows)
     failed = [f"{row.name}: {row.failure}" for row in rows if row.failure]
     if failed:
         # also a case that a worker completed where this process does not see it
@@ -142,12 +139,70 @@ def report(cases: Sequence[Case], out: Path, ends: Sequence[Ended]) -> None:
 
 
 def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
-    from fretflow.cli.report import show_files, show_summary
     from fretflow.pipeline.run import results_of
     from fretflow.pipeline.stage import SUMMARY_FILE
 
-    show_summary(case, *results_of(case, results, home).summarised, results)
+    _show_summary(case, *results_of(case, results, home).summarised, results)
     files = [home / SUMMARY_FILE]
     for result in results.values():
         files += [result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))]
     show_files(files, "pictures and curves")
+
+
+def _show_summary(case: Case, figures: Sequence[Figure], trends: Sequence[Trend],
+                 results: Mapping[str, StageResult]) -> None:
+    """Print what a run found, the paper's trends and what each stage cost."""
+    console = Terminal()
+    if figures:
+        view = new_table(f"{case.name}: {case.title}" if case.title else case.name, "figure", "found")
+        for figure in figures:
+            view.add_row(figure.name, figure.text)
+        console.print(view)
+    if trends:
+        view = new_table("the paper's trends", "trend", "", "found", "paper")
+        words = {True: "met", False: "not met", None: "cannot tell"}
+        for trend in trends:
+            view.add_row(trend.name, words[trend.met], trend.found, trend.paper)
+        console.print(view)
+    view = new_table("stages", "stage", "time, s", "peak memory, MiB", "")
+    for result in results.values():
+        manifest = result.manifest
+        view.add_row(result.name, f"{manifest.seconds:.1f}", f"{manifest.peak_memory / MIB:.0f}",
+                     "reused" if result.reused else "")
+    console.print(view)
+
+
+def _show_comparison(rows: Sequence[CaseComparison]) -> None:
+    """Print one line a case: what was found, what was measured and the difference."""
+    console = Terminal(quiet=started_rank() > 0)
+    view = new_table("found, and beneath it what was measured", "case", "sliding, mean of test", "worn volume",
+                     "regime", "time, s")
+    for row in rows:
+        if row.failure:
+            view.add_row(row.name, "failed, see above")
+            continue
+        changes = row.worn_regime not in (None, row.regime)
+        regime = f"{row.regime}, then {row.worn_regime}" if changes else str(row.regime or "-")
+        view.add_row(row.name, _beside(row.sliding, row.measured_sliding, row.sliding_error, _micrometres),
+                     _beside(row.volume, row.measured_volume, row.volume_error, _cubic_millimetres),
+                     regime + (f"\n{row.measured_regime}" if row.measured_regime else ""), f"{row.seconds:.0f}")
+    console.print(view)
+    if missed := [row.name for row in rows if row.remarkable]:
+        console.print(f"Not met within 10 %, or in another regime: {', '.join(missed)}. The rig's masses and damping "
+                      "decide the sliding, and it the volume: `fretflow calibrate CASES` fits them to all that was "
+                      "measured, and says what that determines and what not.")
+
+
+def _beside(found: float | None, measured: float | None, error: float | None, text: Callable[[float], str]) -> str:
+    lines = ["-" if found is None else text(found)]
+    if measured is not None:
+        lines.append(text(measured) + ("" if error is None else f" ({error:+.1%})"))
+    return "\n".join(lines)
+
+
+def _micrometres(value: float) -> str:
+    return f"{value * 1e6:.4g} um"
+
+
+def _cubic_millimetres(value: float) -> str:
+    return f"{value * 1e9:.4g} mm^3"

@@ -12,20 +12,33 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fretflow.cli.report import Terminal, new_table, show_files
+from fretflow.cli.terminal import Terminal, new_table, show_files
 from fretflow.core.errors import FretflowError, InputError, printable
 from fretflow.core.provenance import commit, versions
 
 
-def show_trial(cases: int, seed: int, fast: bool, jobs: int, out: Path) -> list[Path]:
-    """Carry out a trial, or what is left of it, print its targets and return the files that were written.
+def trial(
+    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial")
+) -> None:
+    """Try `diagnose` on recordings whose hidden physics it cannot know, and write the scoreboard.
 
-    Raises
-    ------
-    InputError
-        If a number is out of range or the folder holds another trial.
-    FretflowError
-        If an answer is not the one that was sealed.
+    The recordings come from a second simulator that shares nothing with the rest. Their answers are sealed (a salted
+    hash is printed first, salt and key in the end), every diagnosis is a process of its own that sees one recording
+    only, and OUT holds trial.html, trial.json and all answers. A trial that is stopped goes on with the same command.
+
+    Parameters
+    ----------
+    cases
+        number of recordings: a fifth with nothing hidden, a fifth with physics beyond the catalogue, a fifth with two
+        effects, the rest with one
+    seed
+        which recordings
+    fast
+        diagnose with --fast
+    jobs
+        recordings made or diagnosed at a time
+    out
+        folder of the trial
     """
     from fretflow_trial.protocol import Settings, Trial, TrialError
     from fretflow_trial.sealing import BrokenSealError
@@ -42,9 +55,7 @@ def show_trial(cases: int, seed: int, fast: bool, jobs: int, out: Path) -> list[
     except BrokenSealError as error:
         raise FretflowError(str(error)) from error
     _show_targets(scores)
-    files = [out / "trial.html", out / "trial.json"]
-    show_files(files, "scoreboard")
-    return files
+    show_files([out / "trial.html", out / "trial.json"], "scoreboard")
 
 
 def _say(line: str) -> None:

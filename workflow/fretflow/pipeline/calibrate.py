@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, Rig
 from fretflow.core.errors import InputError
-from fretflow.core.store import read_record
+from fretflow.core.store import read_record, write_whole
+from fretflow.core.units import format_quantity
 from fretflow.pipeline.problem import make_problem
+from fretflow.pipeline.runner import Runner
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
@@ -30,6 +34,8 @@ Array = NDArray[np.float64]
 # How far a case's rig may be off before anything is measured: a factor for one standard deviation up or down.
 PRIOR_FACTORS = {"moving_mass": 3.0, "arm_mass": 3.0, "in_phase_frequency": 1.2,
                  "out_of_phase_frequency": 1.2, "damping_ratio": 10.0}
+UNITS = {"moving_mass": "kg", "arm_mass": "kg", "in_phase_frequency": "Hz", "out_of_phase_frequency": "Hz",
+         "damping_ratio": ""}
 MODES = ("in_phase_frequency", "out_of_phase_frequency")
 # Relative standard deviations of measured values that state none.
 SLIDING_SD, MODE_SD, VOLUME_SD = 0.05, 0.01, 0.05
@@ -209,3 +215,91 @@ def _check_alike(cases: Sequence[Case]) -> None:
             if getattr(case, part) != getattr(cases[0], part):
                 raise InputError(f"{case.name}: [{part}] differs from that of {cases[0].name}; cases that are "
                                  "calibrated together are of one joint")
+
+
+def calibrate_cases(cases: Sequence[Case], runner: Runner, out: Path, tell_rig: Callable[[Identification], None],
+                    tell_wear: Callable[[str, WearCoefficient], None]) -> list[Path]:
+    """Identify what the cases' [measured] tables allow, tell it, and write calibrated cases and a JSON file.
+
+    Raises
+    ------
+    InputError
+        If nothing was measured that could be calibrated on.
+    """
+    if not any(case.measured.sliding_distance or case.measured.worn_volume for case in cases):
+        raise InputError("[measured]: no case has a sliding_distance or a worn_volume to calibrate on")
+    rig = None
+    if any(case.measured.sliding_distance for case in cases):
+        reduced = {case.name: runner.run(case, "reduce")["reduce"].folder for case in cases}
+        rig = calibrate_rig(cases, reduced)
+        tell_rig(rig)
+    coefficients: dict[str, WearCoefficient] = {}
+    for case in cases:
+        if case.measured.worn_volume:
+            coefficients[case.name] = calibrate_wear(
+                calibrated_case(case, rig, None),
+                lambda one: {name: result.folder for name, result in runner.run(one, "wear").items()})
+            tell_wear(case.name, coefficients[case.name])
+    shared = _mean(list(coefficients.values()))
+    files = [_write(out, calibrated_case(case, rig, shared), _remarks(rig, coefficients)) for case in cases]
+    content = json.dumps(_plain(rig, coefficients), indent=2)
+    write_whole(out / "calibration.json", f"{content}\n".encode())
+    return [*files, out / "calibration.json"]
+
+
+def parameter_rows(found: Identification) -> list[dict[str, Any]]:
+    """Return the rig's parameters for people: before, after, 95 % interval, whether the data determine them."""
+    low, high = found.interval
+    return [{"name": name, "before": format_quantity(before, unit, 4), "after": format_quantity(after, unit, 4),
+             "low": format_quantity(a, unit, 3), "high": format_quantity(b, unit, 3), "determined": bool(known)}
+            for (name, unit), before, after, a, b, known in zip(
+                UNITS.items(), found.prior.value, found.value, low, high, found.determined, strict=True)]
+
+
+def _mean(found: Sequence[WearCoefficient]) -> float | None:
+    """Return the mean coefficient, each by the inverse of its variance."""
+    if not found:
+        return None
+    weights = [1.0 / one.sd**2 for one in found]
+    return sum(w * one.value for w, one in zip(weights, found, strict=True)) / sum(weights)
+
+
+def _remarks(rig: Identification | None, coefficients: Mapping[str, WearCoefficient]) -> list[str]:
+    lines = ["# Calibrated on measured values; intervals are of 95 %."]
+    if rig is not None:
+        lines += [f"# rig.{row['name']}: {row['low']} to {row['high']}, "
+                  + ("determined" if row["determined"] else "not determined by these data")
+                  for row in parameter_rows(rig)]
+    for name, one in coefficients.items():
+        low, high = one.interval
+        lines.append(f"# wear.coefficient by {name}: {low:.4g} to {high:.4g} m^2/N")
+    return lines
+
+
+def _write(out: Path, case: Case, remarks: Sequence[str]) -> Path:
+    path = out / f"{case.name}.toml"
+    write_whole(path, ("\n".join(remarks) + "\n\n" + dump_case(case)).encode())
+    return path
+
+
+def _plain(rig: Identification | None, coefficients: Mapping[str, WearCoefficient]) -> dict[str, Any]:
+    plain: dict[str, Any] = {
+        "wear_coefficient_m2_per_N": {name: {"value": one.value, "low": one.interval[0], "high": one.interval[1]}
+                                      for name, one in coefficients.items()}}
+    if rig is None:
+        return plain
+    low, high = rig.interval
+    springs = LumpedRig.from_modes(*map(float, rig.value))
+    plain["rig"] = {
+        name: {"value": value, "low": a, "high": b, "unit": UNITS[name] or "1", "determined": bool(known)}
+        for name, value, a, b, known in zip(rig.prior.names, map(float, rig.value), map(float, low), map(float, high),
+                                            rig.determined, strict=True)}
+    plain["springs_N_per_m"] = {"ground": springs.ground_stiffness, "hinge": springs.hinge_stiffness}
+    plain["fit"] = {name: {"measured": value, "model": predicted, "standard_deviations_off": off}
+                    for name, value, predicted, off in zip(rig.data.names, map(float, rig.data.value),
+                                                           map(float, rig.predicted), map(float, rig.deviation),
+                                                           strict=True)}
+    plain["determined_products"] = [{"product": rig.product(k), "relative_sd": float(rig.direction_sd[k]),
+                                     "gain": float((1.0 + rig.strength[k]**2) ** 0.5)}
+                                    for k in range(len(rig.strength))]
+    return plain

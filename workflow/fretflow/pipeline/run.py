@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from fretflow.case.config import Case, load_case
-from fretflow.core.errors import StoreError
+from fretflow.core.errors import InputError, StoreError
+from fretflow.core.plugins import FIGURES, provided
 from fretflow.effects.catalogue import parse_effects
 from fretflow.pipeline.comparison import CaseComparison, compare
 from fretflow.pipeline.ensemble import Outcome, Workers, run_ensemble
 from fretflow.pipeline.ranks import Ranks, keep_to_itself, started_size
+from fretflow.pipeline.response_curves import FOLDER, RunCurve, asked_curves, make_curve, sweep_of, write_curves
 from fretflow.pipeline.results import RunResults
-from fretflow.pipeline.runner import Runner, Silent
-from fretflow.pipeline.stage import Manifest, StageResult
-from fretflow.pipeline.summary import write_summary
+from fretflow.pipeline.runner import Runner, Silent, Watcher
+from fretflow.pipeline.stage import SUMMARY_FILE, Manifest, StageResult
+from fretflow.pipeline.summary import summarise, write_summary
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,36 @@ def read_case(path: Path) -> Case:
     case = load_case(path)
     parse_effects(case.effects, str(path))
     return case
+
+
+def check_names(cases: Sequence[Case]) -> None:
+    """Check that every case has a name of its own.
+
+    Raises
+    ------
+    InputError
+        Naming the one that several have.
+    """
+    names = [case.name for case in cases]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"name: {name!r} is the name of several cases; give each its own")
+
+
+@contextmanager
+def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
+    """Give rank 0 the runner; every other rank serves it here until the run is over, and exits."""
+    from fretflow.pipeline.stages import pipeline
+
+    ranks = Ranks()
+    runner = Runner(pipeline(), out, ranks, watcher)
+    if ranks.rank > 0:
+        runner.serve()
+        sys.exit(0)
+    try:
+        yield runner
+    finally:
+        ranks.dismiss()
 
 
 class _Told(Silent):
@@ -129,3 +163,47 @@ def compare_run(case: Case, home: Path) -> CaseComparison:
         return compare(case, folders, sum(Manifest.read(folder).seconds for folder in folders.values()))
     except StoreError as error:
         return CaseComparison(case.name, failure=str(error))
+
+
+def make_curves(case: Case, folders: Mapping[str, Path], home: Path, states: Sequence[str],
+                bounds: tuple[float | None, float | None], levels: Sequence[float],
+                progress: Callable[[float, str], None], note: Callable[[str], None]
+                ) -> tuple[list[RunCurve], list[Path]]:
+    """Make the curves of a run, keep them in its `home` and return them with the files written.
+
+    Parameters
+    ----------
+    case : Case
+    folders : mapping of str to Path
+        The run's complete stages.
+    home : Path
+        The run's folder.
+    states : sequence of str
+        Out of unworn and worn.
+    bounds : (float or None, float or None)
+        Lowest and highest frequency in Hz; by default the case's.
+    levels : sequence of float
+        Excitations in N; by default the case's.
+    progress, note : callable
+        Take the share that is done and what is being done, and a line about each curve.
+
+    Raises
+    ------
+    InputError
+        If the range is empty or a stage is missing.
+    NonConvergenceError
+        Naming the frequency.
+    """
+    folder = home / FOLDER
+    excitations = sorted(set(levels)) or [case.test.excitation_amplitude]
+    asked = asked_curves(case, folders, states, excitations, sweep_of(case, *bounds), folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    curves: list[RunCurve] = []
+    for done, one in enumerate(asked):
+        curves.append(make_curve(one, lambda share, text, done=done: progress(  # type: ignore[misc]
+            (done + share) / len(asked), text)))
+        note(f"{one.name}: {len(curves[-1].curve.frequency)} points  {one.file}")
+    files = [*write_curves(folder, curves, folders), *provided(FIGURES, "response")(folder / "curves.png", curves)]
+    if (home / SUMMARY_FILE).is_file():
+        files.append(write_summary(home, case, *summarise(case, folders)))
+    return curves, [*files, *(one.file for one in asked)]

@@ -1,0 +1,49 @@
+"""The modes command: natural frequencies of the specimens, full model against reduced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fretflow.cli.terminal import Force, Out, Progress, Terminal, new_table, show_files
+
+if TYPE_CHECKING:
+    from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+
+
+def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> None:
+    """List each specimen's natural frequencies: full model against Craig-Bampton; with a CSV and a plot.
+
+    Parameters
+    ----------
+    case
+        case file
+    """
+    from fretflow.case.config import load_case
+    from fretflow.core.plugins import FIGURES, provided
+    from fretflow.core.store import read_record
+    from fretflow.pipeline.run import leading
+    from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+
+    parsed = load_case(case)
+    progress = Progress()
+    with leading(out, progress) as runner, progress:
+        folder = runner.run(parsed, "reduce", force)["reduce"].folder
+    specimens = {side: read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")}
+    _show(specimens)
+    show_files(provided(FIGURES, "modes")(out / parsed.name / "modes.png", *specimens.values()), "files")
+
+
+def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
+    """Print the natural frequencies of each specimen, full model against reduced."""
+    console = Terminal()
+    for side, specimen in specimens.items():
+        view = new_table(f"{side} specimen, back face clamped: {specimen.full_dofs:_} DOF against "
+                         f"{len(specimen.stiffness)}", "mode", "full model, Hz", "Craig-Bampton, Hz", "error")
+        rows = zip(
+            specimen.full_frequencies, specimen.reduced_frequencies, specimen.frequency_error, strict=True
+        )
+        for number, (full, reduced, error) in enumerate(rows, start=1):
+            view.add_row(str(number), f"{full:.2f}", f"{reduced:.2f}", f"{error:.5%}")
+        console.print(view)

@@ -1,0 +1,178 @@
+"""What every command shares: the terminal, progress with the time left, tables, files, errors and exit codes."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import CycloptsError, Parameter
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.markup import escape
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+from rich.segment import Segment
+from rich.table import Table
+
+from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable
+from fretflow.pipeline.ranks import started_rank, started_size
+
+if TYPE_CHECKING:
+    from fretflow.case.config import Case
+    from fretflow.pipeline.stage import StageResult
+
+INTERRUPTED = 130
+BAD_USAGE = 2
+UNEXPECTED = 1
+
+Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/<name>")]
+Force = Annotated[bool, Parameter(negative="", help="compute again what is already there")]
+Flag = Annotated[bool, Parameter(negative="")]
+
+
+class Terminal(Console):
+    """The user's terminal, on which text out of files and paths stays text: it moves no cursor and sets no title."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yield the segments of `renderable`, those that rich itself steers the terminal with as they are."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
+
+class Progress:
+    """Shows how a run goes on: a bar with the time left on a terminal, and a line for each complete stage."""
+
+    def __init__(self) -> None:
+        self._console = Terminal(quiet=started_rank() > 0)
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> Progress:
+        self._bars = Bars(
+            TextColumn("{task.fields[stage]:<9}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=self._console,
+            disable=not self._console.is_terminal or started_size() > 1,
+            redirect_stderr=False,
+            transient=True,
+        )
+        self._bars.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bars.stop()
+
+    def begin(self, stage: str) -> None:
+        """Note that `stage` starts computing."""
+        self._task = self._bars.add_task("", total=1.0, stage=stage)
+
+    def advance(self, stage: str, share: float, text: str) -> None:
+        """Note that `share` (0 to 1) of `stage` is done."""
+        if self._task is not None:
+            self._bars.update(self._task, completed=share, description=text)
+
+    def note(self, stage: str, text: str) -> None:
+        """Print a line about `stage`, which goes on."""
+        self._console.print(f"{stage:<9} {text}", highlight=False, markup=False, soft_wrap=True)
+
+    def end(self, result: StageResult) -> None:
+        """Note that a stage is complete, computed or reused."""
+        if self._task is not None:
+            self._bars.remove_task(self._task)
+            self._task = None
+        cost = "reused" if result.reused else f"{result.manifest.seconds:.1f} s"
+        self._console.print(f"{result.name:<9} {cost:>9}  {result.folder}", highlight=False, soft_wrap=True)
+
+
+def show_files(files: Sequence[Path], title: str) -> None:
+    """Print the paths of `files`."""
+    console = Terminal(highlight=False)
+    console.print(f"{title}:")
+    for file in files:
+        console.print(f"  {escape(str(file))}", soft_wrap=True)
+
+
+def new_table(title: str, *headings: str) -> Table:
+    """Return an empty table in the house style."""
+    view = Table(title=escape(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        view.add_column(heading, overflow="fold")
+    return view
+
+
+def load(path: Path) -> Case:
+    """Read a case file, its effects included, before anything is computed."""
+    from fretflow.case.config import load_case
+
+    case = load_case(path)
+    if case.effects:
+        from fretflow.effects.catalogue import parse_effects
+
+        parse_effects(case.effects, str(path))
+    return case
+
+
+def describe(error: BaseException) -> tuple[str, int]:
+    """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
+    if isinstance(error, CycloptsError):
+        return f"{error}; `fretflow --help` lists what there is", BAD_USAGE
+    if isinstance(error, NonConvergenceError):
+        history = f"; residual history in {error.history_file}" if error.history_file else ""
+        state = f"; last good state in {error.last_good}" if error.last_good else ""
+        return f"{error}{history}{state}", error.exit_code
+    if isinstance(error, FretflowError):
+        return str(error), error.exit_code
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted; the same command continues where it stopped", INTERRUPTED
+    if isinstance(error, OSError) and error.errno in NO_SPACE:
+        return (f"{error.filename or 'a file'}: cannot be read or written ({error.strerror}); complete results are "
+                "kept: free some space or see who may write there, then run again"), InputError.exit_code
+    return f"unexpected {type(error).__name__}: {error}{_keep_traceback(error)}", UNEXPECTED
+
+
+def say(message: str, code: int) -> int:
+    """Write one line to stderr, once for all ranks unless it is a surprise of one of them, and return `code`."""
+    if started_rank() == 0 or code == UNEXPECTED:
+        sys.stderr.write(f"fretflow: {printable(' '.join(message.split()))}\n")
+    return code
+
+
+def _keep_traceback(error: BaseException) -> str:
+    """Return where the traceback was written, nothing if it could not be."""
+    try:
+        handle, name = tempfile.mkstemp(prefix="fretflow-traceback-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            traceback.print_exception(error, file=file)
+    except OSError:
+        return ""
+    return f"; traceback in {name}"
+
+
+def positive(option: str, text: str | None, unit: str) -> float | None:
+    """Return the number that `option` gives in `unit`, or None where it is not given.
+
+    Raises
+    ------
+    InputError
+        If it has no unit of the right kind, or is not positive.
+    """
+    from fretflow.core.units import parse_quantity
+
+    if text is None:
+        return None
+    try:
+        value = parse_quantity(text, unit)
+    except ValueError as error:
+        raise InputError(f"{option}: {error}") from error
+    if not value > 0.0:
+        raise InputError(f"{option}: must be positive, got {text!r}")
+    return value
