@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import e, inf, log, sqrt
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Search, Task, fit_task, search, start_search
-from fretflow.inference.verdict import Detection, Diagnosis, Location, Remainder, Verdict
+from fretflow.inference.verdict import Detection, Diagnosis, HeldOut, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
@@ -97,9 +98,11 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     search(looked, lambda share, text: progress(0.2 + 0.55 * share, text))
     progress(0.75, "what the mesh leaves out at the best")
     corrected(looked, checks)
-    found = plausible(decide(looked), looked, experiment)
+    found = detected(plausible(decide(looked), looked, experiment),
+                     detect(experiment.rig.observation, _plainly(experiment, looked.baseline)).p_value)
     progress(0.85, "held-out loops")
     unseen = held_out(looked, experiment, found.after)
+    found = held_to(found, unseen.error, int(experiment.measurement.held_out.sum()))
     return _told(recording, case, experiment, looked, found, unseen, tools, fast, began, progress)
 
 
@@ -119,8 +122,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
           unseen: HeldOutPrediction, tools: RigTools, fast: bool, began: float, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     observation, base, after = experiment.rig.observation, looked.baseline, looked.fits[found.after]
-    plain = Fitter(experiment, experiment.measurement.covariance())
-    before, behind = (plain.linearised(fit.prediction) for fit in (base, after))
+    before, behind = (_plainly(experiment, fit) for fit in (base, after))
     location = locate(experiment, before, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
@@ -145,7 +147,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
-        residual_maps=residual_maps(observation, plain.covariance, base.predicted, after.predicted),
+        residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, experiment.rig, Point(after.parameters, mean)) if named else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
@@ -158,6 +160,37 @@ def plausible(found: Found, looked: Search, experiment: RigExperiment) -> Found:
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or FRICTION[0] < friction < FRICTION[1]:
         return found
     return replace(found, verdict=Verdict.UNKNOWN, sets=())
+
+
+def detected(found: Found, p: float) -> Found:
+    """Return a verdict held to the classical test of whether the baseline leaves anything, with its false alarms.
+
+    A p-value is worth odds of at most ``-1 / (e p ln p)`` against nothing (see `inference.posterior`). What the test
+    does not see is nothing; what it sees, and no hypothesis accounts for, is not in the catalogue.
+    """
+    odds = 1.0 if p >= 1.0 / e else -1.0 / (e * p * log(p)) if p > 0.0 else inf
+    if p >= FALSE_ALARMS and found.verdict is not Verdict.NONE:
+        return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
+                       probability=max(found.posterior.none, 1.0 / (1.0 + odds)))
+    if p < FALSE_ALARMS and found.verdict is Verdict.NONE:
+        return replace(found, verdict=Verdict.UNKNOWN, probability=1.0 - 1.0 / (1.0 + odds))
+    return found
+
+
+def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
+    """Return a verdict that names nothing which explains nothing, or predicts what was held out worse than without it.
+
+    Worse is beyond a standard deviation of the mean square of so many `rows`.
+    """
+    worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
+        return found
+    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - found.posterior.none)
+
+
+def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
+    """Return a fit under the errors of the measurement alone."""
+    return Fitter(experiment, experiment.measurement.covariance()).linearised(fit.prediction)
 
 
 def _remainder(experiment: RigExperiment, looked: Search, found: Found, after: Fit) -> Remainder:
