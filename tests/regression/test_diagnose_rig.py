@@ -50,7 +50,6 @@ def test_baseline_is_none_with_its_friction(baseline):
     assert not (out / "case.toml").exists()
 
 
-@pytest.mark.xfail(strict=False, reason="not seen again since a missing drive is no fault of an instrument")
 def test_baseline_is_none_without_a_record_of_its_drive(undriven):
     """The model then counts the phase from the displacement too."""
     assert (undriven["verdict"], undriven["effects"]) == ("none", [])
