@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Covariance
 
 
 def test_shared_errors_are_the_conditional_mean():

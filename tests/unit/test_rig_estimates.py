@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.experiments.rig.estimates import _estimate
+from fretflow.experiments.rig.words import _estimate
 from fretflow.inference.parameters import Parameters
 
 NOTHING: Any = SimpleNamespace()

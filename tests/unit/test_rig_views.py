@@ -10,7 +10,7 @@ from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.observation import Observation, Piece, condition_labels, count_label
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Covariance
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 
 SAMPLES, REPEATS, FLOOR = 101, 4, 0.1

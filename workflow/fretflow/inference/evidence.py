@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.records import quantity, record
-from fretflow.inference.covariance import Covariance
-from fretflow.inference.experiment import Measurement
+from fretflow.inference.experiment import Covariance, Measurement
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array
 

@@ -6,13 +6,16 @@ baseline's and the effects' parameters (see `parameters`) and their values. ::
 
     measured = predicted(point) + errors,    errors ~ N(0, diag(variance) + modes modes^T)
 
-to which `evidence` adds what models get wrong.
+to which `evidence` adds what models get wrong. The covariance is ``Sigma = D + B B^T`` with D diagonal and few columns
+of B (gains, offsets, solver error, each of unit variance). With ``U = D^-1/2 B = V s W^T``, its inverse root is
+``(1 - V (1 - (1 + s^2)^-1/2) V^T) D^-1/2``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,7 +24,6 @@ from numpy.typing import NDArray
 from fretflow.core.errors import FretflowError
 from fretflow.core.records import quantity, record
 from fretflow.effects.effect import Effect
-from fretflow.inference.covariance import Covariance
 from fretflow.inference.parameters import Array, Parameters
 
 STEP = 0.02  # of a coordinate, for derivatives: a fiftieth of what was uncertain beforehand
@@ -152,3 +154,37 @@ def jacobian(experiment: Experiment, prediction: Prediction) -> Array:
     """Return the derivative (M, size) of a prediction by its coordinates; zero where nothing is known."""
     points, steps = prediction.point.beside()
     return np.asarray(np.nan_to_num(experiment.changes(prediction, points)) / steps)
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """`variance` (M,) of independent noise and `modes` (M, B)."""
+
+    variance: Array
+    modes: Array
+
+    @cached_property
+    def _shared(self) -> tuple[Array, Array]:
+        scaled = self.modes / np.sqrt(self.variance)[:, None]
+        if not scaled.size:
+            return np.zeros((len(self.variance), 0)), np.zeros(0)
+        left, size, _ = np.linalg.svd(scaled, full_matrices=False)
+        return left, 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+
+    def whiten(self, values: Array) -> Array:
+        """Return `values` (M, ...) in units of which each is independent with unit variance."""
+        flat = values.reshape(len(values), -1) / np.sqrt(self.variance)[:, None]
+        left, damping = self._shared
+        flat = flat - left @ (damping[:, None] * (left.T @ flat))
+        return np.asarray(flat.reshape(values.shape))
+
+    def shared(self, error: Array) -> Array:
+        """Return the most probable size (B,) of each shared mode in an `error` (M,), in standard deviations."""
+        scaled = self.modes / np.sqrt(self.variance)[:, None]
+        inner = np.eye(scaled.shape[1]) + scaled.T @ scaled
+        return np.asarray(np.linalg.solve(inner, scaled.T @ (error / np.sqrt(self.variance))))
+
+    def draw(self, generator: np.random.Generator, count: int) -> Array:
+        """Return `count` samples of the error, (M, count)."""
+        alone = generator.standard_normal((len(self.variance), count)) * np.sqrt(self.variance)[:, None]
+        return np.asarray(alone + self.modes @ generator.standard_normal((self.modes.shape[1], count)))

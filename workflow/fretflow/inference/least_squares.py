@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
-from fretflow.inference.covariance import Covariance
-from fretflow.inference.experiment import Experiment, Point, Prediction, jacobian
+from fretflow.inference.experiment import Covariance, Experiment, Point, Prediction, jacobian
 from fretflow.inference.parameters import FARTHEST, Array, Parameters
 
 LONGEST = 1.5  # step of a coordinate at once: half of the interval between the ends of its range

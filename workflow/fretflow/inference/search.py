@@ -20,9 +20,8 @@ from scipy.stats import norm
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
-from fretflow.inference.covariance import Covariance
 from fretflow.inference.evidence import FORMS, Discrepancy, Evidence, code_size, size_prior, smooth_functions
-from fretflow.inference.experiment import Experiment, Point, Prediction
+from fretflow.inference.experiment import Covariance, Experiment, Point, Prediction
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, signed_fields

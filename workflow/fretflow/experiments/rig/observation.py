@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Covariance
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import SMOOTH, Repeatability, repeatability, smooth_share

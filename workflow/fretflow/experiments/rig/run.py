@@ -16,10 +16,8 @@ import numpy as np
 from fretflow.case.config import Case, Reduction
 from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.experiments.rig import words
-from fretflow.experiments.rig.detection import FALSE_ALARMS, detect
-from fretflow.experiments.rig.estimates import case_text, estimates
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
-from fretflow.experiments.rig.held_out import HeldOutPrediction, held_out
+from fretflow.experiments.rig.held_out import FALSE_ALARMS, HeldOutPrediction, detect, held_out
 from fretflow.experiments.rig.instruments import faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
@@ -41,6 +39,7 @@ from fretflow.experiments.rig.setup import (
 )
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
+from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide, smallest_visible

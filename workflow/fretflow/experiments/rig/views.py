@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.experiments.rig.observation import ABSOLUTE, Array, Observation, Piece
-from fretflow.inference.covariance import Covariance
+from fretflow.inference.experiment import Covariance
 from fretflow.inference.verdict import Comparison, ResidualMap, WearMap
 from fretflow.structure.sensors import band_limited
 

@@ -14,16 +14,14 @@ import numpy as np
 
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
-from fretflow.experiments.rig.detection import FALSE_ALARMS
-from fretflow.experiments.rig.held_out import HIDDEN
+from fretflow.experiments.rig.held_out import FALSE_ALARMS, HIDDEN
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import Array, WearData, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
-from fretflow.inference.covariance import Covariance
-from fretflow.inference.experiment import Point
+from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide
 from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
