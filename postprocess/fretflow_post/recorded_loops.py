@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.core.store import write_csv
-from fretflow.core.units import readable_unit
+from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.readings import LoopReading, RecordedReadings
 from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ def plot_recorded_loops(path: Path, title: str, loops: LoopSet, readings: Record
                               color=colour, linewidth=0.6, alpha=0.35)
             axes.plot(_closed(x[k], scales[0][1]), _closed(force[k], scales[1][1]), color=colour, linewidth=1.8,
                       label=style.counted(int(loops.cycles[k])))
-        axes.set(xlabel=f"relative displacement ({_micro(scales[0][0])})",
+        axes.set(xlabel=f"relative displacement ({pretty_unit(scales[0][0])})",
                  ylabel=f"{loops.force_name.replace('_', ' ')} ({scales[1][0]})")
         axes.legend(title=index, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
         panels = _panels(readings)
@@ -92,7 +92,7 @@ def _draw(axes: Axes, panel: Panel, cycles: NDArray[np.int64], index: str) -> No
     marks = {"marker": "o", "markersize": 5.0} if len(cycles) <= 60 else {"marker": ""}
     axes.errorbar(cycles, panel.estimate.value / size, panel.estimate.sd / size, color=style.BLUE, capsize=3,
                   linewidth=1.2, **marks)
-    axes.set_ylabel(panel.title + (f"\n({_micro(unit)})" if unit != "1" else ""), fontsize=13)
+    axes.set_ylabel(panel.title + (f"\n({pretty_unit(unit)})" if unit != "1" else ""), fontsize=13)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
@@ -104,7 +104,3 @@ def _draw(axes: Axes, panel: Panel, cycles: NDArray[np.int64], index: str) -> No
 
 def _closed(values: Array, size: float) -> Array:
     return np.append(values, values[0]) / size
-
-
-def _micro(unit: str) -> str:
-    return unit.replace("um", "µm").replace("uJ", "µJ")

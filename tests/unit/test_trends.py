@@ -96,7 +96,7 @@ def test_corners_first_and_even_later_is_met():
     trend = judge_wear_pattern(INTERFACE, corner_history(4.0, 1.2))
     assert trend.met
     assert (
-        f"{4.0 / ((4 * 4 + 21) / 25):.2f} at 1e+02 cycles, {1.2 / ((4 * 1.2 + 21) / 25):.2f} at 1e+03"
+        f"{4.0 / ((4 * 4 + 21) / 25):.2f} at 100 cycles, {1.2 / ((4 * 1.2 + 21) / 25):.2f} at 1,000"
         in trend.found
     )
 

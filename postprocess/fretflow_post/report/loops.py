@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from fretflow.core.units import readable_unit
+from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import Comparison, Diagnosis
-from fretflow.inference.words import number, pretty_unit
+from fretflow.inference.words import number
 from markupsafe import Markup
 from numpy.typing import NDArray
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from fretflow.core.units import readable_unit
+from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, declared_priors
 from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearMap, WearTests
-from fretflow.inference.words import channel_words, number, pretty_unit
+from fretflow.inference.words import channel_words, number
 from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree

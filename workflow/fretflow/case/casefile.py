@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from fretflow.case.config import FORMAT, Case, validate_case
-from fretflow.core.units import Unit, format_quantity
+from fretflow.core.units import Unit, format_quantity, pretty_quantity
 
 # What a file to start from sets; everything else in it is a commented default.
 _START = {
@@ -46,11 +46,11 @@ class Entry:
         if self.value is None:
             return "not set" if self.resolved is None else str(self.resolved)
         if self.unit:
-            return format_quantity(self.value, self.unit)
+            return pretty_quantity(self.value, self.unit)
         if isinstance(self.value, Enum):
             return str(self.value.value)
         if isinstance(self.value, tuple):
-            return ", ".join(f"{v:_}" for v in self.value) or "none"
+            return ", ".join(f"{v:,}" for v in self.value) or "none"
         return str(self.value)
 
     @property
@@ -119,7 +119,7 @@ def starting_case() -> str:
         if entry.value is None:
             line = f"# {entry.key} is not set"
         else:
-            value = f'"{entry.readable}"' if entry.unit else entry.toml
+            value = f'"{format_quantity(entry.value, entry.unit)}"' if entry.unit else entry.toml
             line = f"{'' if given else '# '}{entry.key} = {value}"
         lines.append(f"{line:<46}  # {entry.meaning}")
     return "\n".join(lines) + "\n"

@@ -41,7 +41,7 @@ def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs")) -> None:
 
 def _show_rig(found: Identification) -> None:
     """Print the parameters with their intervals, the fit, and what the data determine together."""
-    from fretflow.core.units import format_quantity
+    from fretflow.core.units import pretty_quantity
     from fretflow.pipeline.calibrate import UNITS, parameter_rows
 
     console = Terminal()
@@ -54,7 +54,7 @@ def _show_rig(found: Identification) -> None:
     for name, value, predicted, off in zip(found.data.names, found.data.value, found.predicted, found.deviation,
                                            strict=True):
         unit = "Hz" if name in UNITS else "m"
-        view.add_row(name, format_quantity(value, unit, 4), format_quantity(predicted, unit, 4), f"{off:+.2f}")
+        view.add_row(name, pretty_quantity(value, unit, 4), pretty_quantity(predicted, unit, 4), f"{off:+.2f}")
     console.print(view)
     view = new_table("what the data determine together", "product of powers", "known to", "gain over prior")
     for index, (sd, strength) in enumerate(zip(found.direction_sd, found.strength, strict=True)):

@@ -86,13 +86,13 @@ def _excluded(kind: type[Effect]) -> str:
 
 def _parameters(kind: type[Effect]) -> object:
     from fretflow.case.casefile import entries
-    from fretflow.core.units import format_quantity
+    from fretflow.core.units import pretty_quantity
 
     view = new_table(f"[effects.{kind.id}]", "parameter", "default", "plausible range", "meaning", "range from")
     priors = kind.priors()
     for entry in entries(kind()):
         prior = priors.get(entry.key)
         ends = () if prior is None else (prior.low, prior.high)
-        span = " to ".join(format_quantity(end, entry.unit, 3) if entry.unit else f"{end:g}" for end in ends)
+        span = " to ".join(pretty_quantity(end, entry.unit, 3) if entry.unit else f"{end:g}" for end in ends)
         view.add_row(entry.key, escape(entry.readable), span, entry.meaning, "" if prior is None else prior.source)
     return view

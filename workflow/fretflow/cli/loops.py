@@ -81,7 +81,7 @@ def loops(
 
 
 def _table(found: LoopsRead, between: str) -> Table:
-    from fretflow.core.units import readable_unit
+    from fretflow.core.units import pretty_unit, readable_unit
     from fretflow.recordings.loop_sets import QUANTITIES
 
     readings = found.readings
@@ -92,12 +92,12 @@ def _table(found: LoopsRead, between: str) -> Table:
     same = {heading: cells[0] for heading, cells in ends.items() if len(set(cells)) == 1}
     title = f"{found.name}: {same['regime']}; " if "regime" in same else f"{found.name}: "
     title += "± one standard deviation" + (f", mostly {same['mostly by']}" if "mostly by" in same else "")
-    view = new_table(title, found.index, *(
-        heading + (f", {scales[name][0]}" if scales[name][0] != "1" else "") for name, heading in shown.items()),
-        *(heading for heading in ends if heading not in same))
+    view = new_table(title, found.index, *(", ".join(filter(None, (heading, pretty_unit(scales[name][0]))))
+                                           for name, heading in shown.items()),
+                     *(heading for heading in ends if heading not in same))
     rows = range(len(readings.cycles))
     for k in rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS // 2], *rows[-MOST_ROWS // 2:]]:
-        view.add_row(f"{readings.cycles[k]:_}", *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
+        view.add_row(f"{readings.cycles[k]:,}", *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
                                                     for name in shown),
                      *(cells[k] for heading, cells in ends.items() if heading not in same))
     if len(rows) > MOST_ROWS:
@@ -133,7 +133,7 @@ def _lumped_table(found: LoopsRead) -> Table:
     """Show what a lumped system's record tells without a model: its force holds inertia, so no friction law."""
     import numpy as np
 
-    from fretflow.core.units import readable_unit
+    from fretflow.core.units import pretty_unit, readable_unit
 
     readings = found.readings
     stroke, work = readings.peak_to_peak, readings.dissipated_energy
@@ -142,7 +142,8 @@ def _lumped_table(found: LoopsRead) -> Table:
              ("work / (2 stroke)", mean, mean * np.hypot(work.sd / work.value, stroke.sd / stroke.value), "N")]
     scales = [readable_unit(float(np.nanmax(np.abs(value))), unit) for _, value, _, unit in parts]
     view = new_table(f"{found.name}: a lumped system, whose force holds its inertia; what each whole cycle tells",
-                     found.index, *(f"{name}, {unit}" for (name, *_), (unit, _) in zip(parts, scales, strict=True)))
+                     found.index, *(f"{name}, {pretty_unit(unit)}"
+                                    for (name, *_), (unit, _) in zip(parts, scales, strict=True)))
     for k, cycle in enumerate(readings.cycles):
         view.add_row(f"{cycle}", *(with_error(value[k] / size, sd[k] / size) for (_, value, sd, _), (_, size) in zip(
             parts, scales, strict=True)))

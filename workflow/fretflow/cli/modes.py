@@ -39,7 +39,7 @@ def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
     """Print the natural frequencies of each specimen, full model against reduced."""
     console = Terminal()
     for side, specimen in specimens.items():
-        view = new_table(f"{side} specimen, back face clamped: {specimen.full_dofs:_} DOF against "
+        view = new_table(f"{side} specimen, back face clamped: {specimen.full_dofs:,} DOF against "
                          f"{len(specimen.stiffness)}", "mode", "full model, Hz", "Craig-Bampton, Hz", "error")
         rows = zip(
             specimen.full_frequencies, specimen.reduced_frequencies, specimen.frequency_error, strict=True

@@ -82,7 +82,7 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
         damping = "-" if peak.damping_ratio is None else f"{peak.damping_ratio:.2%}"
         stable = "stable" if not peak.unstable_points else f"{peak.unstable_points} of {peak.points} unstable"
         view.add_row(f"{peak.state}, {peak.excitation:g} N", peak.direction, f"{peak.frequency:.2f} Hz",
-                     f"{peak.amplitude * 1e6:.2f} um", damping,
+                     f"{peak.amplitude * 1e6:.2f} µm", damping,
                      str(peak.turning_points) if peak.turning_points else "none", stable)
         if peak.bridged_points:
             name = f"{peak.state}, {peak.excitation:g} N, {peak.direction}"

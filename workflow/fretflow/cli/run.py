@@ -201,8 +201,8 @@ def _beside(found: float | None, measured: float | None, error: float | None, te
 
 
 def _micrometres(value: float) -> str:
-    return f"{value * 1e6:.4g} um"
+    return f"{value * 1e6:.4g} µm"
 
 
 def _cubic_millimetres(value: float) -> str:
-    return f"{value * 1e9:.4g} mm^3"
+    return f"{value * 1e9:.4g} mm³"

@@ -59,9 +59,9 @@ def _table(checks: Sequence[PeriodCheck]) -> Table:
     view = new_table("time integration from the periodic solution", "period", "figure", "periodic", "integrated",
                      "difference")
     for check in checks:
-        title = f"{check.name}, {check.cycles:_} cycles" if check.cycles else check.name
+        title = f"{check.name}, {check.cycles:,} cycles" if check.cycles else check.name
         for name, pair, scale, difference in (
-                ("sliding distance, um", check.sliding_distance, 1e6, check.sliding_difference),
+                ("sliding distance, µm", check.sliding_distance, 1e6, check.sliding_difference),
                 ("energy per cycle, mJ", check.dissipated_energy, 1e3, check.energy_difference)):
             view.add_row(title, name, *(f"{scale * value:.4f}" for value in pair), f"{difference:.2%}")
             title = ""

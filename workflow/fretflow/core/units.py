@@ -96,9 +96,24 @@ def _factor(given: str, unit: str, value: str, example: str) -> float:
 
 
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:
-    """Return `value`, in the SI unit `unit`, as text in the unit that engineers read, like ``"14.2 um"``."""
+    """Return `value`, in the SI unit `unit`, as typed in the unit that engineers read, like ``"14.2 um"``."""
     name, size = readable_unit(value, unit)
     return f"{value / size:.{digits}g} {name}".rstrip()
+
+
+def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
+    """Return `value`, in the SI unit `unit`, as it is printed for people, like ``"14.2 µm"``."""
+    name, size = readable_unit(value, unit)
+    return f"{value / size:.{digits}g} {pretty_unit(name)}".rstrip()
+
+
+def pretty_unit(unit: str) -> str:
+    """Return `unit` as it is printed: ``um^2`` becomes ``µm²``, that of a ratio nothing."""
+    if unit == "1":
+        return ""
+    for plain, printed in (("um", "µm"), ("us", "µs"), ("uJ", "µJ"), ("^2", "²"), ("^3", "³"), ("*", "·")):
+        unit = unit.replace(plain, printed)
+    return unit
 
 
 def readable_unit(value: float, unit: str) -> tuple[str, float]:

@@ -10,7 +10,7 @@ from itertools import combinations
 
 from markupsafe import Markup, escape
 
-from fretflow.core.units import readable_unit
+from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Block
 from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, Verdict
@@ -31,15 +31,6 @@ VERDICT_WORDS = {
     Verdict.AMBIGUOUS: "One of several effects",
     Verdict.UNKNOWN: "Not in the catalogue",
 }
-
-
-def pretty_unit(unit: str) -> str:
-    """Return `unit` as it is printed: ``um^2`` becomes ``µm²``, that of a ratio nothing."""
-    if unit == "1":
-        return ""
-    for plain, printed in (("um", "µm"), ("us", "µs"), ("uJ", "µJ"), ("^2", "²"), ("^3", "³"), ("*", "·")):
-        unit = unit.replace(plain, printed)
-    return unit
 
 
 def number(value: float, resolution: float | None = None) -> str:

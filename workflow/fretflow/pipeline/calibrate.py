@@ -17,7 +17,7 @@ from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, Rig
 from fretflow.core.errors import InputError
 from fretflow.core.store import read_record, write_whole
-from fretflow.core.units import format_quantity
+from fretflow.core.units import pretty_quantity
 from fretflow.pipeline.problem import make_problem
 from fretflow.pipeline.runner import Runner
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
@@ -175,8 +175,8 @@ def calibrate_wear(case: Case, run: Callable[[Case], Mapping[str, Path]]) -> Wea
         longer = math.ceil(BEYOND * marched.test.total_cycles * volume / float(history.volume[-1]))
         marched = case.model_copy(
             update={"test": case.test.model_copy(update={"cycles": longer, "duration": None})})
-    raise InputError(f"{case.name}: measured.worn_volume = {volume * 1e9:.4g} mm^3 is not reached in "
-                     f"{marched.test.total_cycles:_} cycles; raise wear.coefficient")
+    raise InputError(f"{case.name}: measured.worn_volume = {volume * 1e9:.4g} mm³ is not reached in "
+                     f"{marched.test.total_cycles:,} cycles; raise wear.coefficient")
 
 
 def _condition(case: Case, reduced: Path) -> CalibrationTest:
@@ -250,8 +250,8 @@ def calibrate_cases(cases: Sequence[Case], runner: Runner, out: Path, tell_rig: 
 def parameter_rows(found: Identification) -> list[dict[str, Any]]:
     """Return the rig's parameters for people: before, after, 95 % interval, whether the data determine them."""
     low, high = found.interval
-    return [{"name": name, "before": format_quantity(before, unit, 4), "after": format_quantity(after, unit, 4),
-             "low": format_quantity(a, unit, 3), "high": format_quantity(b, unit, 3), "determined": bool(known)}
+    return [{"name": name, "before": pretty_quantity(before, unit, 4), "after": pretty_quantity(after, unit, 4),
+             "low": pretty_quantity(a, unit, 3), "high": pretty_quantity(b, unit, 3), "determined": bool(known)}
             for (name, unit), before, after, a, b, known in zip(
                 UNITS.items(), found.prior.value, found.value, low, high, found.determined, strict=True)]
 

@@ -78,7 +78,7 @@ class FoundPeak:
         folds = f"{self.turning_points} turning points" if self.turning_points else "no fold"
         unstable = f", {self.unstable_points} unstable" if self.unstable_points else ", all stable"
         bridged = f", {self.bridged_points} gaps bridged" if self.bridged_points else ""
-        return (f"{self.frequency:.5g} Hz, {self.amplitude * 1e6:.4g} um, {damping}; {self.points} points, "
+        return (f"{self.frequency:.5g} Hz, {self.amplitude * 1e6:.4g} µm, {damping}; {self.points} points, "
                 f"{folds}{unstable}{bridged}")
 
 

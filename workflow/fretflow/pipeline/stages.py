@@ -183,7 +183,7 @@ def _wear(context: StageContext) -> Figures:
         case.test.total_cycles, effects=parse_effects(case.effects), solver=make_solver(case.solver),
         folder=context.folder / CHECKPOINTS, scheme=case.wear.scheme, stops=_stops(case), tolerance=case.wear.tolerance,
         max_depth_per_jump=case.wear.max_depth_per_jump, vanishing_rate=case.wear.vanishing_rate,
-        progress=lambda done, asked: context.progress(done / max(asked, 1), f"{done:_} of {asked:_} cycles"))
+        progress=lambda done, asked: context.progress(done / max(asked, 1), f"{done:,} of {asked:,} cycles"))
     write_record(context.folder / "history.h5", history)
     return {"jumps": len(history.cycles) - 1, "solutions": history.solves, "stopped_by": history.stopped_by,
             "shortened_jumps": history.shortened_jumps, "volume_m3": float(history.volume[-1]),

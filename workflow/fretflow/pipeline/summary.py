@@ -13,7 +13,7 @@ from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
-from fretflow.core.units import format_quantity
+from fretflow.core.units import pretty_quantity
 from fretflow.pipeline.response import ForcedResponse, LoopSeries
 from fretflow.pipeline.response_curves import kept_peaks
 from fretflow.pipeline.stage import SUMMARY_FILE, case_sum, write_json
@@ -98,9 +98,10 @@ def _static_load(folder: Path, interface: Interface) -> Figure:
 
     pressure = read_record(folder / "preload.h5", Preload).pressure
     load, closed = float(pressure @ interface.areas), float(interface.areas[pressure > 0.0].sum())
-    return Figure("static load", load, "N", f"{load:.6f} N, the sum of the contact pressure; largest "
-                  f"{format_quantity(pressure.max(), 'Pa', 4)}, mean {format_quantity(load / closed, 'Pa', 4)} "
-                  f"over {closed * 1e6:.3g} mm^2 in contact")
+    return Figure("static load", load, "N",
+                  f"{pretty_quantity(load, 'N', 8)}, the sum of the contact pressure; largest "
+                  f"{pretty_quantity(pressure.max(), 'Pa', 4)}, mean {pretty_quantity(load / closed, 'Pa', 4)} "
+                  f"over {closed * 1e6:.3g} mm² in contact")
 
 
 def _loops(series: LoopSeries) -> list[Figure]:
@@ -114,7 +115,7 @@ def _loops(series: LoopSeries) -> list[Figure]:
 
 
 def _readable(value: float, unit: str) -> str:
-    return "not shown by the loop" if np.isnan(value) else format_quantity(value, unit, 4).removesuffix(" 1")
+    return "not shown by the loop" if np.isnan(value) else pretty_quantity(value, unit, 4).removesuffix(" 1")
 
 
 def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
@@ -128,7 +129,7 @@ def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
         Figure("stick share", share, "1",
                f"{share:.1%} of area and time sticks; {always:.1%} of the area never slips"),
         Figure("sliding distance, unworn", sliding, "m",
-               f"{format_quantity(sliding, 'm', 4)} peak to peak by {unworn.method}, {stated}")]
+               f"{pretty_quantity(sliding, 'm', 4)} peak to peak by {unworn.method}, {stated}")]
 
 
 def _wear(history: WearHistory, interface: Interface) -> list[Figure]:
@@ -139,11 +140,11 @@ def _wear(history: WearHistory, interface: Interface) -> list[Figure]:
     jumps = len(history.cycles) - 1
     return [
         Figure("sliding distance, worn", sliding, "m",
-               f"{format_quantity(sliding, 'm', 4)} peak to peak after {history.cycles[-1]:_} cycles{end}"),
+               f"{pretty_quantity(sliding, 'm', 4)} peak to peak after {history.cycles[-1]:,} cycles{end}"),
         Figure("wear volume", volume, "m^3",
-               f"{volume * 1e9:.4g} mm^3; {jumps} jumps, {history.solves} periods"),
-        Figure("largest wear depth", largest, "m", f"{format_quantity(largest, 'm', 4)}, both faces together"),
-        Figure("mean wear depth", mean, "m", f"{format_quantity(mean, 'm', 4)}, both faces together")]
+               f"{volume * 1e9:.4g} mm³; {jumps} jumps, {history.solves} periods"),
+        Figure("largest wear depth", largest, "m", f"{pretty_quantity(largest, 'm', 4)}, both faces together"),
+        Figure("mean wear depth", mean, "m", f"{pretty_quantity(mean, 'm', 4)}, both faces together")]
 
 
 def _responses(folders: Mapping[str, Path]) -> tuple[ForcedResponse, ForcedResponse] | None:

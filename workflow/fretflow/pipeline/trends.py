@@ -59,7 +59,7 @@ def judge_wear_pattern(interface: Interface, history: WearHistory) -> Trend:
     """Judge whether wear begins at the corners and evens out; an early state is a tenth of the test."""
     name, paper = (
         "wear first at the corners, later uniform",
-        "corners at 1.9e5 cycles, uniform at 1.9e6 (fig. 5)",
+        "corners at 190,000 cycles, uniform at 1,900,000 (fig. 5)",
     )
     end = int(history.cycles[-1])
     early = int(np.argmin(np.abs(history.cycles - end / 10)))
@@ -72,19 +72,19 @@ def judge_wear_pattern(interface: Interface, history: WearHistory) -> Trend:
     return Trend(
         name,
         first > 1.0 and abs(last - 1.0) < abs(first - 1.0),
-        f"corner over mean depth: {first:.2f} at {history.cycles[early]:.2g} cycles, {last:.2f} at {end:.2g}",
+        f"corner over mean depth: {first:.2f} at {history.cycles[early]:,} cycles, {last:.2f} at {end:,}",
         paper,
     )
 
 
 def judge_settling(history: WearHistory) -> Trend:
     """Judge whether the wear rate keeps within a tenth of its final value after half a million cycles."""
-    name, paper = "wear rate settles after about 0.5e6 cycles", "constant from 0.5e6 cycles on (fig. 7)"
+    name, paper = "wear rate settles after about 500,000 cycles", "constant from 500,000 cycles on (fig. 7)"
     settled = settling_cycles(history)
     if settled is None or history.cycles[-1] < 2 * SETTLED_CYCLES:
-        return Trend(name, None, f"{history.cycles[-1]:.2g} cycles are too few to tell", paper)
+        return Trend(name, None, f"{history.cycles[-1]:,} cycles are too few to tell", paper)
     return Trend(name, settled <= SETTLED_CYCLES,
-                 f"within {SETTLED_WITHIN:.0%} of the final rate from {settled:.2g} cycles on", paper)
+                 f"within {SETTLED_WITHIN:.0%} of the final rate from {settled:,} cycles on", paper)
 
 
 def settling_cycles(history: WearHistory) -> int | None:
@@ -105,14 +105,14 @@ def judge_resonance(unworn: float, worn: float) -> Trend:
 
 def judge_sliding(excitation: float, history: WearHistory) -> Trend:
     """Judge the mean sliding distance of the test against the one published for `excitation` (N)."""
-    name = "sliding about 14 um at 53 N and 22 um at 75 N"
+    name = "sliding about 14 µm at 53 N and 22 µm at 75 N"
     found = mean_sliding(history)
     published = PUBLISHED_SLIDING.get(round(excitation, 3))
-    text = f"{found * 1e6:.2f} um at {excitation:g} N, mean of the test"
+    text = f"{found * 1e6:.2f} µm at {excitation:g} N, mean of the test"
     if published is None:
         return Trend(name, None, text, "published for 53 N and 75 N only")
     return Trend(name, abs(found / published - 1.0) <= SLIDING_WITHIN, text,
-                 f"{published * 1e6:.0f} um at {excitation:g} N")
+                 f"{published * 1e6:.0f} µm at {excitation:g} N")
 
 
 def mean_sliding(history: WearHistory) -> float:

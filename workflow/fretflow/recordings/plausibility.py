@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnitError, UnreliableRecordingError
-from fretflow.core.units import format_quantity
+from fretflow.core.units import pretty_quantity
 from fretflow.recordings.channels import BRACKETED, CHANNELS, INDICES, split_heading, unit_size
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import FORCES, LoopSet, plateau
@@ -71,7 +71,7 @@ def check_friction(where: str, coefficient: float, load: float) -> None:
     if LEAST_FRICTION <= coefficient <= LARGEST_FRICTION or not np.isfinite(coefficient):
         return
     raise UnreliableRecordingError(
-        f"{where}: its amplitude is {coefficient:.3g} times the normal load of {format_quantity(load, 'N', 4)}, beyond "
+        f"{where}: its amplitude is {coefficient:.3g} times the normal load of {pretty_quantity(load, 'N', 4)}, beyond "
         f"what any contact shows ({LEAST_FRICTION:g} to {LARGEST_FRICTION:g}); check its unit and column, and "
         "normal_load")
 
@@ -87,8 +87,8 @@ def check_motion(path: Path, block: str, kind: RecordingKind, reach: float) -> N
     low, high = kind.reach
     if not low <= reach <= high:
         raise UnreliableRecordingError(
-            f"{path}: {block}.displacement: {format_quantity(reach, 'm', 4)} peak to peak is beyond {kind} tests "
-            f"({format_quantity(low, 'm')} to {format_quantity(high, 'm')}); check its unit and column")
+            f"{path}: {block}.displacement: {pretty_quantity(reach, 'm', 4)} peak to peak is beyond {kind} tests "
+            f"({pretty_quantity(low, 'm')} to {pretty_quantity(high, 'm')}); check its unit and column")
 
 
 def check_loops(path: Path, block: str, loops: LoopSet, test: RecordedTest, load: Array,
@@ -136,7 +136,7 @@ def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, k
         ratio = found / stated
     k = int(np.nanargmax(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9)))))
     worst = max(abs(ratio[k]), 1.0 / max(abs(ratio[k]), 1e-9))
-    measured, said = (format_quantity(float(values[k]), "N", 4) for values in (found, stated))
+    measured, said = (pretty_quantity(float(values[k]), "N", 4) for values in (found, stated))
     words = f"{measured} was measured where {key} says {said}"
     if worst > STATED or ratio[k] < 0.0:
         raise UnreliableRecordingError(f"{path}: {block}.{name}: {words}; correct the one that is wrong")
@@ -156,7 +156,7 @@ def check_wear(path: Path, volume: float | None, channels: Mapping[str, Array]) 
     mapped = float(np.ptp(channels["x"]) * np.ptp(channels["y"]) * channels["depth"].mean())
     if not volume / SAME_ORDER < mapped < volume * SAME_ORDER:
         raise UnreliableRecordingError(
-            f"{path}: wear_depth: holds {mapped * 1e9:.3g} mm^3 where wear.worn_volume says {volume * 1e9:.3g} mm^3; "
+            f"{path}: wear_depth: holds {mapped * 1e9:.3g} mm³ where wear.worn_volume says {volume * 1e9:.3g} mm³; "
             "check the units of x, y and depth")
 
 

@@ -64,8 +64,8 @@ def identify_wear_coefficient(history: WearHistory, areas: NDArray[np.float64], 
                          "excitation or wear.coefficient")
     if volume > history.volume[-1]:
         if history.stopped_by != "cycles":
-            raise InputError(f"worn_volume: wear ends at {history.volume[-1] * 1e9:.4g} mm^3 in the model, whatever "
-                             f"the coefficient; {volume * 1e9:.4g} mm^3 asks for another load, rig or specimen")
+            raise InputError(f"worn_volume: wear ends at {history.volume[-1] * 1e9:.4g} mm³ in the model, whatever "
+                             f"the coefficient; {volume * 1e9:.4g} mm³ asks for another load, rig or specimen")
         return None
     curve = CubicHermiteSpline(coefficient * history.cycles, history.volume, rate / coefficient)
     after = int(np.searchsorted(history.volume, volume))

@@ -13,7 +13,7 @@ from math import log
 
 import numpy as np
 
-from fretflow.core.units import format_quantity
+from fretflow.core.units import pretty_quantity
 from fretflow.effects.volume_law import UNITS, LawParameter, VolumeLaw
 from fretflow.experiments.wear_series.data import Array, WearData
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
@@ -108,7 +108,7 @@ class WearSeriesExperiment:
             return next((one.unit, one.meaning) for one in self.forms[coordinate.effect].parameters
                         if one.name == coordinate.field)
         tests, series = self.data.tests, self.data.series
-        at = ", ".join(f"{name} {format_quantity(tests.middle(name), UNITS[name], 3)}"
+        at = ", ".join(f"{name} {pretty_quantity(tests.middle(name), UNITS[name], 3)}"
                        for law in self.forms.values() for name in law.powers)
         where = f", at {at}" if at else ""
         if not series.relative:

@@ -67,7 +67,7 @@ def warnings(data: WearData, view: WearTests) -> list[str]:
     grows = {0.0: "in proportion to the volume", 1.0: "not at all with the volume"}.get(
         tests.power, f"as the power {1.0 - tests.power:g} of the volume")
     notes = [*map(str, data.series.notes), *data.notes,
-             f"scatter: {data.sd / tests.scale:.2g} of the volume at {1e9 * tests.scale:.3g} mm^3, growing {grows}; "
+             f"scatter: {data.sd / tests.scale:.2g} of the volume at {1e9 * tests.scale:.3g} mm³, growing {grows}; "
              f"from {data.sd_from}",
              f"one coefficient gives R2 = {view.r2_before:.2f} of the worn volumes, the model of the verdict "
              f"{view.r2_after:.2f}"]

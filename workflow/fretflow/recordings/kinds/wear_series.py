@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import ConfigError, UnreliableRecordingError, UnsupportedRecordingError
 from fretflow.core.records import quantity, record
-from fretflow.core.units import format_quantity, parse_quantity
+from fretflow.core.units import parse_quantity, pretty_quantity
 from fretflow.recordings.kinds import FILE, RecordingKind
 from fretflow.recordings.kinds.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
@@ -236,7 +236,7 @@ def _check(series: WearSeries, stated: Array) -> None:
                                        "times smaller than the coefficient that is stated; check columns and units")
     typical = float(np.median(ratio))
     if not PLAUSIBLE[0] < typical < PLAUSIBLE[1]:
-        volume, energy = (format_quantity(float(np.median(v)), unit, 3) for v, unit in (
+        volume, energy = (pretty_quantity(float(np.median(v)), unit, 3) for v, unit in (
             (series.volume, "m^3"), (series.energy, "J")))
         raise UnreliableRecordingError(f"{series.path}: a worn volume of {volume} for {energy} is "
                                        f"{typical:.2g} m^3/J, no wear that is known; check columns and units")
