@@ -10,7 +10,7 @@ import numpy as np
 from fretflow.core.store import write_csv
 from fretflow.pipeline.response import ForcedResponse
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
 from fretflow.wear.history import WearHistory
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from fretflow_post import style
 
 UM, MM3 = 1e6, 1e9
-CB_LIMIT = 0.1  # %, what a reduced specimen is held to
 
 
 @dataclass(frozen=True)
@@ -205,9 +204,10 @@ def _error_bars(axes: Axes, specimen: ReducedSpecimen) -> None:
     error = np.maximum(100.0 * specimen.frequency_error, 1e-12)
     floor = 10.0 ** np.floor(np.log10(error.min()) - 0.3)
     axes.bar(mode, error - floor, 0.5, bottom=floor, color=style.GREEN)
-    axes.axhline(CB_LIMIT, color=style.VERMILLION, linestyle="--", label=f"limit {CB_LIMIT:g} %")
+    axes.axhline(100.0 * FREQUENCY_LIMIT, color=style.VERMILLION, linestyle="--",
+                 label=f"limit {100.0 * FREQUENCY_LIMIT:g} %")
     axes.set(yscale="log", xlabel="mode", ylabel="error (%)")
-    axes.set_ylim(floor, max(CB_LIMIT, float(error.max())) ** 1.4 * floor ** -0.4)  # room for the legend
+    axes.set_ylim(floor, max(100.0 * FREQUENCY_LIMIT, float(error.max())) ** 1.4 * floor ** -0.4)  # room for the legend
     axes.xaxis.set_major_locator(MaxNLocator(21, integer=True, steps=[1, 2, 5, 10]))
     axes.margins(x=0.02)
     axes.legend(loc="upper left")

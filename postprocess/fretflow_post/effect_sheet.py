@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 
 from fretflow.effects.effect import Effect
 
 from fretflow_post import style
+
+LETTERS = 100  # of a line that the figure has room for
 
 
 def plot_effect(path: Path, name: str, effect: Effect) -> Path:
@@ -14,7 +17,7 @@ def plot_effect(path: Path, name: str, effect: Effect) -> Path:
     sketch = effect.sketch()
     path.parent.mkdir(parents=True, exist_ok=True)
     with style.styled():
-        figure = style.new_figure(name, effect.equation, height=6.6)
+        figure = style.new_figure(name, "\n".join(wrap(effect.equation, LETTERS)), height=6.6)
         axes = figure.add_axes((0.12, 0.14, 0.62, 0.64))
         for k, (label, (x, y)) in enumerate(sketch.curves.items()):
             colour, line = style.curve_look(k)

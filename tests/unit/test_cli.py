@@ -10,11 +10,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fretflow import __version__, cli
 from fretflow.case.config import load_case
+from fretflow.cli import terminal
 from fretflow.cli.app import _limit_threads
 from fretflow.core.errors import AuditError, MeshError, NonConvergenceError
+from fretflow.effects.catalogue import catalogue
 from fretflow.pipeline import diagnose as pipeline_diagnose
 from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.stage import Stage
@@ -188,3 +191,56 @@ def test_one_blas_thread_unless_the_user_has_chosen(monkeypatch, given, expected
         monkeypatch.setenv(variable, value)
     _limit_threads()
     assert os.environ["OMP_NUM_THREADS"] == expected
+
+
+@pytest.mark.parametrize(("arguments", "meant"), [
+    (["run", "{case}", "--until", "redcue"], "did you mean reduce?"),
+    (["effects", "third-boddy"], "did you mean third-body?"),
+    (["run", "{case}", "--until", "pictures"], "choose one of mesh, reduce")])
+def test_a_slip_of_a_name_is_answered_with_the_nearest(case, capsys, tmp_path, arguments, meant):
+    arguments = [argument.format(case=case) for argument in arguments]
+    assert fretflow(*arguments, "--out", tmp_path / "runs") == 2
+    assert meant in one_line(capsys)
+
+
+@pytest.mark.parametrize(("written", "meant"), [
+    ("[test]\nexitation_amplitude = \"53 N\"\ncycles = 1", "did you mean excitation_amplitude?"),
+    ("[test]\nexcitation_amplitude = \"53 N\"\ncycles = 1\n[wear]\ncoeficient = \"1e-14 m^2/N\"", "coefficient?"),
+    ("[test]\nexcitation_amplitude = \"53 N\"\ncycles = 1\n[specimen.upper]\nyoung_modulus = \"1 GPa\"",
+     "youngs_modulus?"),
+    ("[test]\nexcitation_amplitude = \"53 N\"\ncycles = 1\n[effects.viscous]\ndampin = \"1 N*s/m\"", "damping?")])
+def test_a_slip_of_a_key_is_answered_with_the_nearest(capsys, tmp_path, written, meant):
+    path = tmp_path / "slip.toml"
+    path.write_text(f'format = "fretflow-case/1"\nname = "slip"\n{written}\n')
+    assert fretflow("show", path) == 2
+    assert meant in one_line(capsys)
+
+
+def test_quiet_says_errors_alone(tmp_path, capsys):
+    assert fretflow("--quiet", "init", tmp_path / "case.toml") == 0
+    assert capsys.readouterr().out == ""
+    assert fretflow("init", tmp_path / "case.toml", "--quiet") == 2
+    assert "exists and is left as it is" in one_line(capsys)
+    assert fretflow("show", tmp_path / "case.toml") == 0
+    assert "excitation_amplitude" in capsys.readouterr().out
+
+
+def test_a_log_without_a_terminal_gets_a_line_a_minute(capsys, monkeypatch):
+    now = 0.0
+    monkeypatch.setattr(terminal, "monotonic", lambda: now)
+    with terminal.Progress() as progress:
+        progress.begin("wear")
+        for now in np.arange(1.0, 150.0):
+            progress.advance("wear", now / 150.0, f"{now:.0f} s")
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in said] == [["wear", "41%", "61", "s"], ["wear", "81%", "122", "s"]]
+
+
+@pytest.mark.parametrize("width", ["60", "80"])
+def test_names_that_are_copied_are_never_broken(capsys, monkeypatch, width, tmp_path):
+    monkeypatch.setenv("COLUMNS", width)
+    assert fretflow("effects", "third-body", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert all(name in said for name in catalogue()["third-body"].model_fields)
+    assert " um" not in said
+    assert "e+0" not in said

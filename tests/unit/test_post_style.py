@@ -5,7 +5,9 @@ import itertools
 import matplotlib
 import numpy as np
 import pytest
+from fretflow.effects.catalogue import catalogue
 from fretflow_post import style
+from fretflow_post.effect_sheet import plot_effect
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -71,3 +73,15 @@ def test_the_look_does_not_depend_on_a_matplotlibrc_of_the_working_folder():
         assert not matplotlib.rcParams["text.usetex"]
         assert matplotlib.rcParams["lines.linestyle"] == "-"
         assert matplotlib.rcParams["font.size"] == 15
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_the_text_of_every_effect_s_picture_is_within_it(name, tmp_path, monkeypatch):
+    drawn = []
+    save = style.save_figure
+    monkeypatch.setattr(style, "save_figure", lambda figure, path: drawn.append(figure) or save(figure, path))
+    plot_effect(tmp_path / "effect.png", name, catalogue()[name]())
+    [figure] = drawn
+    boxes = [text.get_window_extent() for text in figure.texts]
+    assert min(box.x0 for box in boxes) >= 0.0
+    assert max(box.x1 for box in boxes) <= figure.bbox.x1

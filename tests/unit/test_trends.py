@@ -6,9 +6,11 @@ figures are those put in.
 
 import numpy as np
 import pytest
+from fretflow.case.config import validate_case
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.pipeline.trends import (
+    is_papers,
     judge_resonance,
     judge_settling,
     judge_sliding,
@@ -145,3 +147,16 @@ def test_the_resonance_must_rise():
     assert judge_resonance(100.0, 101.0).met
     assert "+1.00%" in judge_resonance(100.0, 101.0).found
     assert judge_resonance(100.0, 99.0).met is False
+
+
+@pytest.mark.parametrize(("changed", "own"), [
+    ({}, True), ({"test.excitation_amplitude": "75 N"}, True), ({"test.excitation_amplitude": "60 N"}, False),
+    ({"test.excitation_frequency": "60 Hz"}, False), ({"test.normal_load": "70 N"}, False),
+    ({"specimen.youngs_modulus": "114 GPa"}, False), ({"contact.friction_coefficient": 0.5}, False),
+    ({"mesh.contact_elements": 4}, True)])
+def test_the_trends_belong_to_the_paper_s_own_tests(changed, own):
+    raw = {"format": "fretflow-case/1", "name": "one", "test": {"excitation_amplitude": "53 N", "cycles": 10}}
+    for key, value in changed.items():
+        table, name = key.split(".")
+        raw.setdefault(table, {})[name] = value
+    assert is_papers(validate_case(raw)) is own

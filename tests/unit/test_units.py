@@ -7,7 +7,14 @@ conversions hold; any text whatever either parses or is refused in one way.
 import math
 
 import pytest
-from fretflow.core.units import _READABLE, format_quantity, parse_quantity, registry
+from fretflow.core.units import (
+    _READABLE,
+    format_quantity,
+    parse_quantity,
+    pretty_number,
+    pretty_quantity,
+    registry,
+)
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -117,6 +124,18 @@ def test_readable_text_parses_back(value, unit):
 )
 def test_readable_units(value, unit, text):
     assert format_quantity(value, unit) == text
+
+
+@pytest.mark.parametrize(("value", "unit", "text"), [
+    (14.2e-6, "m", "14.2 µm"), (1.1e-14, "m^2/N", "1.1e-14 m²/N"), (2.8e7, "N/m", "28 N/µm"),
+    (300.0, "N*s/m", "300 N·s/m")])
+def test_what_is_printed_reads_back_too(value, unit, text):
+    assert pretty_quantity(value, unit) == text
+    assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+def test_numbers_that_count_have_no_power_of_ten():
+    assert [pretty_number(value) for value in (0.35, 12.0, 1e5, 1.9e6)] == ["0.35", "12", "100,000", "1,900,000"]
 
 
 @pytest.mark.parametrize(("unit", "name", "size"), [

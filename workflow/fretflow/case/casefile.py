@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from fretflow.case.config import FORMAT, Case, validate_case
-from fretflow.core.units import Unit, format_quantity, pretty_quantity
+from fretflow.core.units import Unit, format_quantity, pretty_number, pretty_quantity
 
 # What a file to start from sets; everything else in it is a commented default.
 _START = {
@@ -51,7 +51,7 @@ class Entry:
             return str(self.value.value)
         if isinstance(self.value, tuple):
             return ", ".join(f"{v:,}" for v in self.value) or "none"
-        return str(self.value)
+        return pretty_number(self.value) if isinstance(self.value, float) else str(self.value)
 
     @property
     def toml(self) -> str:

@@ -33,7 +33,7 @@ from fretflow.case.sections import (
     Wear,
     WearScheme,
 )
-from fretflow.core.errors import ConfigError, reason
+from fretflow.core.errors import ConfigError, reason, unknown_first
 
 __all__ = [
     "FORMAT", "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
@@ -140,9 +140,9 @@ def validate_case(raw: dict[str, Any], source: str = "case") -> Case:
         raise ConfigError(f"{source}: {explain(error, raw)}") from error
 
 
-def explain(error: ValidationError, raw: dict[str, Any], table: str = "") -> str:
+def explain(error: ValidationError, raw: dict[str, Any], table: str = "", model: type[BaseModel] = Case) -> str:
     """Return one line that names the first field in error, as the parsed file `raw` has it, and the way out."""
-    reasons = {_as_written(e["loc"], raw): _reason(e) for e in error.errors()}
+    reasons = {_as_written(e["loc"], raw): _reason(e, model) for e in unknown_first(error)}
     field, reason = next(iter(reasons.items()))
     more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
     return ": ".join(filter(None, (".".join(filter(None, (table, field))), reason))) + more
@@ -163,14 +163,14 @@ def _table(raw: Any, *names: str) -> Any:
     return raw
 
 
-def _reason(error: ErrorDetails) -> str:
+def _reason(error: ErrorDetails, model: type[BaseModel]) -> str:
     clearer = {
         "extra_forbidden": "unknown key; `fretflow init` writes a file with all known ones",
         "missing": "is required; `fretflow init` writes a file that has it",
         "model_type": "must be a table of keys; `fretflow init` writes a file that shows them",
         "string_pattern_mismatch": "takes letters, digits, '.', '_', '-' and begins with one of the first two",
     }
-    return reason(error, clearer)
+    return reason(error, clearer, model)
 
 
 def slice_hash(*parts: Any) -> str:

@@ -12,12 +12,15 @@ from cyclopts import App
 
 from fretflow import __version__
 from fretflow.cli import calibrate, case, diagnose, effects, loops, modes, render, response, run, trial, verify
-from fretflow.cli.terminal import describe, say
+from fretflow.cli.terminal import Terminal, describe, say
 from fretflow.pipeline.ranks import close_process
+
+QUIET = "--quiet"
 
 app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
           exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
-          help="Vibration and fretting wear of structures held together by friction.")
+          help="Vibration and fretting wear of structures held together by friction. With --quiet a command says "
+               "errors alone.")
 for command in (run.run, modes.modes, calibrate.calibrate, render.render, verify.verify, effects.effects, loops.loops,
                 diagnose.diagnose, response.response, trial.trial, case.init, case.show):
     app.command(command)
@@ -32,8 +35,9 @@ def main() -> None:
 
 def execute(arguments: list[str]) -> int:
     """Run the command line with `arguments` and return the exit code; errors become one line on stderr."""
+    Terminal.silent = QUIET in arguments
     try:
-        app(arguments)
+        app([argument for argument in arguments if argument != QUIET])
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the user gets one line
         return say(*describe(error))
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 
 from fretflow.cli.terminal import Terminal, load, new_table
-from fretflow.core.errors import InputError, printable
+from fretflow.core.errors import InputError
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case
@@ -33,7 +32,7 @@ def init(path: Path = Path("case.toml"), /) -> None:
         raise InputError(f"{path}: exists and is left as it is; name another file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); name another file") from error
-    sys.stdout.write(printable(f"{path} written; `fretflow run {path}` runs it\n"))
+    Terminal().print(f"{path} written; `fretflow run {path}` runs it", highlight=False, markup=False, soft_wrap=True)
 
 
 def show(case: Path, /) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 
 from fretflow.cli.terminal import Out, Terminal, new_table, show_files
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from fretflow.effects.effect import Effect
@@ -32,14 +32,14 @@ def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects")) ->
     elif effect in known:
         _show(effect, known[effect], out)
     else:
-        raise InputError(f"{effect}: there is no such effect; `fretflow effects` lists them")
+        raise InputError(f"{effect}: there is no such effect; `fretflow effects` lists them"
+                         f"{did_you_mean(effect, known)}")
 
 
 def _list(known: Mapping[str, type[Effect]]) -> None:
     """Print all effects: id, block, equation, where they show."""
     view = new_table("effects: physics beyond the baseline; `fretflow effects ID` shows one", "id", "block", "equation",
                      "shows in")
-    view.columns[0].no_wrap = True
     for name, kind in known.items():
         view.add_row(name, kind.block, escape(kind.equation), escape("; ".join(kind.observables)))
     Terminal().print(view)
@@ -86,13 +86,13 @@ def _excluded(kind: type[Effect]) -> str:
 
 def _parameters(kind: type[Effect]) -> object:
     from fretflow.case.casefile import entries
-    from fretflow.core.units import pretty_quantity
+    from fretflow.core.units import pretty_number, pretty_quantity
 
     view = new_table(f"[effects.{kind.id}]", "parameter", "default", "plausible range", "meaning", "range from")
     priors = kind.priors()
     for entry in entries(kind()):
         prior = priors.get(entry.key)
         ends = () if prior is None else (prior.low, prior.high)
-        span = " to ".join(pretty_quantity(end, entry.unit, 3) if entry.unit else f"{end:g}" for end in ends)
+        span = " to ".join(pretty_quantity(end, entry.unit, 3) if entry.unit else pretty_number(end) for end in ends)
         view.add_row(entry.key, escape(entry.readable), span, entry.meaning, "" if prior is None else prior.source)
     return view

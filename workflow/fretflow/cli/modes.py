@@ -37,6 +37,8 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> No
 
 def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
     """Print the natural frequencies of each specimen, full model against reduced."""
+    from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT
+
     console = Terminal()
     for side, specimen in specimens.items():
         view = new_table(f"{side} specimen, back face clamped: {specimen.full_dofs:,} DOF against "
@@ -47,3 +49,6 @@ def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
         for number, (full, reduced, error) in enumerate(rows, start=1):
             view.add_row(str(number), f"{full:.2f}", f"{reduced:.2f}", f"{error:.5%}")
         console.print(view)
+        if specimen.frequency_error.max() > FREQUENCY_LIMIT:
+            console.print(f"warning: beyond the error of {FREQUENCY_LIMIT:.1%} that reduced specimens are held to; "
+                          "raise reduction.fixed_interface_modes, or see whether the mesh is one of this specimen")

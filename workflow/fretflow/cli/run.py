@@ -42,7 +42,7 @@ def run(
     cases
         more case files
     until
-        last stage to run
+        last stage to run: mesh, reduce, preload, solve, wear, response or render
     jobs
         cases run at a time on this machine
     executor

@@ -8,7 +8,8 @@ import tempfile
 import traceback
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from cyclopts import CycloptsError, Parameter
 from rich.box import SIMPLE_HEAD
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 BAD_USAGE = 2
 UNEXPECTED = 1
+TOLD_EVERY = 60.0  # s, where there is no terminal
+NAMES = {"case", "effects", "id", "key", "parameter"}  # headings of what is copied: never broken
 
 Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/<name>")]
 Force = Annotated[bool, Parameter(negative="", help="compute again what is already there")]
@@ -38,6 +41,11 @@ Flag = Annotated[bool, Parameter(negative="")]
 class Terminal(Console):
     """The user's terminal, on which text out of files and paths stays text: it moves no cursor and sets no title."""
 
+    silent: ClassVar[bool] = False  # by --quiet: errors are said, and nothing else
+
+    def __init__(self, *, quiet: bool = False, **settings: Any) -> None:
+        super().__init__(quiet=quiet or Terminal.silent, **settings)
+
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yield the segments of `renderable`, those that rich itself steers the terminal with as they are."""
         for segment in super().render(renderable, options):
@@ -45,11 +53,15 @@ class Terminal(Console):
 
 
 class Progress:
-    """Shows how a run goes on: a bar with the time left on a terminal, and a line for each complete stage."""
+    """Shows how a run goes on: a line for each complete stage, between them a bar with the time left.
+
+    Where there is no terminal, as in the log of a batch job, a line a minute stands for the bar.
+    """
 
     def __init__(self) -> None:
         self._console = Terminal(quiet=started_rank() > 0)
         self._task: TaskID | None = None
+        self._told = monotonic()
 
     def __enter__(self) -> Progress:
         self._bars = Bars(
@@ -73,12 +85,15 @@ class Progress:
 
     def begin(self, stage: str) -> None:
         """Note that `stage` starts computing."""
-        self._task = self._bars.add_task("", total=1.0, stage=stage)
+        self._task, self._told = self._bars.add_task("", total=1.0, stage=stage), monotonic()
 
     def advance(self, stage: str, share: float, text: str) -> None:
         """Note that `share` (0 to 1) of `stage` is done."""
         if self._task is not None:
             self._bars.update(self._task, completed=share, description=text)
+        if not self._console.is_terminal and monotonic() - self._told > TOLD_EVERY:
+            self._told = monotonic()
+            self.note(stage, f"{share:.0%}  {text}")
 
     def note(self, stage: str, text: str) -> None:
         """Print a line about `stage`, which goes on."""
@@ -105,7 +120,7 @@ def new_table(title: str, *headings: str) -> Table:
     """Return an empty table in the house style."""
     view = Table(title=escape(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
-        view.add_column(heading, overflow="fold")
+        view.add_column(heading, overflow="fold", no_wrap=heading in NAMES)
     return view
 
 

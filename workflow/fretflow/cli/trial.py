@@ -6,14 +6,13 @@ nowhere else.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from fretflow.cli.terminal import Terminal, new_table, show_files
-from fretflow.core.errors import FretflowError, InputError, printable
+from fretflow.core.errors import FretflowError, InputError
 from fretflow.core.provenance import commit, versions
 
 
@@ -59,8 +58,7 @@ def trial(
 
 
 def _say(line: str) -> None:
-    sys.stdout.write(f"{printable(line)}\n")
-    sys.stdout.flush()
+    Terminal().print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _show_targets(scores: Mapping[str, Any]) -> None:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, get_args
 
 if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
+    from pydantic_core import ErrorDetails, ValidationError
 
 # What the system says where nothing can be written: the user's to mend.
 NO_SPACE = {errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT, errno.EFBIG}
@@ -128,10 +129,16 @@ class EnsembleError(FretflowError):
         self.exit_code = exit_code
 
 
-def reason(error: ErrorDetails, clearer: Mapping[str, str]) -> str:
-    """Return the reason of a validation error, by `clearer` (type to words) or by the validator's message."""
+def unknown_first(error: ValidationError) -> list[ErrorDetails]:
+    """Return the errors of a table, unknown keys first: they tell why another is missing."""
+    return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+
+
+def reason(error: ErrorDetails, clearer: Mapping[str, str], model: type[Any]) -> str:
+    """Return why a table of class `model` is refused, by `clearer` (type to words) or by the validator's message."""
     if error["type"] in clearer:
-        return clearer[error["type"]]
+        meant = _key_meant(model, error["loc"]) if error["type"] == "extra_forbidden" else ""
+        return clearer[error["type"]] + meant
     text = error["msg"].removeprefix("Value error, ")
     if not text.startswith("Input should"):
         return text
@@ -139,3 +146,21 @@ def reason(error: ErrorDetails, clearer: Mapping[str, str]) -> str:
     if not isinstance(given, bool | int | float | str):
         return wanted
     return f"{_OWN_WORDS.sub('', wanted)}, got {given!r}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return a question after the nearest of `known` names where `name` is a slip of it, else nothing."""
+    found = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {found[0]}?" if found else ""
+
+
+def _key_meant(model: Any, location: Sequence[int | str]) -> str:
+    """Return the question after the key that an unknown one at `location` in tables of class `model` is a slip of."""
+    for part in location[:-1]:
+        if isinstance(part, int):
+            continue
+        kind = model.model_fields[part].annotation if part in model.model_fields else None
+        model = next((one for one in (kind, *get_args(kind)) if hasattr(one, "model_fields")), None)
+        if model is None:
+            return ""
+    return did_you_mean(str(location[-1]), model.model_fields)

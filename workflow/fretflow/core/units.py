@@ -107,6 +107,11 @@ def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
     return f"{value / size:.{digits}g} {pretty_unit(name)}".rstrip()
 
 
+def pretty_number(value: float) -> str:
+    """Return a number that counts as it is printed for people: ``"0.35"``, ``"100,000"``."""
+    return f"{value:,.0f}" if 1e3 <= abs(value) < 1e15 else f"{value:.6g}"
+
+
 def pretty_unit(unit: str) -> str:
     """Return `unit` as it is printed: ``um^2`` becomes ``µm²``, that of a ratio nothing."""
     if unit == "1":

@@ -50,4 +50,4 @@ class BendingGap(Effect):
     def sketch(self) -> Sketch:
         """Return the gap along the faces."""
         x = np.linspace(-1.0, 1.0, 101)
-        return Sketch("place along the faces over half their length", "gap in um", {"": (x, 1e6 * self._height(x))})
+        return Sketch("place along the faces over half their length", "gap in µm", {"": (x, 1e6 * self._height(x))})

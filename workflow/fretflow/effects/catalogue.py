@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 from fretflow.case.casefile import entries
 from fretflow.case.config import explain
-from fretflow.core.errors import ConfigError, InputError
+from fretflow.core.errors import ConfigError, InputError, did_you_mean
 from fretflow.effects.effect import Effect
 
 GROUP = "fretflow.effects"
@@ -90,12 +90,13 @@ def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case")
     for name in sorted(tables):
         known = catalogue()
         if name not in known:
-            raise ConfigError(f"{source}: effects.{name}: there is no such effect; `fretflow effects` lists them")
+            raise ConfigError(f"{source}: effects.{name}: there is no such effect; `fretflow effects` lists them"
+                              f"{did_you_mean(name, known)}")
         try:
             found.append(known[name].model_validate(dict(tables[name])))
         except ValidationError as error:
-            raise ConfigError(f"{source}: {explain(error, {}, f'effects.{name}')}; `fretflow effects {name}` "
-                              "describes it") from error
+            said = explain(error, {}, f"effects.{name}", known[name])
+            raise ConfigError(f"{source}: {said}; `fretflow effects {name}` describes it") from error
     check_together(found, source)
     return tuple(found)
 

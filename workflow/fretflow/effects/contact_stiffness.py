@@ -167,5 +167,5 @@ class ContactStiffness(Effect):
     def sketch(self) -> Sketch:
         """Return the stiffness against pressure."""
         share = np.linspace(0.02, 3.0, 200)
-        return Sketch("pressure over p_0", "tangential stiffness in N/um",
+        return Sketch("pressure over p_0", "tangential stiffness in N/µm",
                       {"": (share, 1e-6 * self.stiffness * share**self.exponent)})

@@ -48,5 +48,5 @@ class ContactStiffnessEvolution(ContactStiffness):
     def sketch(self) -> Sketch:
         """Return the stiffness against energy."""
         energy = np.linspace(0.0, 5.0 * self.energy, 200)
-        return Sketch("dissipated energy in J", "tangential stiffness at p_0 in N/um",
+        return Sketch("dissipated energy in J", "tangential stiffness at p_0 in N/µm",
                       {"": (energy, 1e-6 * self.stiffness * self.growth(energy))})

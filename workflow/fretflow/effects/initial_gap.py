@@ -64,4 +64,4 @@ class InitialGap(Effect):
         """Return the gap along the sliding direction."""
         x = np.linspace(-1.0, 1.0, 101)
         gap = 0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.crown * x**2 + self.cylinder * x**2
-        return Sketch("position over half the width", "gap in um", {"": (x, 1e6 * (gap - gap.min()))})
+        return Sketch("position over half the width", "gap in µm", {"": (x, 1e6 * (gap - gap.min()))})

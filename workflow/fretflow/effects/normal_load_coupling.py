@@ -56,5 +56,5 @@ class NormalLoadCoupling(Effect):
         """Return a loop whose plateaus open towards one side."""
         x, force = np.array([-1.0, -0.6, 1.0, 0.6, -1.0]), np.array([-1.0, 1.0, 1.0, -1.0, -1.0])
         steep = force * (1.0 + self.slope * 7e-6 * x / self.mean_load)
-        return Sketch("displacement over 7 um", "friction force over mu N_0",
+        return Sketch("displacement over 7 µm", "friction force over mu N_0",
                       {"baseline": (x, force), "effect": (x, steep)})

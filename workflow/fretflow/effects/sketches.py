@@ -20,7 +20,7 @@ def loop_sketch(effect: Effect, amplitude: float = AMPLITUDE) -> Sketch:
     motion = Motion(step=1.0 / (FREQUENCY * SAMPLES), displacement=x, velocity=-turning * amplitude * np.sin(phase),
                     acceleration=-turning**2 * x, lean=1.0)
     joints = {"baseline": DrivenJoint(TYPICAL), "effect": DrivenJoint(TYPICAL, (effect,))}
-    return Sketch("displacement in um", "friction force in N",
+    return Sketch("displacement in µm", "friction force in N",
                   {name: _loop(joint, motion) for name, joint in joints.items()})
 
 

@@ -58,4 +58,4 @@ class SupportNonlinearity(Effect):
     def sketch(self) -> Sketch:
         """Return the cubic force against displacement."""
         x = np.linspace(-10e-6, 10e-6, 101)
-        return Sketch("displacement in um", "force of the cubic spring in N", {"": (1e6 * x, self.stiffness * x**3)})
+        return Sketch("displacement in µm", "force of the cubic spring in N", {"": (1e6 * x, self.stiffness * x**3)})

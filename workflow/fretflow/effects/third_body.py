@@ -184,9 +184,9 @@ class ThirdBody(Effect):
         place = np.linspace(-1.0, 1.0, 101)
         stay = self.edge_residence + (1.0 - self.edge_residence) * (1.0 - place**2)
         curves: Mapping[str, tuple[Array, Array]] = {
-            f"n_e = {share * self.residence:g}": (place, 1e6 * self.retained_fraction * 2e-11 * share
+            f"n_e = {share * self.residence:,g}": (place, 1e6 * self.retained_fraction * 2e-11 * share
                                                   * self.residence * stay) for share in (0.3, 1.0)}
-        return Sketch("position between the edges along the sliding", "steady layer in um", curves)
+        return Sketch("position between the edges along the sliding", "steady layer in µm", curves)
 
 
 def edge_position(place: Array, areas: Array, closed: NDArray[np.bool_]) -> Array:

@@ -22,7 +22,7 @@ from typing import Protocol, TextIO
 
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, slice_hash
-from fretflow.core.errors import NO_SPACE, InputError, NonConvergenceError, StoreError
+from fretflow.core.errors import NO_SPACE, InputError, NonConvergenceError, StoreError, did_you_mean
 from fretflow.core.provenance import CostMeter, commit, versions
 from fretflow.core.store import write_csv, write_whole
 from fretflow.pipeline.ranks import Ranks
@@ -121,7 +121,8 @@ class Runner:
             return self._stages
         names = [stage.name for stage in self._stages]
         if until not in names:
-            raise InputError(f"--until {until}: no such stage; choose one of {', '.join(names)}")
+            raise InputError(f"--until {until}: no such stage; choose one of {', '.join(names)}"
+                             f"{did_you_mean(until, names)}")
         return self._stages[:names.index(until) + 1]
 
     def run(self, case: Case, until: str | None = None, force: bool = False) -> dict[str, StageResult]:

@@ -17,9 +17,9 @@ from fretflow.core.units import pretty_quantity
 from fretflow.pipeline.response import ForcedResponse, LoopSeries
 from fretflow.pipeline.response_curves import kept_peaks
 from fretflow.pipeline.stage import SUMMARY_FILE, case_sum, write_json
-from fretflow.pipeline.trends import Trend, judge_all
+from fretflow.pipeline.trends import Trend, is_papers, judge_all
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
 from fretflow.wear.history import WearHistory
 
 
@@ -34,7 +34,7 @@ class Figure:
 
 
 def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Sequence[Trend]]:
-    """Return the figures of the stages in `folders`, and the paper's trends once wear is known."""
+    """Return the figures of the stages in `folders`, and the paper's trends of its own tests once wear is known."""
     meshes = [_meshes(folders["mesh"])] if (folders.get("mesh", Path()) / "upper.h5").is_file() else []
     if "reduce" not in folders:
         return meshes, []
@@ -66,6 +66,8 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
         checked = f"; amplitude there {errors:.1%} off the full solution" if np.isfinite(errors) else ""
         figures.append(Figure("first resonance, worn against unworn", shift, "1",
                               f"{shift:+.3%} ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
+    if not is_papers(case):
+        return figures, []
     return figures, judge_all(interface, case.test.excitation_amplitude, unworn, history, resonances)
 
 
@@ -81,9 +83,12 @@ def write_summary(home: Path, case: Case, figures: Sequence[Figure], trends: Seq
 
 def _reduction(upper: ReducedSpecimen, lower: ReducedSpecimen) -> Figure:
     error = float(max(upper.frequency_error.max(), lower.frequency_error.max()))
-    count = len(upper.full_frequencies)
+    count, beyond = len(upper.full_frequencies), ""
+    if error > FREQUENCY_LIMIT:
+        beyond = (f"; beyond the {FREQUENCY_LIMIT:.1%} that it is held to: raise reduction.fixed_interface_modes, or "
+                  "see whether the mesh is one of this specimen")
     return Figure("Craig-Bampton error", error, "1",
-                  f"{error:.4%}, the largest of {count} frequencies of each specimen")
+                  f"{error:.4%}, the largest of {count} frequencies of each specimen{beyond}")
 
 
 def _meshes(folder: Path) -> Figure:

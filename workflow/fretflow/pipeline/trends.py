@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.case.config import Case, Specimen
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
 
 PUBLISHED_SLIDING = {53.0: 14e-6, 75.0: 22e-6}  # m by excitation in N, section 2.2
+FREQUENCY, LOAD, FRICTION = 100.0, 60.0, 0.88  # Hz, N, 1, of all its tests, section 2.2
+STEEL = ("youngs_modulus", "poissons_ratio", "density")  # of its specimens: a case's defaults
 SETTLED_CYCLES = 500_000  # section 4.3
 SETTLED_WITHIN = 0.1  # of the final rate
 SLIDING_WITHIN = 0.1  # of the published distance
@@ -31,6 +34,16 @@ class Trend:
     met: bool | None
     found: str
     paper: str
+
+
+def is_papers(case: Case) -> bool:
+    """Return whether `case` is one of the paper's tests as far as the joint goes: load, excitation, steel, friction."""
+    test, steel = case.test, Specimen()
+    stated = [(test.excitation_frequency, FREQUENCY), (test.normal_load, LOAD),
+              (case.contact.friction_coefficient, FRICTION),
+              *((getattr(side, name), getattr(steel, name)) for side in (case.specimen.upper, case.specimen.lower)
+                for name in STEEL)]
+    return round(test.excitation_amplitude, 3) in PUBLISHED_SLIDING and all(np.isclose(a, b) for a, b in stated)
 
 
 def judge_slip_zones(interface: Interface, solution: PeriodicSolution) -> Trend:

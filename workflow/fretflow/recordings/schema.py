@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, reason
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, reason, unknown_first
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.kinds import FILE as FILE
 from fretflow.recordings.kinds import RecordingKind, kind_called
@@ -265,7 +265,7 @@ def load_recording_file(path: Path) -> RecordingFile:
     try:
         return RecordingFile.model_validate(raw)
     except ValidationError as error:
-        first, *rest = error.errors()
+        first, *rest = unknown_first(error)
         more = f" (and {len(rest)} more)" if rest else ""
         raise ConfigError(f"{path}: {_in_words(first)}{more}") from error
 
@@ -274,7 +274,7 @@ def _in_words(error: ErrorDetails) -> str:
     clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
                "model_type": "must be a table of keys"}
     field = ".".join(str(part) for part in error["loc"] if part != "channels")
-    text = reason(error, clearer)
+    text = reason(error, clearer, RecordingFile)
     # A message about a key of this table begins with the key's name.
     joint = "." if text.partition(":")[0].replace(".", "").replace("_", "").isalnum() and ":" in text else ": "
     return f"{field}{joint}{text}" if field else text

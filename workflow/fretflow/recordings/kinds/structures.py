@@ -32,7 +32,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, reason
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, reason, unknown_first
 from fretflow.core.records import quantity, record
 from fretflow.recordings.channels import split_heading
 from fretflow.recordings.kinds import FILE, RecordingKind
@@ -308,12 +308,12 @@ def _load(toml: Path) -> StructureFile:
     try:
         return StructureFile.model_validate(raw)
     except ValidationError as error:
-        first, *rest = error.errors()
+        first, *rest = unknown_first(error)
         field = ".".join(str(part) for part in first["loc"])
         clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
                    "model_type": "must be a table of keys"}
         more = f" (and {len(rest)} more)" if rest else ""
-        raise ConfigError(f"{toml}: {field}: {reason(first, clearer)}{more}") from error
+        raise ConfigError(f"{toml}: {field}: {reason(first, clearer, StructureFile)}{more}") from error
 
 
 def _size(block: str, name: str, unit: str, choices: tuple[str, ...]) -> tuple[float, str]:

@@ -10,6 +10,8 @@ from fretflow.core.records import quantity, record
 RIGID_DOFS = 6
 OBSERVATION_DOFS = 3
 
+FREQUENCY_LIMIT = 1e-3  # relative error of the frequencies that a reduced specimen is held to
+
 
 @record
 class ReducedSpecimen:
