@@ -44,7 +44,7 @@ class Terminal(Console):
     silent: ClassVar[bool] = False  # by --quiet: errors are said, and nothing else
 
     def __init__(self, *, quiet: bool = False, **settings: Any) -> None:
-        super().__init__(quiet=quiet or Terminal.silent, **settings)
+        super().__init__(quiet=quiet or self.silent, **settings)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yield the segments of `renderable`, those that rich itself steers the terminal with as they are."""
