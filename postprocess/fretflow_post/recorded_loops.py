@@ -60,7 +60,7 @@ def plot_recorded_loops(path: Path, title: str, loops: LoopSet, readings: Record
         for row, panel in enumerate(panels):
             height = 0.76 / len(panels)
             box = (0.685, 0.095 + height * (len(panels) - 1 - row), 0.295, height - 0.035)
-            _draw(figure.add_axes(box), panel, readings.cycles, index if row == len(panels) - 1 else "")
+            _draw(figure.add_axes(box), panel, readings.cycles, index, row == len(panels) - 1)
         png = style.save_figure(figure, path)
     samples = len(loops.phase)
     columns = {index: np.repeat(loops.cycles[drawn], samples), "phase_rad": np.tile(loops.phase, len(drawn)),
@@ -87,18 +87,20 @@ def _panels(readings: RecordedReadings) -> list[Panel]:
     return shown[:4]
 
 
-def _draw(axes: Axes, panel: Panel, cycles: NDArray[np.int64], index: str) -> None:
+def _draw(axes: Axes, panel: Panel, cycles: NDArray[np.int64], index: str, last: bool) -> None:
+    """Draw a reading over what tells the loops apart; cycles are joined, conditions have no order to join them by."""
     unit, size = readable_unit(float(np.nanmax(np.abs(panel.estimate.value))), panel.unit)
-    marks = {"marker": "o", "markersize": 5.0} if len(cycles) <= 60 else {"marker": ""}
+    ordered = index == "cycles"
+    marks = {"marker": "o", "markersize": 5.0} if len(cycles) <= 60 or not ordered else {"marker": ""}
     axes.errorbar(cycles, panel.estimate.value / size, panel.estimate.sd / size, color=style.BLUE, capsize=3,
-                  linewidth=1.2, **marks)
+                  linewidth=1.2 if ordered else 0.0, elinewidth=1.2, **marks)
     axes.set_ylabel(panel.title + (f"\n({pretty_unit(unit)})" if unit != "1" else ""), fontsize=13)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.counted(value)))
-    axes.tick_params(labelbottom=bool(index), labelsize=12)
-    axes.set_xlabel(index)
+    axes.tick_params(labelbottom=last, labelsize=12)
+    axes.set_xlabel(index if last else "")
     axes.margins(y=0.15)
 
 

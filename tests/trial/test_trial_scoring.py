@@ -24,7 +24,7 @@ from fretflow_trial.answers import (
 )
 from fretflow_trial.case import LISTED
 from fretflow_trial.page import page
-from fretflow_trial.scoring import Result, Share, expected_calibration_error, reliability, scoreboard
+from fretflow_trial.scoring import Result, Share, _within, expected_calibration_error, reliability, scoreboard
 
 ALL = frozenset({"displacement", "friction_force", "normal_force", "approach"})
 BASIC = frozenset({"displacement", "friction_force"})
@@ -208,3 +208,10 @@ def test_failed_diagnosis_is_no_false_alarm_but_is_counted() -> None:
     assert scores["all"]["false_alarms"]["hits"] == 0
     assert scores["all"]["failed"]["value"] == 1.0
     assert scores["by_kind"]["nothing"]["top_1"]["value"] == 0.0
+
+
+@pytest.mark.parametrize(("hits", "cases", "met"), [
+    (0, 0, None), (1, 1, None), (0, 1, False), (9, 10, True), (10, 10, None), (100, 100, False), (60, 100, False)])
+def test_coverage_that_so_few_cases_cannot_tell_is_not_missed(hits: int, cases: int, met: bool | None) -> None:
+    """One interval of one holds the truth: Wilson's 0.21 to 1 has the range in it, that of 100 of 100 (0.963) not."""
+    assert _within(Share(hits, cases).to_json(), 0.85, 0.95) is met

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.cli.loops import with_error
+from fretflow.recordings.readings import LoopReading
+from fretflow_post.recorded_loops import Panel, _draw
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 NAMES = ("friction_coefficient", "tangential_stiffness", "sliding_distance", "dissipated_energy", "peak_to_peak")
@@ -138,3 +141,12 @@ def test_nothing_there(tmp_path, capsys):
 ])
 def test_numbers_stop_where_their_deviation_does(value, sd, text):
     assert with_error(value, sd) == text
+
+
+@pytest.mark.parametrize(("index", "width"), [("cycles", 1.2), ("conditions", 0.0)])
+def test_conditions_have_no_order_to_join_them_by(index, width):
+    at = np.arange(3)
+    reading = LoopReading(value=at + 1.0, noise=np.full(3, 0.1), repeats=np.zeros(3), calibration=np.zeros(3))
+    axes = Figure().add_subplot()
+    _draw(axes, Panel("friction", reading, "1"), at, index, last=True)
+    assert axes.lines[0].get_linewidth() == width

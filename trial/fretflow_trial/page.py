@@ -50,7 +50,8 @@ def page(scores: Mapping[str, Any]) -> str:
 def _targets(targets: Sequence[Mapping[str, Any]], title: str, told: str) -> str:
     rows = []
     for one in targets:
-        verdict = "no case" if one["met"] is None else "met" if one["met"] else "missed"
+        unknown = "too few cases" if one["cases"] else "no case"
+        verdict = unknown if one["met"] is None else "met" if one["met"] else "missed"
         style = "" if one["met"] is None else verdict
         rows.append([escape(one["name"]), _n(one["value"]), _n(one["cases"], 0), escape(one["target"]),
                      f"<span class='{style}'>{verdict}</span>"])

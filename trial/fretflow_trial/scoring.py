@@ -137,6 +137,14 @@ def scoreboard(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
+def _within(share: Mapping[str, Any], low: float, high: float) -> bool | None:
+    """Return whether a share lies in a range; None where so few cases could lie in it all the same."""
+    if share["value"] is None or low <= share["value"] <= high:
+        return None if share["value"] is None else True
+    below, above = share["interval_95"]
+    return None if below <= high and low <= above else False
+
+
 def targets(loud: Sequence[Result]) -> list[dict[str, Any]]:
     """Return each target at signal-to-noise 10 or more, what was reached, and whether that meets it (None: no case)."""
     scores = _scores(loud)
@@ -152,8 +160,7 @@ def targets(loud: Sequence[Result]) -> list[dict[str, Any]]:
                 "met": None if value is None else value <= most}
 
     coverage = at_least("90 % intervals that hold the truth", "coverage", 0.85)
-    coverage.update(target="0.85 to 0.95", met=None if coverage["value"] is None
-                    else 0.85 <= coverage["value"] <= 0.95)
+    coverage.update(target="0.85 to 0.95", met=_within(scores["coverage"], 0.85, 0.95))
     return [
         at_least("right name, aliases merged", "right_name", 0.94),
         at_most("wrong name at probability above 0.9", "wrong_and_sure", 0.01),

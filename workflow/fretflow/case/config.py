@@ -33,7 +33,7 @@ from fretflow.case.sections import (
     Wear,
     WearScheme,
 )
-from fretflow.core.errors import ConfigError, reason, unknown_first
+from fretflow.core.errors import ConfigError, missing_last, reason
 
 __all__ = [
     "FORMAT", "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
@@ -142,7 +142,7 @@ def validate_case(raw: dict[str, Any], source: str = "case") -> Case:
 
 def explain(error: ValidationError, raw: dict[str, Any], table: str = "", model: type[BaseModel] = Case) -> str:
     """Return one line that names the first field in error, as the parsed file `raw` has it, and the way out."""
-    reasons = {_as_written(e["loc"], raw): _reason(e, model) for e in unknown_first(error)}
+    reasons = {_as_written(e["loc"], raw): _reason(e, model) for e in missing_last(error)}
     field, reason = next(iter(reasons.items()))
     more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
     return ": ".join(filter(None, (".".join(filter(None, (table, field))), reason))) + more

@@ -65,6 +65,6 @@ def _show_targets(scores: Mapping[str, Any]) -> None:
     table = new_table("targets, effects at signal-to-noise 10 or more", "score", "reached", "of", "target", "met")
     for one in scores["targets"]:
         reached = "-" if one["value"] is None else f"{one['value']:.3g}"
-        met = {None: "no case", True: "yes", False: "no"}[one["met"]]
+        met = {None: "too few cases" if one["cases"] else "no case", True: "yes", False: "no"}[one["met"]]
         table.add_row(one["name"], reached, str(one["cases"]), one["target"], met)
     Terminal(highlight=False).print(table)

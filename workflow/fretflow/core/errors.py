@@ -129,9 +129,9 @@ class EnsembleError(FretflowError):
         self.exit_code = exit_code
 
 
-def unknown_first(error: ValidationError) -> list[ErrorDetails]:
-    """Return the errors of a table, unknown keys first: they tell why another is missing."""
-    return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+def missing_last(error: ValidationError) -> list[ErrorDetails]:
+    """Return the errors of a table, keys that are missing last: one that is unknown tells why."""
+    return sorted(error.errors(), key=lambda one: one["type"] == "missing")
 
 
 def reason(error: ErrorDetails, clearer: Mapping[str, str], model: type[Any]) -> str:

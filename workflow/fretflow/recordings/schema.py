@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, reason, unknown_first
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, missing_last, reason
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.kinds import FILE as FILE
 from fretflow.recordings.kinds import RecordingKind, kind_called
@@ -265,7 +265,7 @@ def load_recording_file(path: Path) -> RecordingFile:
     try:
         return RecordingFile.model_validate(raw)
     except ValidationError as error:
-        first, *rest = unknown_first(error)
+        first, *rest = missing_last(error)
         more = f" (and {len(rest)} more)" if rest else ""
         raise ConfigError(f"{path}: {_in_words(first)}{more}") from error
 

@@ -32,7 +32,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, reason, unknown_first
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
 from fretflow.core.records import quantity, record
 from fretflow.recordings.channels import split_heading
 from fretflow.recordings.kinds import FILE, RecordingKind
@@ -308,7 +308,7 @@ def _load(toml: Path) -> StructureFile:
     try:
         return StructureFile.model_validate(raw)
     except ValidationError as error:
-        first, *rest = unknown_first(error)
+        first, *rest = missing_last(error)
         field = ".".join(str(part) for part in first["loc"])
         clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
                    "model_type": "must be a table of keys"}
