@@ -21,7 +21,7 @@ from scipy.stats import norm
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import FORMS, SIZES, code_size, modulations
-from fretflow.inference.law_forms import density, law_form_errors
+from fretflow.inference.law_forms import density
 from fretflow.inference.parameters import Array
 from fretflow.inference.search import HALF, Names, Search, Start, basis
 from fretflow.inference.verdict import Candidate, Verdict
@@ -183,16 +183,12 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     """Return the most log evidence for what a wider set does beyond other forms of the plainer set's laws.
 
     The share of what the plainer set leaves that the wider one takes is compared with the shares that the best other
-    effect takes of law-form errors of the plainer set. Nothing is said where more than one in e of the pairs of
-    published forms of one law differ by as much as is left: such a p-value is worth nothing.
+    effect takes of law-form errors of the plainer set.
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
     if left <= 0.0:
         return np.inf  # all that is left is noise, as the covariance has it
-    explained = found.chi_squared(frozenset()) - found.chi_squared(fewer)
-    if explained > 0.0 and float(np.mean(law_form_errors() >= np.sqrt(left / explained))) >= 1.0 / e:
-        return 0.0
     least = float(np.finfo(np.float32).eps)  # so that logits are finite
     taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
