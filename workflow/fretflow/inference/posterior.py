@@ -12,8 +12,8 @@ of them the best other effect takes by chance, and a p-value p is worth at most 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import comb, e, exp, log
+from dataclasses import dataclass, replace
+from math import comb, e, exp, inf, log, sqrt
 
 import numpy as np
 from scipy.special import logit
@@ -24,7 +24,7 @@ from fretflow.inference.evidence import FORMS, SIZES, code_size, modulations
 from fretflow.inference.law_forms import density
 from fretflow.inference.parameters import Array
 from fretflow.inference.search import HALF, Names, Search, Start, basis
-from fretflow.inference.verdict import Candidate, Verdict
+from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
 SEED = 2026
@@ -85,6 +85,32 @@ def decide(found: Search) -> Found:
         total += known.sets[names]
     verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
     return Found(verdict, tuple(sets), best, found.explained(best), total, ranking, known)
+
+
+def detected(found: Found, detection: Detection) -> Found:
+    """Return a verdict held to the classical test of whether the baseline leaves anything, at its false alarms.
+
+    What the test does not see is nothing; what it sees, and no hypothesis accounts for, is not in the catalogue.
+    """
+    seen, nothing = detection.p_value < detection.false_alarm_rate, found.verdict is Verdict.NONE
+    least = 1.0 / (1.0 + largest_odds(detection.p_value))  # probability of nothing, by the test alone
+    if not seen and not nothing:
+        return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
+                       probability=max(found.posterior.none, least))
+    if seen and nothing:
+        return replace(found, verdict=Verdict.UNKNOWN, probability=1.0 - least)
+    return found
+
+
+def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
+    """Return a verdict that names nothing which explains nothing, or predicts what was held out worse than without it.
+
+    Worse is beyond a standard deviation of the mean square of so many held-out `rows`.
+    """
+    worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
+        return found
+    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - found.posterior.none)
 
 
 def posterior(found: Search) -> Posterior:
@@ -193,7 +219,14 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
-    return -log(-e * p * log(p)) if 0.0 < p < 1.0 / e else (np.inf if p == 0.0 else 0.0)
+    return log(largest_odds(p))
+
+
+def largest_odds(p: float) -> float:
+    """Return the most odds that a p-value is worth against its null hypothesis."""
+    if p >= 1.0 / e:
+        return 1.0
+    return -1.0 / (e * p * log(p)) if p > 0.0 else inf
 
 
 def taken_by_chance(found: Search, names: Names) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import e, inf, log, sqrt
 
 import numpy as np
 
@@ -42,9 +41,9 @@ from fretflow.experiments.rig.views import comparisons, held_out_error, residual
 from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.posterior import Found, decide, smallest_visible
+from fretflow.inference.posterior import Found, decide, detected, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Search, Task, fit_task, search, start_search
-from fretflow.inference.verdict import Detection, Diagnosis, HeldOut, Location, Remainder, Verdict
+from fretflow.inference.verdict import Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
@@ -97,12 +96,13 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     search(looked, lambda share, text: progress(0.2 + 0.55 * share, text))
     progress(0.75, "what the mesh leaves out at the best")
     corrected(looked, checks)
-    found = detected(plausible(decide(looked), looked, experiment),
-                     detect(experiment.rig.observation, _plainly(experiment, looked.baseline)).p_value)
+    before = _plainly(experiment, looked.baseline)
+    detection = detect(experiment.rig.observation, before)
+    found = detected(plausible(decide(looked), looked, experiment), detection)
     progress(0.85, "held-out loops")
     unseen = held_out(looked, experiment, found.after)
     found = held_to(found, unseen.error, int(experiment.measurement.held_out.sum()))
-    return _told(recording, case, experiment, looked, found, unseen, tools, fast, began, progress)
+    return _told(recording, case, experiment, looked, found, before, detection, unseen, tools, fast, began, progress)
 
 
 def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: float) -> Diagnosis:
@@ -117,11 +117,12 @@ def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: floa
         smallest_visible={}, remainder=whole, warnings=tuple(wrong), notes=tuple(wrong), seconds=seconds, fast=fast)
 
 
-def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: Search, found: Found,
-          unseen: HeldOutPrediction, tools: RigTools, fast: bool, began: float, progress: Progress) -> Diagnosis:
+def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: Search, found: Found, before: Fit,
+          detection: Detection, unseen: HeldOutPrediction, tools: RigTools, fast: bool, began: float,
+          progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     observation, base, after = experiment.rig.observation, looked.baseline, looked.fits[found.after]
-    before, behind = (_plainly(experiment, fit) for fit in (base, after))
+    behind = before if after is base else _plainly(experiment, after)
     location = locate(experiment, before, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
@@ -140,7 +141,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=words.sentence(found, remainder, location, law), detection=detect(observation, before),
+        sentence=words.sentence(found, remainder, location, law), detection=detection,
         location=location, parameters=estimates(experiment.rig, after.parameters, mean, spread),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
@@ -159,32 +160,6 @@ def plausible(found: Found, looked: Search, experiment: RigExperiment) -> Found:
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or FRICTION[0] < friction < FRICTION[1]:
         return found
     return replace(found, verdict=Verdict.UNKNOWN, sets=())
-
-
-def detected(found: Found, p: float) -> Found:
-    """Return a verdict held to the classical test of whether the baseline leaves anything, with its false alarms.
-
-    A p-value is worth odds of at most ``-1 / (e p ln p)`` against nothing (see `inference.posterior`). What the test
-    does not see is nothing; what it sees, and no hypothesis accounts for, is not in the catalogue.
-    """
-    odds = 1.0 if p >= 1.0 / e else -1.0 / (e * p * log(p)) if p > 0.0 else inf
-    if p >= FALSE_ALARMS and found.verdict is not Verdict.NONE:
-        return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
-                       probability=max(found.posterior.none, 1.0 / (1.0 + odds)))
-    if p < FALSE_ALARMS and found.verdict is Verdict.NONE:
-        return replace(found, verdict=Verdict.UNKNOWN, probability=1.0 - 1.0 / (1.0 + odds))
-    return found
-
-
-def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
-    """Return a verdict that names nothing which explains nothing, or predicts what was held out worse than without it.
-
-    Worse is beyond a standard deviation of the mean square of so many `rows`.
-    """
-    worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
-        return found
-    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - found.posterior.none)
 
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:

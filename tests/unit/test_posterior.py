@@ -1,0 +1,77 @@
+"""What a verdict is held to: the test of the baseline, and what was held out.
+
+What carries the weight: the odds of a p-value against the best of all alternatives ``f(p) = xi p^(xi - 1)``, found by
+search; and how often rows of plain noise are said to be predicted worse.
+"""
+
+import numpy as np
+import pytest
+from fretflow.inference.posterior import Found, Posterior, detected, held_to, largest_odds
+from fretflow.inference.verdict import Detection, HeldOut, Verdict
+
+
+def found(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Found:
+    """Return a verdict whose posterior gives nothing the probability `none`."""
+    sets = () if verdict in (Verdict.NONE, Verdict.UNKNOWN) else (frozenset({"viscous"}),)
+    return Found(verdict, sets, frozenset({"viscous"}), explained, 0.7, (), Posterior({frozenset(): none}, 0.1, {}))
+
+
+def test_of(p: float) -> Detection:
+    """Return a test of the baseline with that p-value."""
+    return Detection(p_value=p, statistic="", tests={}, false_alarm_rate=0.05)
+
+
+test_of.__test__ = False  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("p", [1e-6, 0.003, 0.05, 0.3])
+def test_odds_of_a_p_value_are_those_of_the_best_alternative(p: float) -> None:
+    """Under the null p is uniform."""
+    shape = np.linspace(1e-4, 1.0, 200_001)
+    assert largest_odds(p) == pytest.approx(np.max(shape * p**(shape - 1.0)), rel=1e-6)
+
+
+def test_a_p_value_that_is_large_or_none_is_worth_nothing_or_all() -> None:
+    """At 1 / e the best alternative is the null itself."""
+    assert largest_odds(0.4) == largest_odds(1.0) == 1.0
+    assert largest_odds(0.0) == np.inf
+
+
+@pytest.mark.parametrize("verdict", [Verdict.NAMED, Verdict.AMBIGUOUS, Verdict.UNKNOWN])
+def test_what_the_test_does_not_see_is_nothing(verdict: Verdict) -> None:
+    """Its probability is at least what the test alone leaves to nothing."""
+    held = detected(found(verdict), test_of(0.5))
+    assert (held.verdict, held.effects, held.after) == (Verdict.NONE, (), frozenset())
+    assert held.probability == 0.5
+    assert detected(found(verdict, none=0.6), test_of(0.5)).probability == 0.6
+
+
+def test_what_the_test_sees_and_nobody_explains_is_unknown() -> None:
+    """A clear test leaves no doubt; one that agrees with the verdict changes nothing."""
+    held = detected(found(Verdict.NONE), test_of(1e-30))
+    assert held.verdict is Verdict.UNKNOWN
+    assert held.probability == pytest.approx(1.0)
+    for verdict, p in ((Verdict.NONE, 0.5), (Verdict.NAMED, 1e-3), (Verdict.UNKNOWN, 1e-3)):
+        assert detected(found(verdict), test_of(p)) == found(verdict)
+
+
+def test_effects_that_predict_worse_or_explain_nothing_are_not_named() -> None:
+    """Better and equal predictions keep the name."""
+    def error(after: float) -> HeldOut:
+        return HeldOut(what="", before=2.0, after=after, floor=1.0)
+
+    for after in (1.0, 2.0):
+        assert held_to(found(Verdict.NAMED), error(after), 1000).verdict is Verdict.NAMED
+    for named, told in ((found(Verdict.NAMED), error(2.2)), (found(Verdict.NAMED, explained=0.0), None)):
+        worse = held_to(named, told, 1000)
+        assert (worse.verdict, worse.effects, worse.probability) == (Verdict.UNKNOWN, (), 0.8)
+    assert held_to(found(Verdict.NONE), error(9.0), 1000).verdict is Verdict.NONE
+
+
+def test_noise_alone_is_seldom_a_worse_prediction() -> None:
+    """Two independent draws of noise differ by more than their own spread in a quarter of cases at most."""
+    rng = np.random.default_rng(0)
+    squares = np.sqrt(np.mean(rng.standard_normal((2000, 2, 500))**2, axis=2))
+    named = [held_to(found(Verdict.NAMED), HeldOut(what="", before=a, after=b, floor=1.0), 500).verdict is Verdict.NAMED
+             for a, b in squares]
+    assert 0.7 < np.mean(named) < 0.82  # one-sided, at one over root two of its deviation: 0.76
