@@ -14,7 +14,7 @@ CENTRE, CLIENT, ROOM = "#dcebf7", "#fdebd3", "#f2f4f6"
 
 WORDS = {
     "cli": "one file a command; computes nothing", "fretflow_post": "pictures, report", "fretflow_meshes": "gmsh",
-    "pipeline": "stages, runs, processes: run(), diagnose()", "experiments": "rig, driven joint, wear series",
+    "pipeline": "stages, runs, processes: run(), diagnose()", "experiments": "rig, driven joint, wear series, bolted",
     "inference": "parameters, least squares, evidence, search, verdict", "effects": "one file each",
     "recordings": "kinds, readers, cleaning", "wear": "Archard, cycle jumps",
     "solvers": "periodic, continuation, modes", "structure": "matrices, elements, reduction, rig",

@@ -55,14 +55,14 @@ def test_baseline_is_none_without_a_record_of_its_drive(undriven):
     assert (undriven["verdict"], undriven["effects"]) == ("none", [])
 
 
-@pytest.mark.xfail(strict=False, reason="the interval ends 0.4 % below the truth: it is too narrow")
+@pytest.mark.xfail(reason="the interval ends 0.4 % below the truth: it is too narrow")
 def test_friction_of_the_baseline_lies_within_its_interval(baseline, undriven):
     for found in (baseline[0], undriven):
         friction = found["parameters"]["contact.friction_coefficient"]
         assert friction["low"] < 0.84 < friction["high"]
 
 
-@pytest.mark.xfail(strict=False, reason="a drift of the load is named beside the run-in")
+@pytest.mark.xfail(reason="a drift of the load is named beside the run-in")
 def test_run_in_is_named_and_predicts_what_was_held_out(recordings, tmp_path):
     found = diagnosed(recordings / "example_run_in", tmp_path / "out")
     assert found["effects"] == ["friction-run-in"]
