@@ -14,7 +14,7 @@ from fretflow.core.store import write_whole
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect
 from fretflow.inference import words
-from fretflow.inference.verdict import EXPLAINED_GATE, Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
+from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
 from fretflow.recordings.kinds import kinds
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
@@ -48,7 +48,7 @@ def render_report(diagnosis: Diagnosis) -> str:
     loops = loop_views(diagnosis)
     with_after = loops.with_after or diagnosis.verdict is Verdict.NAMED
     content = {
-        "d": diagnosis, "words": words, "gate": EXPLAINED_GATE, "verdict": diagnosis.verdict.value,
+        "d": diagnosis, "words": words, "verdict": diagnosis.verdict.value,
         "headline": words.VERDICT_WORDS[diagnosis.verdict],
         "kind": kinds()[diagnosis.kind].words if diagnosis.kind in kinds() else diagnosis.kind,
         "with_after": with_after,
@@ -116,8 +116,7 @@ def _tiles(d: Diagnosis) -> Iterator[Tile]:
     yield Tile("Probability", words.percent(d.probability), PROBABILITY_OF[d.verdict])
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
-        yield Tile("Explained", words.percent(best.explained),
-                   f"{what}; {words.percent(EXPLAINED_GATE)} is needed for a name")
+        yield Tile("Explained", words.percent(best.explained), what)
     yield Tile("Chance alone", f"p = {words.p_value(d.detection.p_value)}".replace("= <", "<"),
                "of a difference this large if nothing were missing")
     if d.held_out is not None and math.isfinite(d.held_out.before):
@@ -158,18 +157,14 @@ def _how_sure(d: Diagnosis) -> tuple[str, ...]:
     best = _accepted(d)
     if best is None or d.verdict is Verdict.NONE:
         return tuple(lines)
-    share, gate = words.percent(best.explained), words.percent(EXPLAINED_GATE)
+    share = f"{words.together(best.effects)} explains {words.percent(best.explained)} of the difference"
     if d.verdict is Verdict.UNKNOWN:
-        why = (f"under {gate} no name is given, however probable it looks beside the others."
-               if not best.explained >= EXPLAINED_GATE
-               else "but what is left is still more than noise, so no name is given.")
-        lines.append(f"The best explanation in the catalogue, {words.together(best.effects)}, explains {share} of the "
-                     f"difference: {why}")
+        lines.append(f"Of the catalogue {share}: that something else acts is more probable than all that it holds.")
     elif d.verdict is Verdict.AMBIGUOUS:
         lines.append("The effects of the set act alike on what was measured, so this recording cannot tell them apart. "
-                     f"Of the difference, {words.together(best.effects)} explains {share}; {gate} is needed.")
+                     f"Here {share}.")
     else:
-        lines.append(f"Of the difference, {words.together(best.effects)} explains {share}; {gate} is needed.")
+        lines.append(f"Here {share}.")
     return tuple(lines)
 
 

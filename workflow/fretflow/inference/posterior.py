@@ -88,18 +88,16 @@ def decide(found: Search) -> Found:
 
 
 def detected(found: Found, detection: Detection) -> Found:
-    """Return a verdict held to the classical test of whether the baseline leaves anything, at its false alarms.
+    """Return a verdict held to the classical test of whether the baseline leaves anything: what it misses is nothing.
 
-    What the test does not see is nothing; what it sees, and no hypothesis accounts for, is not in the catalogue.
+    The reverse does not hold: the test's null knows the errors of the measurement and not what codes differ by, so that
+    a small p-value alone is no physics.
     """
-    seen, nothing = detection.p_value < detection.false_alarm_rate, found.verdict is Verdict.NONE
+    if detection.p_value < detection.false_alarm_rate or found.verdict is Verdict.NONE:
+        return found
     least = 1.0 / (1.0 + largest_odds(detection.p_value))  # probability of nothing, by the test alone
-    if not seen and not nothing:
-        return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
-                       probability=max(found.posterior.none, least))
-    if seen and nothing:
-        return replace(found, verdict=Verdict.UNKNOWN, probability=1.0 - least)
-    return found
+    return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
+                   probability=max(found.posterior.none, least))
 
 
 def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:

@@ -19,8 +19,6 @@ from fretflow.core.store import write_whole
 
 Array = NDArray[np.float64]
 
-EXPLAINED_GATE = 0.8  # least share of the excess chi-squared that an explanation needs to be named
-
 
 class Verdict(StrEnum):
     """What is said of the physics that the model leaves out."""
