@@ -12,7 +12,7 @@ from cyclopts import App
 
 from fretflow import __version__
 from fretflow.cli import calibrate, case, diagnose, effects, loops, modes, render, response, run, trial, verify
-from fretflow.cli.terminal import Terminal, describe, say
+from fretflow.cli.terminal import Interruption, Terminal, describe, say
 from fretflow.pipeline.ranks import close_process
 
 QUIET = "--quiet"
@@ -28,6 +28,7 @@ for command in (run.run, modes.modes, calibrate.calibrate, render.render, verify
 
 def main() -> None:
     """Run the command line and exit: 0 done, 2 bad input, 3 no convergence, 130 interrupted, 1 unexpected."""
+    Interruption.watch()
     close_process()
     _limit_threads()
     sys.exit(execute(sys.argv[1:]))
@@ -39,6 +40,7 @@ def execute(arguments: list[str]) -> int:
     try:
         app([argument for argument in arguments if argument != QUIET])
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the user gets one line
+        Interruption.settle()
         return say(*describe(error))
     return 0
 

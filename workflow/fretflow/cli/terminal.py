@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
 import traceback
@@ -31,6 +32,7 @@ INTERRUPTED = 130
 BAD_USAGE = 2
 UNEXPECTED = 1
 TOLD_EVERY = 60.0  # s, where there is no terminal
+REPEATED = 3  # s after which an interruption that ended nothing comes again
 NAMES = {"case", "effects", "id", "key", "parameter"}  # headings of what is copied: never broken
 
 Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/<name>")]
@@ -50,6 +52,29 @@ class Terminal(Console):
         """Yield the segments of `renderable`, those that rich itself steers the terminal with as they are."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
+
+class Interruption:
+    """The user's wish to stop, which is not lost where a library swallows it or makes another error of it."""
+
+    wanted: ClassVar[bool] = False
+
+    @classmethod
+    def watch(cls) -> None:
+        """Take interruptions by Ctrl-C, and repeat one that ended nothing."""
+        for number in (signal.SIGINT, signal.SIGALRM):
+            signal.signal(number, cls._raise)
+
+    @classmethod
+    def settle(cls) -> None:
+        """Repeat it no more: what it interrupted has ended."""
+        signal.alarm(0)
+
+    @classmethod
+    def _raise(cls, *_: object) -> None:
+        cls.wanted = True
+        signal.alarm(REPEATED)
+        raise KeyboardInterrupt
 
 
 class Progress:
@@ -138,6 +163,8 @@ def load(path: Path) -> Case:
 
 def describe(error: BaseException) -> tuple[str, int]:
     """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
+    if Interruption.wanted or isinstance(error, KeyboardInterrupt):
+        return "interrupted; the same command continues where it stopped", INTERRUPTED
     if isinstance(error, CycloptsError):
         return f"{error}; `fretflow --help` lists what there is", BAD_USAGE
     if isinstance(error, NonConvergenceError):
@@ -146,8 +173,6 @@ def describe(error: BaseException) -> tuple[str, int]:
         return f"{error}{history}{state}", error.exit_code
     if isinstance(error, FretflowError):
         return str(error), error.exit_code
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted; the same command continues where it stopped", INTERRUPTED
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         return (f"{error.filename or 'a file'}: cannot be read or written ({error.strerror}); complete results are "
                 "kept: free some space or see who may write there, then run again"), InputError.exit_code

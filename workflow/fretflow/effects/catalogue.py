@@ -10,12 +10,14 @@ import importlib
 import importlib.util
 import os
 import pkgutil
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
+from zlib import crc32
 
 from pydantic import ValidationError
 
@@ -76,6 +78,12 @@ def add_effects(folder: Path | str) -> Mapping[str, type[Effect]]:
     found = _collect(folders)  # which refuses what cannot be used
     os.environ[FOLDERS] = folders
     return found
+
+
+def import_own() -> None:
+    """Import users' effects where there are any, so that what refers to them can be unpickled."""
+    if os.environ.get(FOLDERS):
+        catalogue()
 
 
 def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case") -> tuple[Effect, ...]:
@@ -171,12 +179,15 @@ def _of_folders(folders: str) -> Iterator[tuple[type[Effect], str]]:
 
 
 def _load(file: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"fretflow_user_effects_{file.stem}", file)
+    # Of two folders' files of one name each is a module; other processes import both under the same names.
+    name = f"fretflow_user_effects_{file.stem}_{crc32(str(file.resolve()).encode()):x}"
+    spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise InputError(f"{file}: cannot be loaded as Python")
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
     except Exception as error:
+        del sys.modules[name]
         raise InputError(f"{file}: {type(error).__name__}: {error}") from error
     return module

@@ -11,14 +11,18 @@ import functools
 import multiprocessing
 import os
 import pickle
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from threading import Thread
+from types import TracebackType
 from typing import Any, Generic, TypeVar, cast
 
 from fretflow.core.errors import InputError, PlatformError
+from fretflow.effects.catalogue import import_own
 from fretflow.pipeline.isolated import call_isolated
 from fretflow.pipeline.ranks import CLOSED, started_rank, started_size
 
@@ -131,8 +135,9 @@ class LocalPool:
     def __enter__(self) -> LocalPool:
         return self
 
-    def __exit__(self, *exception: object) -> None:
-        self._stack.close()
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> None:
+        self._stack.__exit__(kind, error, traceback)
 
     def __call__(self, function: Callable[[T], R], arguments: Sequence[T], /) -> list[R]:
         """Return the values of all calls, in the order of the arguments.
@@ -213,11 +218,48 @@ def _executor(workers: Workers, calls: int) -> Iterator[Executor | None]:
         with _dask(workers.address) as executor:
             yield executor
     else:
-        processes = max(1, min(workers.jobs, calls))
-        # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it.
-        context = multiprocessing.get_context("spawn")
-        with _threads(threads_each(processes)), ProcessPoolExecutor(processes, context) as pool:
+        with _processes(max(1, min(workers.jobs, calls))) as pool:
             yield pool
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    """Open `count` processes that import users' effects, and end with this one and where it is interrupted."""
+    others = set(multiprocessing.active_children())
+    # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it.
+    pool = _Quiet(count, multiprocessing.get_context("spawn"), initializer=_begin)
+    with _threads(threads_each(count)), pool:
+        try:
+            yield pool
+        except BaseException:  # nobody waits for what they still do
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+            raise
+
+
+class _Quiet(ProcessPoolExecutor):
+    """Processes that an interruption from the terminal, which reaches them too, ends without a word."""
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, until `_begin`
+        try:
+            return super().submit(function, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin() -> None:
+    """Begin a process: what refers to users' effects can be unpickled, and who started it is not outlived."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    Thread(target=_end_with_parent, daemon=True).start()
+    import_own()
+
+
+def _end_with_parent() -> None:
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from fretflow.core.errors import PlatformError
+from fretflow.effects.catalogue import import_own
 
 R = TypeVar("R")
 LAST_WORDS = 300  # characters of a dead process's stderr that are passed on
@@ -40,6 +41,7 @@ def _serve() -> None:
     """Answer one call from stdin on stdout; whatever else is written to stdout goes to stderr."""
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
+    import_own()
     function, args, kwargs = pickle.load(sys.stdin.buffer)
     result: tuple[Any, Exception | None]
     try:
