@@ -6,11 +6,13 @@ what the user says never overrides the recording.
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.cli.loops import with_error
+from fretflow.recordings import loop_sets
 from fretflow.recordings.readings import LoopReading
 from fretflow_post.recorded_loops import Panel, _draw
 from matplotlib.figure import Figure
@@ -150,3 +152,16 @@ def test_conditions_have_no_order_to_join_them_by(index, width):
     axes = Figure().add_subplot()
     _draw(axes, Panel("friction", reading, "1"), at, index, last=True)
     assert axes.lines[0].get_linewidth() == width
+
+
+def test_friction_below_zero_is_refused(make, tmp_path, capsys, monkeypatch):
+    """However samples are damaged: what no contact has is no result."""
+    seen = loop_sets.read_recorded_loops
+
+    def damaged(*arguments):
+        found = seen(*arguments)
+        return replace(found, friction_limit=replace(found.friction_limit, value=-found.friction_limit.value))
+
+    monkeypatch.setattr(loop_sets, "read_recorded_loops", damaged)
+    assert loops(make().write(tmp_path / "a"), "--out", tmp_path) == 2
+    assert "friction force of loop 0: its plateaus are the wrong way round" in capsys.readouterr().err

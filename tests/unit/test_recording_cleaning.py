@@ -347,3 +347,37 @@ def test_headings_in_words_of_one_s_own_are_taken(tmp_path, make, heading):
     for name in ("recording.toml", "loops.csv"):
         (folder / name).write_text((folder / name).read_text().replace("displacement_um", heading))
     read_joint_recording(folder)
+
+
+@pytest.mark.parametrize("block", ["loops", "series"])
+@pytest.mark.parametrize("place", [0, 7, 60, 150, 399])
+@pytest.mark.parametrize(("channel", "size"), [
+    ("displacement", 20e-6), ("displacement", -2e-3), ("friction_force", 30.0), ("friction_force", -5e3)])
+def test_a_spike_is_named_by_its_row_and_moves_no_reading(tmp_path, make, exact, block, place, channel, size):
+    made = make() if block == "loops" else make(cycles=(0,), repeats=1, periods=6.5)
+    if block == "series":
+        del made.columns["cycle"], made.columns["repeat"]
+    made.columns[channel][place] += size
+    recording = read_joint_recording(made.write(tmp_path, block=block))
+    assert [(note.channel, note.rows) for note in notes_about(recording, "spike")] == [(channel, ((place + 1,) * 2,))]
+    loops = recording.loops if block == "loops" else loops_of_series(recording.series)[0]
+    assert_readings(loops, exact, mu=5e-3, stiffness=2e-2, lengths=5e-3)
+
+
+def test_peaks_of_the_signal_s_own_are_no_spikes(tmp_path, make):
+    """Friction that sticks at first peaks for one sample in every period, and comes back."""
+    made = make(noise=(3e-8, 0.3))
+    made.columns["friction_force"][90::200] += 14.0
+    assert not notes_about(read_joint_recording(made.write(tmp_path)), "spike")
+
+
+def test_a_saturated_channel_is_named_with_its_rows(tmp_path, make):
+    made = make(cycles=(0,), repeats=1, periods=4, noise=(3e-8, 0.3))
+    made.columns["friction_force"] = np.clip(made.columns["friction_force"], -18.0, 18.0)
+    rows = np.flatnonzero(np.abs(made.columns["friction_force"]) == 18.0)
+    (note,) = notes_about(read_joint_recording(made.write(tmp_path)), "saturated")
+    assert note.channel == "friction_force"
+    assert note.text.startswith(f"stands still at 18 N, in {len(rows) / 800:.0%} of the samples")
+    assert sum(b - a + 1 for a, b in note.rows) == len(rows)
+    simulated = make(cycles=(0,), repeats=1, periods=4)  # whose plateaus are exact
+    assert not notes_about(read_joint_recording(simulated.write(tmp_path / "b")), "saturated")

@@ -61,8 +61,8 @@ class Interruption:
 
     @classmethod
     def watch(cls) -> None:
-        """Take interruptions by Ctrl-C, and repeat one that ended nothing."""
-        for number in (signal.SIGINT, signal.SIGALRM):
+        """Take interruptions by Ctrl-C or a batch system, and repeat one that ended nothing."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
             signal.signal(number, cls._raise)
 
     @classmethod

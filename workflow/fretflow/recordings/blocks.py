@@ -10,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
+from fretflow.core.units import pretty_quantity
 from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.periods import spikes
 from fretflow.recordings.plausibility import check_heading
 from fretflow.recordings.readers.tables import Array, Table, read_table
 from fretflow.recordings.schema import DisplacementOf, FileBlock, LoopsBlock
 
 LARGEST = 1e15  # in any unit; what is beyond was never measured
+TIED = 0.02  # of a channel's samples at one extreme value: with noise, a wave of 25 samples or more has one or two
+NOISY = 0.3  # of the third differences that change sign
 MOST_LOST = 0.2  # of the rows, whose index may be missing
 
 
@@ -93,11 +97,47 @@ def columns_of(table: Table, name: str, block: FileBlock) -> Columns:
             column = np.where(np.abs(column) > LARGEST, np.nan, column)
             notes += (Note(name, f"beyond {LARGEST:g}, taken as missing", channel, row_ranges(wild)),)
         values[channel] = column if size == 1.0 else column * size
+    if isinstance(block, LoopsBlock):
+        notes += _without_spikes(name, values) + _saturated(name, values, units)
     return Columns(
         name, table.path, values, units,
         sd={channel: sd for channel in block.channels if (sd := block.sd_of(channel)) is not None},
         calibration_sd={channel: spec.calibration_sd for channel, spec in block.channels.items()},
         displacement_of=block.displacement_of if isinstance(block, LoopsBlock) else None, notes=notes)
+
+
+def _without_spikes(block: str, values: dict[str, Array]) -> tuple[Note, ...]:
+    """Take spikes of the measured channels as missing, and return notes that name their rows."""
+    begins = np.zeros(len(next(iter(values.values()))), dtype=bool)
+    for name in set(INDICES) & set(values):
+        begins[1:] |= np.diff(values[name]) != 0.0
+    notes = []
+    for name in [name for name in values if name not in (*INDICES, "time")]:
+        if (found := spikes(values[name], begins)).size:
+            values[name] = values[name].copy()
+            values[name][found] = np.nan
+            notes.append(Note(block, "a spike, taken as missing", name, row_ranges(found)))
+    return tuple(notes)
+
+
+def _saturated(block: str, values: Mapping[str, Array], units: Mapping[str, str]) -> tuple[Note, ...]:
+    """Return notes on channels that stand still at an extreme value; none where nothing has noise as sensors have."""
+    notes = []
+    for name in [name for name in values if name not in (*INDICES, "time") and _is_noisy(values.get("displacement"))]:
+        column = values[name]
+        ends = [end for end in (np.nanmin(column), np.nanmax(column)) if np.mean(column == end) > TIED]
+        rows = np.flatnonzero(np.isin(column, ends))
+        if ends and len(rows) < len(column):
+            notes.append(Note(block, f"stands still at {pretty_quantity(float(ends[-1]), units[name], 4)}, in "
+                              f"{len(rows) / len(column):.0%} of the samples: a saturated sensor? what is read of it "
+                              "is a lower bound", name, row_ranges(rows)))
+    return tuple(notes)
+
+
+def _is_noisy(values: Array | None) -> bool:
+    """Return whether third differences change sign from sample to sample: 77 % do in noise, few on a smooth curve."""
+    rest = np.diff(values[np.isfinite(values)], 3) if values is not None else np.zeros(0)
+    return len(rest) > 1 and float(np.mean(rest[1:] * rest[:-1] < 0.0)) > NOISY
 
 
 def _column(table: Table, block: str, channel: str, column: str | int) -> tuple[str, Array]:

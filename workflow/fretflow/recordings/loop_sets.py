@@ -111,6 +111,11 @@ def read_sets(recording: Recording, load: float | None) -> tuple[list[LoopsRead]
         readings = read_recorded_loops(loops, known, relative, consecutive)
         lumped = not recording.kind.friction_alone
         shown = np.flatnonzero(np.isfinite(readings.friction_coefficient.value))
+        below = np.flatnonzero(readings.friction_limit.value <= 0.0)
+        if below.size and not lumped:
+            raise UnreliableRecordingError(
+                f"{recording.path}: {name}: friction force of loop {readings.cycles[below[0]]}: its plateaus are the "
+                "wrong way round; see its samples for damaged ones")
         if shown.size and not lumped:
             k = shown[np.argmax(readings.friction_coefficient.value[shown])]
             check_friction(f"{recording.path}: {name}: friction force of loop {readings.cycles[k]}",

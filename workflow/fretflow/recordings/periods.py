@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
@@ -18,6 +19,10 @@ HYSTERESIS = 0.1  # of half the range: what a signal must pass beyond its middle
 SMOOTHED_SHARE = 1.0 / 64.0  # of a period: half-width of the smoothing
 EDGE_SHARE = 0.05  # of a period: what the ends of a record are extrapolated from
 SIGMA_OF_MAD = 1.4826
+AROUND = 5  # samples: spikes of one or two stand out of their median
+FEW = 5e-4  # of the samples, at least two, that may be spikes
+ABOVE_OWN = 4.0  # times the largest peak of the signal's own
+SPIKE = 0.02  # of the range
 
 
 def fundamental(turns: Array, values: Array) -> complex:
@@ -77,6 +82,28 @@ def noise_sd(values: Array) -> Array:
     limit = (3.0 * SIGMA_OF_MAD) ** 2 * np.median(rest, axis=-1, keepdims=True)
     inside = rest <= limit
     return np.asarray(np.sqrt(np.sum(rest * inside, axis=-1) / np.sum(inside, axis=-1) / 0.9733))
+
+
+def spikes(values: Array, begins: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return which samples (n,) of a signal (T,), nan where there is none, are electric spikes: far off those around.
+
+    Off the median of five (a running median keeps edges, F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383), by more than
+    a share of the range and a multiple of the signal's own peaks, which come back in every period while spikes are few.
+    Beside a sample (T,) that `begins` something else, and at the ends, they are off the range.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    half = AROUND // 2
+    if len(there) < 4 * AROUND:
+        return there[:0]
+    known = values[there]
+    few = max(2, round(FEW * len(known)))
+    low, high = np.partition(known, [few, len(known) - few - 1])[[few, len(known) - few - 1]]
+    off = np.maximum(np.maximum(low - known, known - high), 0.0)
+    apart = np.convolve(begins[there], np.ones(2 * half), mode="full")[half:half + len(known)] > 0.0
+    inner = ~apart[half:-half]
+    off[half:-half][inner] = np.abs(known[half:-half] - np.median(sliding_window_view(known, AROUND), axis=1))[inner]
+    own = float(np.partition(off, len(off) - few - 1)[len(off) - few - 1])
+    return np.asarray(there[off > max(ABOVE_OWN * own, SPIKE * (high - low))])
 
 
 def upward_crossings(values: Array) -> Array:
