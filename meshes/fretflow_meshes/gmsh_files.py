@@ -5,20 +5,24 @@ from __future__ import annotations
 import inspect
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from fretflow.core.errors import MeshError
-from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP, GroupTag, copied_mesh
+from fretflow.core.records import quantity, record
+from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP, copied_mesh
 from numpy.typing import NDArray
 
 from fretflow_meshes.hexmesh import HexMesh
 
 # gmsh's element types: (hexahedron, quadrilateral) of each degree.
-_TYPES: Final = {1: (5, 3), 2: (12, 10)}
+HEXAHEDRON: Final = 5  # of 8 nodes
+QUADRILATERAL: Final = 3  # of 4 nodes
+_TYPES: Final = {1: (HEXAHEDRON, QUADRILATERAL), 2: (12, 10)}
+_HEXAHEDRA: Final = {kind for kind, _ in _TYPES.values()}
 _GROUPS: Final = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
 
 
@@ -69,6 +73,15 @@ def _is_initialized(gmsh: Any) -> bool:
         return False
 
 
+@record
+class Group:
+    """A physical group of a mesh: name, gmsh's type of its elements, and their nodes, numbered from 0."""
+
+    name: str
+    kind: int
+    elements: NDArray[np.int64] = quantity("1", "(elements, nodes)")
+
+
 def write_mesh(mesh: HexMesh, path: Path) -> None:
     """Write `mesh` as .msh 4.1 (binary, hence exact) with the physical groups contact, clamped and body.
 
@@ -78,21 +91,32 @@ def write_mesh(mesh: HexMesh, path: Path) -> None:
         If gmsh cannot write the file.
     """
     hexahedron, quadrilateral = _TYPES[mesh.degree]
-    parts = {CONTACT_GROUP: (GroupTag.CONTACT, quadrilateral, mesh.contact),
-             CLAMPED_GROUP: (GroupTag.CLAMPED, quadrilateral, mesh.clamped),
-             BODY_GROUP: (GroupTag.BODY, hexahedron, mesh.cells)}
+    write_groups(mesh.points, (Group(name=CONTACT_GROUP, kind=quadrilateral, elements=mesh.contact),
+                               Group(name=CLAMPED_GROUP, kind=quadrilateral, elements=mesh.clamped),
+                               Group(name=BODY_GROUP, kind=hexahedron, elements=mesh.cells)), path)
+
+
+def write_groups(points: NDArray[np.float64], groups: Sequence[Group], path: Path) -> None:
+    """Write points (n, 3) in m and physical groups, numbered from 1 on, as .msh 4.1.
+
+    Raises
+    ------
+    MeshError
+        If gmsh cannot write the file.
+    """
     with gmsh_session(path) as gmsh:
-        for name, (tag, _, _) in parts.items():
-            gmsh.model.addDiscreteEntity(_GROUPS[name], int(tag))
-            gmsh.model.addPhysicalGroup(_GROUPS[name], [int(tag)], int(tag))
-            gmsh.model.setPhysicalName(_GROUPS[name], int(tag), name)
-        numbers = np.arange(1, len(mesh.points) + 1)
-        gmsh.model.mesh.addNodes(_GROUPS[BODY_GROUP], int(GroupTag.BODY), numbers, mesh.points.ravel())
         first = 1
-        for tag, kind, connectivity in parts.values():
-            elements = np.arange(first, first + len(connectivity))
-            gmsh.model.mesh.addElementsByType(int(tag), kind, elements, connectivity.ravel() + 1)
-            first += len(connectivity)
+        volumes = [tag for tag, group in enumerate(groups, 1) if group.kind in _HEXAHEDRA]
+        for tag, group in enumerate(groups, 1):
+            dim = 3 if tag in volumes else 2
+            gmsh.model.addDiscreteEntity(dim, tag)
+            gmsh.model.addPhysicalGroup(dim, [tag], tag)
+            gmsh.model.setPhysicalName(dim, tag, group.name)
+        gmsh.model.mesh.addNodes(3, volumes[0], np.arange(1, len(points) + 1), points.ravel())
+        for tag, group in enumerate(groups, 1):
+            elements = np.arange(first, first + len(group.elements))
+            gmsh.model.mesh.addElementsByType(tag, group.kind, elements, group.elements.ravel() + 1)
+            first += len(elements)
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         gmsh.option.setNumber("Mesh.Binary", 1)
         gmsh.option.setNumber("Mesh.SaveAll", 0)

@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
     from fretflow.solvers.periodic import PeriodicSolution as PeriodicSolution
     from fretflow.solvers.periodic import solve_periodic as solve_periodic
+    from fretflow.structure.bodies import Bolt as Bolt
+    from fretflow.structure.bodies import Material as Material
+    from fretflow.structure.fem.bodies import structure_from_mesh as structure_from_mesh
     from fretflow.structure.matrix_joint import Joint as Joint
     from fretflow.structure.sensors import HysteresisLoop as HysteresisLoop
     from fretflow.wear.archard import Archard as Archard
@@ -67,6 +70,8 @@ _PUBLIC = {
     "solvers.continuation.curve": ("ResponseCurve",),
     "solvers.continuation.follow": ("continue_response",),
     "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "solve_periodic"),
+    "structure.bodies": ("Bolt", "Material"),
+    "structure.fem.bodies": ("structure_from_mesh",),
     "structure.matrix_joint": ("Joint",),
     "structure.sensors": ("HysteresisLoop",),
     "wear.archard": ("Archard",),
@@ -74,11 +79,12 @@ _PUBLIC = {
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
-    "ALL_KINDS", "Archard", "AuditError", "Block", "Case", "Coulomb", "Diagnosis", "Effect", "FretflowError",
-    "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings", "Motion", "NonConvergenceError",
-    "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError", "ResponseCurve", "RunResults",
-    "add_effects", "catalogue", "continue_response", "diagnose", "load_case", "march_wear", "parameter", "read_loop",
-    "read_recording", "run", "solve_periodic", "units",
+    "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "Case", "Coulomb", "Diagnosis", "Effect",
+    "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings", "Material",
+    "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError",
+    "ResponseCurve", "RunResults", "add_effects", "catalogue", "continue_response", "diagnose", "load_case",
+    "march_wear", "parameter", "read_loop", "read_recording", "run", "solve_periodic", "structure_from_mesh",
+    "units",
 ]
 
 

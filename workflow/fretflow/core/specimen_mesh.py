@@ -6,7 +6,6 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +19,6 @@ CONTACT_GROUP = "contact"
 CLAMPED_GROUP = "clamped"
 BODY_GROUP = "body"
 _BEGINNINGS = (b"$MeshFormat", b"$NOD")  # of versions 2 to 4 and of version 1
-
-
-class GroupTag(IntEnum):
-    """Physical tags that fretflow's meshes carry."""
-
-    CONTACT = 1
-    CLAMPED = 2
-    BODY = 3
 
 
 @record

@@ -27,6 +27,7 @@ import gmsh
 import ufl
 from dolfinx import fem
 from dolfinx.io import gmshio
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fretflow.core.errors import MeshError, PlatformError
@@ -34,9 +35,9 @@ from fretflow.core.specimen_mesh import copied_mesh
 
 if TYPE_CHECKING:
     from dolfinx.mesh import Mesh
-    from mpi4py import MPI
 
 T = TypeVar("T")
+ONE_RANK = MPI.COMM_SELF
 _NEW = hasattr(fem, "functionspace")  # dolfinx 0.7 and later; what were parameters are options there
 _WORD = "options" if _NEW else "params"
 _JIT = {name: entry[0] for name, entry in getattr(
@@ -62,10 +63,19 @@ def _quiet_compilation() -> Iterator[None]:
 
 def vector_space(mesh: Mesh, degree: int) -> Any:
     """Return the continuous Lagrange space of three-vectors of `degree` on `mesh`."""
+    return _vectors(mesh, "Lagrange", degree)
+
+
+def cell_vectors(mesh: Mesh) -> Any:
+    """Return the space of three-vectors that are constant in each cell."""
+    return _vectors(mesh, "DG", 0)
+
+
+def _vectors(mesh: Mesh, family: str, degree: int) -> Any:
     if _NEW:
-        function, element = fem.functionspace, ("Lagrange", degree, (3,))
+        function, element = fem.functionspace, (family, degree, (3,))
     else:
-        function, element = fem.FunctionSpace, ufl.VectorElement("Lagrange", mesh.ufl_cell(), degree, dim=3)
+        function, element = fem.FunctionSpace, ufl.VectorElement(family, mesh.ufl_cell(), degree, dim=3)
     if f"jit_{_WORD}" not in inspect.signature(function).parameters:  # 0.9 compiles no code for elements
         return function(mesh, element)
     what = f"vectors {element} {mesh.ufl_cell()}"

@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from fretflow.case.config import Specimen
 from fretflow.core.errors import MeshError
 from fretflow.core.records import quantity, record
+from fretflow.structure.bodies import Material
 from fretflow.structure.fem import compat
 from fretflow.structure.fem.mesh_file import TaggedMesh
 
@@ -109,7 +110,7 @@ def assemble(mesh: TaggedMesh, material: Specimen, degree: int) -> ElasticBody:
         If the faces share nodes, or a contact node has no area of its own.
     """
     space = compat.vector_space(mesh.domain, degree)
-    stiffness, mass = _forms(mesh, space, material, degree)
+    stiffness, mass = elastic_forms(mesh.domain, space, material, degree)
     index_map = space.dofmap.index_map
     points = space.tabulate_dof_coordinates()[:index_map.size_local].copy()
     contact = _face(mesh, space, points, mesh.contact_tag)
@@ -125,16 +126,16 @@ def assemble(mesh: TaggedMesh, material: Specimen, degree: int) -> ElasticBody:
         full_dofs=3 * index_map.size_global, mesh=mesh)
 
 
-def _forms(mesh: TaggedMesh, space: Any, material: Specimen, degree: int) -> tuple[Any, Any]:
+def elastic_forms(domain: Any, space: Any, material: Specimen | Material, degree: int) -> tuple[Any, Any]:
     """Return the bilinear forms of stiffness and mass.
 
     The material enters as constants, so that another one needs no new compilation.
     """
     young, poisson = material.youngs_modulus, material.poissons_ratio
-    lame = fem.Constant(mesh.domain, PETSc.ScalarType(young * poisson / ((1 + poisson) * (1 - 2 * poisson))))
-    shear = fem.Constant(mesh.domain, PETSc.ScalarType(young / (2 * (1 + poisson))))
-    density = fem.Constant(mesh.domain, PETSc.ScalarType(material.density))
-    dx = ufl.Measure("dx", domain=mesh.domain, metadata={"quadrature_degree": 2 * degree})
+    lame = fem.Constant(domain, PETSc.ScalarType(young * poisson / ((1 + poisson) * (1 - 2 * poisson))))
+    shear = fem.Constant(domain, PETSc.ScalarType(young / (2 * (1 + poisson))))
+    density = fem.Constant(domain, PETSc.ScalarType(material.density))
+    dx = ufl.Measure("dx", domain=domain, metadata={"quadrature_degree": 2 * degree})
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     strain = ufl.sym(ufl.grad(u))
     stress = 2 * shear * strain + lame * ufl.tr(strain) * ufl.Identity(3)

@@ -15,6 +15,7 @@ from fretflow.structure.fem import compat
 _GROUPS = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
 # gmsh's element types of 4 or 9 nodes and of 8 or 27 nodes.
 _QUADRILATERALS_AND_HEXAHEDRA = {2: {3, 10}, 3: {5, 12}}
+NO_FILE = "{path}: no such mesh file; give the path of a .msh file"
 T = TypeVar("T")
 
 
@@ -49,11 +50,34 @@ def read_mesh(path: Path, comm: Any) -> TaggedMesh:
     return TaggedMesh(comm, domain, facet_tags, groups[CONTACT_GROUP], groups[CLAMPED_GROUP], str(path))
 
 
+def read_bodies(path: Path) -> tuple[Any, Any, dict[str, int]]:
+    """Read a mesh of any bodies (.msh, metres) on this rank: dolfinx mesh, facet tags, tags of its surface groups.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing or damaged, or has no group of volumes.
+    """
+    if not path.is_file():
+        raise MeshError(NO_FILE.format(path=path))
+    with compat.gmsh_model(path) as gmsh:
+        groups = [(dim, tag, gmsh.model.getPhysicalName(dim, tag)) for dim, tag in gmsh.model.getPhysicalGroups()]
+        if not any(dim == 3 for dim, _, _ in groups):
+            raise MeshError(f"{path}: has no physical volume; give each body a group in the mesher")
+        gmsh.model.mesh.renumberNodes()
+        try:
+            domain, facet_tags = compat.mesh_from_gmsh(compat.ONE_RANK)
+        except (RuntimeError, KeyError, ValueError) as error:
+            raise MeshError(f"{path}: cannot be made a mesh ({error}); all volumes need elements of one kind, and "
+                            "surface groups their faces") from error
+    return domain, facet_tags, {name: tag for dim, tag, name in groups if dim == 2}
+
+
 @contextmanager
 def _checked_model(path: Path) -> Iterator[dict[str, int]]:
     """Open `path` in gmsh, check it and yield the tag of each group."""
     if not path.is_file():
-        raise MeshError(f"{path}: no such mesh file; give the path of a .msh file")
+        raise MeshError(NO_FILE.format(path=path))
     with compat.gmsh_model(path) as gmsh:
         model = gmsh.model
         named = {(model.getPhysicalName(dim, tag), dim): tag for dim, tag in model.getPhysicalGroups()}

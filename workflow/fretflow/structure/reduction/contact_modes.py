@@ -12,7 +12,7 @@ Statically this is exact however few modes are kept. Motions of the whole struct
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
-from fretflow.structure.matrices import DENSE, StructureMatrices
+from fretflow.structure.matrices import DENSE, Matrix, StructureMatrices
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ RIGID = 1e-6  # eigenvalue over that of the seventh mode: a thousandth of its fr
 NEGATIVE = 1e-6  # of the largest diagonal term: below it round-off
 UNBALANCED = 1e-6  # of the bolts' forces
 COMPARED = 6  # frequencies that tell the error of the reduction
-REFINEMENTS = 2
+SHIFT = 1e-9  # of the largest stiffness over the largest mass: far above round-off, far below the modes that are cut
 
 
 @record
@@ -135,36 +135,71 @@ def _dense_basis(matrices: StructureMatrices, wanted: int) -> _Basis:
     return _Basis(closed @ vectors[:, kept], values[kept], free, constraint)
 
 
-def _sparse_basis(matrices: StructureMatrices, wanted: int) -> _Basis:
-    """Return the modes by Lanczos on the closed joint, whose saddle-point system is factorised once."""
-    q, k, m = (sparse.csc_matrix(one) for one in (matrices.contact_map, matrices.stiffness, matrices.mass))
-    n, contact = matrices.size, q.shape[0]
-    shift = 1e-9 * float(k.diagonal().max()) / float(m.diagonal().max())
-    scale = float(k.diagonal().max())
-    saddle = splu(sparse.bmat([[k + shift * m, scale * q.T], [scale * q, None]], format="csc"))
+class _ClosedJoint:
+    """The static answer of a sparse structure whose contact is held: ``K + sigma M`` with Q q given, factorised once.
 
-    def solve(right: Array) -> Array:
-        wide = np.zeros((n + contact, *right.shape[1:]))
-        wide[:n] = right
-        return np.asarray(saddle.solve(wide)[:n])
+    Across the contact a stiffness is added, which changes nothing there and holds parts that hang on it alone.
+    """
 
+    def __init__(self, stiffness: Matrix, mass: Matrix, contact_map: Matrix) -> None:
+        across = contact_map.T @ contact_map
+        self.map = contact_map
+        self.shift, self.inverse = _shifted(stiffness, mass, float(stiffness.diagonal().max())
+                                            / max(float(across.diagonal().max()), 1.0) * across)
+        self.moved = self.inverse(contact_map.T.toarray())
+        try:
+            self.held = cho_factor(contact_map @ self.moved)
+        except np.linalg.LinAlgError as error:
+            raise InputError("K: is not positive definite on the motions of the contact") from error
+
+    def lifted(self) -> Array:
+        """Return the motion (n, 3 m) under unit displacements of the contact."""
+        return np.asarray(cho_solve(self.held, self.moved.T).T)
+
+    def solve(self, right: Array) -> Array:
+        """Return the motion under forces (n,) or (n, k), the contact held still."""
+        free = self.inverse(right)
+        return np.asarray(free - self.moved @ cho_solve(self.held, self.map @ free))
+
+
+def _shifted(stiffness: Matrix, mass: Matrix, more: Matrix | None = None) -> tuple[float, Callable[[Array], Array]]:
+    """Return a small sigma in 1/s^2 and what solves with ``K + sigma M + more``, which is positive definite."""
+    shift = SHIFT * float(stiffness.diagonal().max()) / float(mass.diagonal().max())
+    whole = stiffness + shift * mass
     try:
-        values, vectors = eigsh(k, wanted + RIGID_MOTIONS, m, sigma=-shift, which="LM",
+        factor = splu(sparse.csc_matrix(whole if more is None else whole + more), permc_spec="MMD_AT_PLUS_A",
+                      diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:
+        raise InputError(f"K: cannot be factorised ({error}); a part without mass hangs loose") from error
+    return shift, factor.solve
+
+
+def _lowest(stiffness: Matrix, mass: Matrix, count: int, shift: float, solve: Callable[[Array], Array]
+            ) -> tuple[Array, Array]:
+    """Return the lowest eigenvalues, ascending, and their M-normalised vectors."""
+    n = stiffness.shape[0]
+    try:
+        values, vectors = eigsh(stiffness, count, mass, sigma=-shift, which="LM",
                                 OPinv=LinearOperator((n, n), matvec=solve), v0=solve(np.sin(np.arange(1.0, n + 1.0))))
     except ArpackError as error:
-        raise NonConvergenceError(f"modes of the closed joint: {error}; ask for fewer") from error
+        raise NonConvergenceError(f"modes of the structure: {error}; ask for fewer") from error
     order = np.argsort(values)
-    values, vectors = values[order], vectors[:, order]
+    return values[order], vectors[:, order]
+
+
+def _sparse_basis(matrices: StructureMatrices, wanted: int) -> _Basis:
+    """Return the modes by Lanczos on the closed joint."""
+    q, k, m = (sparse.csc_matrix(one) for one in (matrices.contact_map, matrices.stiffness, matrices.mass))
+    joint = _ClosedJoint(k, m, q)
+    values, vectors = _lowest(k, m, wanted + RIGID_MOTIONS, joint.shift, joint.solve)
     rigid = _rigid_count(values)
     modes, kept = vectors[:, rigid:rigid + wanted], values[rigid:rigid + wanted]
     free = vectors[:, :rigid]
-    wide = np.zeros((n + contact, contact))
-    wide[n:] = scale * np.eye(contact)
-    constraint = saddle.solve(wide)[:n]
-    for _ in range(REFINEMENTS):  # the shift's share goes: along the modes at once, beyond them by their ratio to it
-        constraint -= modes @ ((modes.T @ (k @ constraint)) / kept[:, None])
-        constraint -= free @ (free.T @ (m @ constraint))
-        constraint -= solve(k @ constraint)
+    constraint = joint.lifted()
+    # the shift's share goes: along the modes at once, beyond them by their ratio to it
+    constraint -= modes @ ((modes.T @ (k @ constraint)) / kept[:, None])
+    constraint -= free @ (free.T @ (m @ constraint))
+    constraint -= joint.solve(k @ constraint)
     constraint -= modes @ ((modes.T @ (k @ constraint)) / kept[:, None])
     constraint -= free @ (free.T @ (m @ constraint))
     return _Basis(modes, kept, free, constraint)
@@ -192,8 +227,7 @@ def _with_error(found: ReducedStructure, matrices: StructureMatrices) -> Reduced
                     subset_by_index=[0, min(count, matrices.size) - 1])
     else:
         k, m = sparse.csc_matrix(matrices.stiffness), sparse.csc_matrix(matrices.mass)
-        shift = 1e-9 * float(k.diagonal().max()) / float(m.diagonal().max())
-        full = np.sort(eigsh(k, count, m, sigma=-shift, which="LM", return_eigenvectors=False))
+        full = _lowest(k, m, count, *_shifted(k, m))[0]
     own_k, own_m = assembled(found)
     own = eigh(own_k, own_m, eigvals_only=True, subset_by_index=[0, min(count, len(own_k)) - 1])
     top = float(full[-1])

@@ -1,0 +1,246 @@
+"""Several meshed bodies with named interfaces and bolts, as the matrices of a structure.
+
+Each facet of an interface is one contact point: its relative displacement is the mean over the facet, and the contact
+force is spread over it evenly (piecewise constant multipliers of a mortar method; B. I. Wohlmuth, SIAM J. Numer. Anal.
+38 (2000) 989), so that elements of any kind and degree will do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.linalg import null_space
+from scipy.spatial import cKDTree
+
+from fretflow.core.errors import InputError, MeshError
+from fretflow.structure.bodies import Bolt, Material
+from fretflow.structure.fem import compat
+from fretflow.structure.fem.elasticity import elastic_forms
+from fretflow.structure.fem.mesh_file import read_bodies
+from fretflow.structure.matrices import StructureMatrices
+
+Array = NDArray[np.float64]
+
+MATCH = 1e-3  # of a facet's size, by which the middles of two that face each other may be apart
+FACING = -0.99  # cosine between their normals
+NEAR = 1.0  # times the largest distance of neighbouring nodes, within which a sensor must have one
+
+
+def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequence[tuple[str, str]],
+                        bolts: Sequence[Bolt] = (), clamped: Sequence[str] = (),
+                        sensors: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
+                        degree: int = 2) -> StructureMatrices:
+    """Assemble the bodies of a mesh, free of each other but for bolts, and the map to their contact.
+
+    Parameters
+    ----------
+    path : path
+        A .msh file in metres whose physical groups name volumes and surfaces; hexahedra or tetrahedra.
+    material : Material
+        Of all bodies.
+    interfaces : sequence of pairs
+        The groups of the upper and the lower face of each; facets lie on one another.
+    bolts : sequence of Bolt
+        Each pulls its two faces together by one unit of the bolt load.
+    clamped : sequence of str
+        Groups that are held still; without any the structure is free in space.
+    sensors : mapping
+        Point (3,) in m and direction (3,) of each named input and output; the nearest node is taken.
+    degree : int
+        Of the displacement, 1 or 2; straight elements of degree 1 are too stiff in bending.
+
+    Returns
+    -------
+    StructureMatrices
+        Sparse, in SI; one contact point a facet of an upper face, in the order of the interfaces.
+
+    Raises
+    ------
+    MeshError
+        If a group is missing or facets do not face each other.
+    InputError
+        If the degree, a bolt or a sensor cannot be.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> steel = ff.Material(youngs_modulus=205e9, poissons_ratio=0.29, density=7850.0)  # Pa, 1, kg/m^3
+    >>> ff.structure_from_mesh("absent.msh", steel, [("upper lap", "lower lap")])
+    Traceback (most recent call last):
+        ...
+    fretflow.core.errors.MeshError: absent.msh: no such mesh file; give the path of a .msh file
+    """
+    if degree not in (1, 2):
+        raise InputError(f"degree: {degree} is not an element degree; give 1 or 2")
+    if not interfaces:
+        raise InputError("interfaces: give at least one pair of groups that touch")
+    faces = _Faces.of(Path(path), degree)
+    stiffness, mass = (_scipy(compat.assemble_matrix(form))
+                       for form in elastic_forms(faces.domain, faces.space, material, degree))
+    preload = np.zeros(len(faces.points) * 3)
+    for bolt in bolts:
+        own = faces.bolt(bolt)
+        preload -= np.asarray(own.strains[0].todense()).ravel()
+        springs = (bolt.stiffness, *[bolt.shear_stiffness] * 2, *[bolt.bending_stiffness] * 2)
+        stiffness = stiffness + own.strains.T @ sparse.diags(springs) @ own.strains
+        mass = mass + 0.5 * bolt.mass * own.ends.T @ own.ends
+    contacts = [faces.interface(upper, lower) for upper, lower in interfaces]
+    held = np.unique(np.concatenate([np.zeros(0, dtype=int), *(faces.dofs(name) for name in clamped)]))
+    keep = np.setdiff1d(np.arange(len(preload)), held)
+    rows = {name: faces.sensor(name, np.asarray(at, dtype=float), np.asarray(along, dtype=float))[keep]
+            for name, (at, along) in (sensors or {}).items()}
+    return StructureMatrices(
+        mass=mass.tocsr()[keep][:, keep], stiffness=stiffness.tocsr()[keep][:, keep],
+        contact_map=sparse.vstack([one.rows for one in contacts]).tocsr()[:, keep],
+        areas=np.concatenate([one.areas for one in contacts]), points=np.vstack([one.points for one in contacts]),
+        preload=preload[keep] if bolts else None, inputs=rows, outputs=rows)
+
+
+class _Interface(NamedTuple):
+    """Rows (3 m, n) of the contact map, areas (m,) in m^2 and middles (m, 3) in m of the facets."""
+
+    rows: Any
+    areas: Array
+    points: Array
+
+
+class _Side(NamedTuple):
+    """Facets of a group: integrals of the shape functions (m facets, nodes), areas, middles and outer normals."""
+
+    integrals: Any
+    areas: Array
+    points: Array
+    normals: Array
+
+
+class _Shank(NamedTuple):
+    """Rows of a bolt's strains (5, n): stretch in m, shear in m and bending in rad twice; its ends' motion (6, n)."""
+
+    strains: Any
+    ends: Any
+
+
+class _Faces(NamedTuple):
+    """A mesh with its space of displacements, its nodes (n, 3) in m, and the tags of its surface groups."""
+
+    domain: Any
+    facet_tags: Any
+    tags: Mapping[str, int]
+    space: Any
+    cells: Any
+    points: Array
+    source: str
+
+    @classmethod
+    def of(cls, path: Path, degree: int) -> _Faces:
+        domain, facet_tags, tags = read_bodies(path)
+        space = compat.vector_space(domain, degree)
+        return cls(domain, facet_tags, tags, space, compat.cell_vectors(domain), space.tabulate_dof_coordinates(),
+                   str(path))
+
+    def dofs(self, group: str) -> NDArray[np.int64]:
+        """Return the DOF of a group's nodes."""
+        nodes = np.unique(fem.locate_dofs_topological(self.space, 2, self.facet_tags.find(self._tag(group))))
+        return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel(), dtype=np.int64)
+
+    def _tag(self, group: str) -> int:
+        if group not in self.tags:
+            raise MeshError(f"{self.source}: has no physical surface named {group!r}; it has "
+                            f"{', '.join(sorted(self.tags)) or 'none'}")
+        return self.tags[group]
+
+    def _ds(self, group: str) -> Any:
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=self.facet_tags)(self._tag(group))
+
+    def side(self, group: str) -> _Side:
+        """Return the facets of a group, each told by the cell that it belongs to."""
+        test, cell, ds = ufl.TestFunction(self.space), ufl.TrialFunction(self.cells), self._ds(group)
+        whole = _scipy(compat.assemble_matrix(ufl.inner(cell, test) * ds)).T.tocsr()[0::3, 0::3]
+        area = np.asarray(whole.sum(axis=1)).ravel()
+        there = np.flatnonzero(area > 0.0)
+        facets = len(self.facet_tags.find(self._tag(group)))
+        if len(there) != facets:
+            raise MeshError(f"{self.source}: {facets} facets of {group!r} belong to {len(there)} elements; keep "
+                            "interfaces off edges, where an element has two facets of one group")
+        normal = compat.assemble_vector(ufl.inner(ufl.FacetNormal(self.domain), ufl.TestFunction(self.cells)) * ds)
+        normals = normal.getArray().reshape(-1, 3)[there] / area[there, None]
+        own = whole[there]
+        return _Side(own, area[there], own @ self.points / area[there, None], normals)
+
+    def interface(self, upper: str, lower: str) -> _Interface:
+        """Return the relative displacement of each facet, upper less lower: two tangential rows and the normal one."""
+        above, below = self.side(upper), self.side(lower)
+        distance, pair = cKDTree(below.points).query(above.points)
+        size = float(np.sqrt(above.areas.min()))
+        facing = np.sum(above.normals * below.normals[pair], axis=1)
+        alike = np.abs(below.areas[pair] / above.areas - 1.0) < MATCH
+        wrong = (distance > MATCH * size) | (facing > FACING) | ~alike
+        if len(np.unique(pair)) < len(pair) or wrong.any():
+            worst = above.points[np.argmax(wrong)]
+            raise MeshError(f"{self.source}: {upper!r} and {lower!r} do not face each other facet by facet, "
+                            f"{int(wrong.sum())} of {len(pair)} have none opposite, one at "
+                            f"({', '.join(f'{1e3 * x:.4g}' for x in worst)}) mm; mesh both faces alike")
+        frames = _frames(-above.normals, above.points)
+        mean = [sparse.diags(1.0 / one.areas) @ one.integrals for one in (above, below)]
+        relative = sparse.kron(mean[0] - mean[1][pair], sparse.identity(3))
+        return _Interface((sparse.block_diag(list(frames)) @ relative).tocsr(), above.areas, above.points)
+
+    def bolt(self, bolt: Bolt) -> _Shank:
+        """Return how a bolt is strained between the faces under its head and its nut."""
+        head, nut = (self.side(name) for name in (bolt.head, bolt.nut))
+        middle = [one.areas @ one.points / one.areas.sum() for one in (head, nut)]
+        along = middle[0] - middle[1]
+        grip = float(np.linalg.norm(along))
+        if not grip > 0.0:
+            raise InputError(f"bolt {bolt.head!r}: its head and nut are in one place; name the faces under both")
+        axes = np.vstack([along / grip, null_space(along[None]).T])  # the bolt's own, and two across it
+        moved, tilted = [], []
+        for one, centre in zip((head, nut), middle, strict=True):
+            mean = sparse.csr_matrix(one.areas / one.areas.sum()) @ sparse.diags(1.0 / one.areas) @ one.integrals
+            moved.append(sparse.kron(mean, sparse.identity(3)).tocsr())
+            arms = (one.points - centre) @ axes[1:].T
+            inertia = arms.T @ (one.areas[:, None] * arms)
+            slopes = sparse.csr_matrix(np.linalg.solve(inertia, arms.T)) @ one.integrals  # facets' means times areas
+            tilted.append(sparse.kron(slopes, axes[:1]).tocsr())
+        stretch = sparse.csr_matrix(axes) @ (moved[0] - moved[1])
+        shear = stretch[1:] + 0.5 * grip * (tilted[0] + tilted[1])  # turned as a whole, nothing is strained
+        return _Shank(sparse.vstack([stretch[:1], shear, tilted[0] - tilted[1]]).tocsr(), sparse.vstack(moved).tocsr())
+
+    def sensor(self, name: str, at: Array, along: Array) -> Array:
+        """Return the row (n,) of the displacement of the node nearest to a point, along a direction."""
+        if at.shape != (3,) or along.shape != (3,) or not np.linalg.norm(along) > 0.0:
+            raise InputError(f"sensors: {name}: give a point (x, y, z) in m and a direction")
+        tree = cKDTree(self.points)
+        distance, node = tree.query(at)
+        spacing = float(tree.query(self.points, k=2)[0][:, 1].max())
+        if distance > NEAR * spacing:
+            raise InputError(f"sensors: {name}: lies {1e3 * distance:.3g} mm off the nearest node; give a point of the "
+                             "bodies, in metres")
+        row = np.zeros(3 * len(self.points))
+        row[3 * node:3 * node + 3] = along / np.linalg.norm(along)
+        return row
+
+
+def _frames(normals: Array, points: Array) -> Array:
+    """Return (m, 3, 3): tangents, of which the first lies along the longest side of the interface, and the normal."""
+    longest = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+    longest = longest * np.sign(longest[np.abs(longest).argmax()])
+    first = longest - (normals @ longest)[:, None] * normals
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normals, first), normals], axis=1)
+
+
+def _scipy(matrix: PETSc.Mat) -> Any:
+    """Return a PETSc matrix of one rank as a sparse one, and free it."""
+    rows, columns, values = matrix.getValuesCSR()
+    found = sparse.csr_matrix((values, columns, rows), shape=matrix.getSize())
+    matrix.destroy()
+    return found
