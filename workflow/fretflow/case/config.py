@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,6 +33,7 @@ from fretflow.case.sections import (
     WearScheme,
 )
 from fretflow.core.errors import ConfigError, missing_last, reason
+from fretflow.core.files import read_toml
 
 __all__ = [
     "FORMAT", "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
@@ -107,14 +107,7 @@ def load_case(path: Path | str) -> Case:
     60.0
     """
     path = Path(path)
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be read ({error.strerror}); `fretflow init` writes one to start from"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    raw = read_toml(path, ConfigError, "`fretflow init` writes one to start from")
     case = validate_case(raw, source=str(path))
     given = {side: file for side in SIDES if (file := getattr(case.mesh, side)) is not None}
     meshes = {side: (path.parent / file).resolve() for side, file in given.items()}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from fretflow.core import units as u
 
@@ -21,9 +21,18 @@ class Section(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, bool) and cls.model_fields[info.field_name or ""].annotation is not bool:
+    def _of_its_own_type(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse what would be turned into another type: truth is no number, and text neither of them."""
+        field = cls.model_fields[info.field_name or ""]
+        kinds = {field.annotation, *get_args(field.annotation)}
+        if bool in kinds and not isinstance(value, bool):
+            raise ValueError(f"must be true or false, got {value!r}")
+        if bool not in kinds and any(isinstance(one, bool) for one in (value if isinstance(value, list) else [value])):
             raise ValueError("true and false are no value for it")
+        plain = not kinds & {str, Any} and not any(isinstance(mark, BeforeValidator) for mark in field.metadata)
+        texts = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, str)]
+        if texts and plain and kinds & {int, float}:
+            raise ValueError(f"must be a number without quotes, got {texts[0]!r}")
         return value
 
 
@@ -110,6 +119,9 @@ class Rig(Section):
         if self.out_of_phase_frequency < 10.0 * self.in_phase_frequency:
             raise ValueError("out_of_phase_frequency must be at least ten times in_phase_frequency, "
                              "so that each spring follows from one mode")
+        if self.out_of_phase_frequency > 1e6 * self.in_phase_frequency:
+            raise ValueError("out_of_phase_frequency must be at most a million times in_phase_frequency: beyond, "
+                             "rounding is all that is left of the softer spring")
         return self
 
 

@@ -21,7 +21,7 @@ from rich.progress import Progress as Bars
 from rich.segment import Segment
 from rich.table import Table
 
-from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable
+from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable, shortened
 from fretflow.pipeline.ranks import started_rank, started_size
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def describe(error: BaseException) -> tuple[str, int]:
     if Interruption.wanted or isinstance(error, KeyboardInterrupt):
         return "interrupted; the same command continues where it stopped", INTERRUPTED
     if isinstance(error, CycloptsError):
-        return f"{error}; `fretflow --help` lists what there is", BAD_USAGE
+        return f"{shortened(str(error))}; `fretflow --help` lists what there is", BAD_USAGE
     if isinstance(error, NonConvergenceError):
         history = f"; residual history in {error.history_file}" if error.history_file else ""
         state = f"; last good state in {error.last_good}" if error.last_good else ""
@@ -176,7 +176,11 @@ def describe(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         return (f"{error.filename or 'a file'}: cannot be read or written ({error.strerror}); complete results are "
                 "kept: free some space or see who may write there, then run again"), InputError.exit_code
-    return f"unexpected {type(error).__name__}: {error}{_keep_traceback(error)}", UNEXPECTED
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: cannot be used ({error.strerror}); name another", InputError.exit_code
+    if isinstance(error, MemoryError):
+        return f"out of memory ({error}); give less at a time, or more memory", InputError.exit_code
+    return f"unexpected {type(error).__name__}: {shortened(str(error))}{_keep_traceback(error)}", UNEXPECTED
 
 
 def say(message: str, code: int) -> int:

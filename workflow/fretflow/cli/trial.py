@@ -42,9 +42,9 @@ def trial(
     from fretflow_trial.protocol import Settings, Trial, TrialError
     from fretflow_trial.sealing import BrokenSealError
 
-    for name, value in (("cases", cases), ("jobs", jobs)):
-        if value < 1:
-            raise InputError(f"--{name}: must be at least 1, got {value}")
+    for name, value, least in (("cases", cases, 1), ("jobs", jobs, 1), ("seed", seed, 0)):
+        if value < least:
+            raise InputError(f"--{name}: must be at least {least}, got {value}")
     facts = {"fretflow": versions().get("fretflow", ""), "commit": commit() or "not known",
              "begun": time.strftime("%Y-%m-%d %H:%M")}
     try:

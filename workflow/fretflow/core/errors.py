@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 # What the system says where nothing can be written: the user's to mend.
 NO_SPACE = {errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT, errno.EFBIG}
 
+LONGEST = 1000  # characters of a message
+
 # What makes a terminal do things instead of showing them: control characters, and those that turn text around.
 _CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 _OWN_WORDS = re.compile(r", (got a|unable to) .*")  # of pydantic, on what was given
@@ -28,10 +30,18 @@ def printable(text: str) -> str:
     return _CONTROL.sub("", text)
 
 
+def shortened(text: str) -> str:
+    """Return a message that holds no more of the user's text than people read."""
+    return text if len(text) <= LONGEST else f"{text[:LONGEST // 2]} ... {text[-LONGEST // 4:]}"
+
+
 class FretflowError(Exception):
     """Base of every error that fretflow raises on purpose."""
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
 
 
 class InputError(FretflowError):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,6 +29,7 @@ FORMAT = "fretflow-record/1"
 # Names of dimensions by their symbol in the shape of a field; other symbols stand for themselves.
 DIMENSIONS = {"N": "sample", "nodes": "node", "contact nodes": "node", "3": "direction", "2": "pair", "K": "row",
               "P": "point", "points": "point"}
+COMPRESSED = 1032  # times: the most that deflate makes of a byte (zlib technical details)
 _SHAPE = re.compile(r"\(([^()]+)\)")
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."  # as netCDF-4 marks such a scale
 
@@ -71,6 +73,32 @@ def open_hdf5(path: Path, refusal: type[InputError] = StoreError) -> Iterator[h5
         if name is not None:
             raise refusal(f"{path}: {name} is a link or lies in another file; save the data itself in this one")
         yield file
+
+
+def array_of(item: h5py.Dataset, refusal: type[InputError] = StoreError) -> Any:
+    """Return all that a dataset holds.
+
+    Raises
+    ------
+    InputError
+        Of class `refusal`, if nearly nothing of it was ever written: a few kB may claim to hold any size.
+    """
+    claimed = math.prod(item.shape or ()) * item.dtype.itemsize
+    if claimed > COMPRESSED * (item.id.get_storage_size() + 4096):
+        raise refusal(f"{item.file.filename}: {item.name}: {claimed / 1e9:.3g} GB of which next to nothing was ever "
+                      "written; save it again")
+    return item[()]
+
+
+def unit_of(item: h5py.Dataset) -> str:
+    """Return the unit that a dataset states, in the encodings there are; empty where it states none as text."""
+    unit = item.attrs.get("unit", item.attrs.get("units", ""))
+    if isinstance(unit, bytes):
+        try:
+            return unit.decode()
+        except UnicodeDecodeError:
+            return unit.decode("latin-1")
+    return unit if isinstance(unit, str) else ""
 
 
 def _elsewhere(group: h5py.Group, within: tuple[int, ...], seen: set[int]) -> str | None:

@@ -71,7 +71,7 @@ def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tup
     for channel in CHANNELS:
         column, unit = named.get(channel, ("", ""))
         column = column or guessed.get(channel, "")
-        unit = unit or unit_in_heading(channel, column) or table.units.get(column, "")
+        unit = unit or unit_in_heading(channel, column) or _stated(table, channel, column)
         if channel in named and unit:
             _check_unit(channel, unit)
         if column and (unit or channel in INDICES):
@@ -81,6 +81,16 @@ def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tup
     used = {spec["column"] for spec in specs.values()}
     notes = tuple(Note(table.path.name, "column not used", heading) for heading in table.columns if heading not in used)
     return specs, notes
+
+
+def _stated(table: Table, channel: str, column: str) -> str:
+    """Return the unit that the file states for a column, where that is one of the channel's."""
+    unit = table.units.get(column, "")
+    try:
+        unit_size(channel, unit)
+    except UnitError:
+        return ""
+    return unit
 
 
 def _check_unit(channel: str, unit: str) -> None:

@@ -6,7 +6,6 @@ user's case, see `RecordingFile.given`.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -18,6 +17,7 @@ from pydantic_core import ErrorDetails
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, missing_last, reason
+from fretflow.core.files import read_toml
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.kinds import FILE as FILE
 from fretflow.recordings.kinds import RecordingKind, kind_called
@@ -252,13 +252,7 @@ def load_recording_file(path: Path) -> RecordingFile:
     ConfigError
         Naming the file, the field and the way out.
     """
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CorruptRecordingError(f"{path}: cannot be read ({error.strerror}); a recording is a folder with a "
-                                    f"{FILE}, or one file of loops") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CorruptRecordingError(f"{path}: not valid TOML: {error}") from error
+    raw = read_toml(path, CorruptRecordingError, f"a recording is a folder with a {FILE}, or one file of loops")
     sweep, loops = raw.get("sweep"), raw.get("loops")
     if isinstance(sweep, dict) and isinstance(loops, dict) and sweep.get("same_channels_as") == "loops":
         raw["sweep"] = {**{key: entry for key, entry in loops.items() if key not in ("file", "cycle")}, **sweep}

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -18,6 +17,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from fretflow.core.errors import InputError
+from fretflow.core.files import read_toml
 
 GROUP = "fretflow.recordings"
 FILE = "recording.toml"
@@ -110,9 +110,9 @@ def kind_at(path: Path) -> RecordingKind:
     if toml.is_file() and toml.suffix.lower() != ".toml":
         return next(kind for kind in kinds().values() if kind.tables)
     try:
-        test = tomllib.loads(toml.read_text(encoding="utf-8")).get("test")
+        test = read_toml(toml, InputError, "").get("test")
         return kind_called(test["kind"] if isinstance(test, dict) else None)
-    except (OSError, ValueError, KeyError):
+    except (InputError, ValueError, KeyError):
         return next(iter(kinds().values()))
 
 

@@ -20,7 +20,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -33,6 +32,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
+from fretflow.core.files import read_toml
 from fretflow.core.records import quantity, record
 from fretflow.recordings.channels import split_heading
 from fretflow.recordings.kinds import FILE, RecordingKind
@@ -294,13 +294,7 @@ def read_structure_recording(path: Path) -> StructureRecording:
 
 
 def _load(toml: Path) -> StructureFile:
-    try:
-        raw = tomllib.loads(toml.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CorruptRecordingError(f"{toml}: cannot be read ({error.strerror}); a recording is a folder with a "
-                                    f"{FILE}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CorruptRecordingError(f"{toml}: not valid TOML: {error}") from error
+    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}")
     if raw.get("format") != FORMAT:
         raise ConfigError(f"{toml}: format: must be {FORMAT!r}")
     if isinstance(raw.get("frf"), dict):

@@ -12,7 +12,6 @@ What a column is tells its heading, or a ``recording.toml`` of kind ``wear-serie
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -20,7 +19,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import ConfigError, UnreliableRecordingError, UnsupportedRecordingError
+from fretflow.core.errors import (
+    ConfigError,
+    CorruptRecordingError,
+    UnreliableRecordingError,
+    UnsupportedRecordingError,
+)
+from fretflow.core.files import read_toml
 from fretflow.core.records import quantity, record
 from fretflow.core.units import parse_quantity, pretty_quantity
 from fretflow.recordings.kinds import FILE, RecordingKind
@@ -89,7 +94,7 @@ def read_wear_series(path: Path) -> WearSeries:
 
 def _stated(toml: Path) -> tuple[str, dict[str, Any], Path]:
     """Return title, columns by role, and the file that a ``recording.toml`` names."""
-    raw = tomllib.loads(toml.read_text(encoding="utf-8"))
+    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}")
     block = raw.get("wear_series")
     if raw.get("format") != FORMAT:
         raise ConfigError(f"{toml}: format: must be {FORMAT!r}")

@@ -21,6 +21,7 @@ from fretflow.recordings.readers.tables import Array, Table
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn")
 COMMENTS = ("#", "%")
+MOST_COLUMNS = 1000
 EMPTY = {"", "nan", "na", "n/a", "-", "--", "null", "none"}
 
 _NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -76,9 +77,12 @@ def _form(path: Path) -> _Form:
         raise CorruptRecordingError(f"{path}: holds no row of numbers; export it again")
     number, line = head[first]
     delimiter = _delimiter(line)[0]
+    width = len(_split(line, delimiter))
+    if width > MOST_COLUMNS:
+        raise UnsupportedRecordingError(f"{path}: row 1 has {width:,} values, and at most {MOST_COLUMNS:,} are read; a "
+                                        "row is an instant and a column a channel: transpose it")
     cells = [cell for _, text in head[first:] for cell in _split(text, delimiter)]
     comma = delimiter != "," and any(_NUMBER_WITH_COMMA.fullmatch(cell) for cell in cells)
-    width = len(_split(line, delimiter))
     above = [_split(text, delimiter) for _, text in head[max(0, first - 2):first]]
     if delimiter and line.endswith(delimiter) and above and len(above[-1]) == width + 1:
         width += 1  # the last cell is empty

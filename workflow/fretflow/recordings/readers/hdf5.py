@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
-from fretflow.core.store import open_hdf5
+from fretflow.core.store import array_of, open_hdf5, unit_of
 from fretflow.recordings.readers.tables import Table
 
 SUFFIXES = (".h5", ".hdf5", ".hdf")
@@ -33,9 +33,8 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
             if not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in "fiub":
                 raise UnsupportedRecordingError(f"{path}: {name!r} is no dataset of one row of numbers; at the top "
                                                 f"of the file there are {', '.join(there) or 'none'}")
-            columns[name] = np.asarray(item[()], dtype=float)
-            unit = item.attrs.get("unit", item.attrs.get("units", ""))
-            units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
+            columns[name] = np.asarray(array_of(item, CorruptRecordingError), dtype=float)
+            units[name] = unit_of(item)
     if len({len(column) for column in columns.values()}) != 1 or not len(next(iter(columns.values()), ())):
         lengths = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
         raise CorruptRecordingError(f"{path}: its datasets must be of one length above zero, got {lengths or 'none'}; "

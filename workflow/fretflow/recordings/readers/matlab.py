@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
-from fretflow.core.store import open_hdf5
+from fretflow.core.store import array_of, open_hdf5
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Array, Table
 
 SUFFIXES = (".mat",)
 SHORTEST = 8  # samples of a loop
+MOST_ITEMS = 20_000  # cells and fields of a file
 COUNTS = ("cycle", "cycles", "cycle_count", "cyclecount", "n_cycles", "ncycles", "num_cycles", "numcycles")
 PAIRS = (("displacement", "force"), ("displacement", "friction_force"), ("disp", "force"), ("x", "f"), ("u", "f"),
          ("d", "f"), ("delta", "q"), ("displacement", "friction"))
@@ -89,22 +90,53 @@ def load_matlab(path: Path) -> dict[str, Any]:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5
         with open_hdf5(path, UnsupportedRecordingError) as file:
-            content = {name: _from_hdf5(file, item) for name, item in file.items() if not name.startswith("#")}
+            items = _Items(file)
+            content = {name: items.read(item) for name, item in file.items() if not name.startswith("#")}
     except (MatReadError, ValueError, TypeError, EOFError, KeyError, IndexError, zlib.error) as error:
         raise CorruptRecordingError(f"{path}: is no whole MATLAB file ({error}); save it again") from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
-def _from_hdf5(file: h5py.File, item: h5py.Group | h5py.Dataset) -> Any:
-    """Turn an item of a version 7.3 file into dicts, lists and arrays as MATLAB shows them."""
-    if isinstance(item, h5py.Group):
-        tall = {"rows": int(item.attrs["MATLAB_sparse"])} if "MATLAB_sparse" in item.attrs else {}
-        return {name: _from_hdf5(file, child) for name, child in item.items()} | tall
-    if item.attrs.get("MATLAB_class") == b"char":
-        return "".join(map(chr, np.ravel(item[()])))
-    if item.dtype == h5py.ref_dtype:
-        return [_from_hdf5(file, file[reference]) for reference in np.ravel(item[()].T)]
-    return np.squeeze(np.asarray(item[()]).T)
+class _Items:
+    """The items of a version 7.3 file as dicts, lists and arrays as MATLAB shows them."""
+
+    def __init__(self, file: h5py.File) -> None:
+        self._file, self._read = file, 0
+
+    def read(self, item: h5py.Group | h5py.Dataset, within: tuple[int, ...] = ()) -> Any:
+        """Return an item that lies in others, by their addresses.
+
+        Raises
+        ------
+        CorruptRecordingError
+            If it refers to itself or to nothing.
+        UnsupportedRecordingError
+            If references make too many of it.
+        """
+        self._read += 1
+        address = h5py.h5o.get_info(item.id).addr
+        if address in within:
+            raise CorruptRecordingError(f"{self._file.filename}: {item.name} refers to itself; save it again")
+        if self._read > MOST_ITEMS:
+            raise UnsupportedRecordingError(f"{self._file.filename}: more than {MOST_ITEMS:,} cells and fields; save "
+                                            "the loops alone")
+        within = (*within, address)
+        if isinstance(item, h5py.Group):
+            tall = {"rows": int(item.attrs["MATLAB_sparse"])} if "MATLAB_sparse" in item.attrs else {}
+            return {name: self.read(child, within) for name, child in item.items()} | tall
+        values = array_of(item, CorruptRecordingError)
+        if item.attrs.get("MATLAB_class") == b"char":
+            return "".join(map(chr, np.ravel(values)))
+        if item.dtype == h5py.ref_dtype:
+            return [self.read(self._behind(reference), within) for reference in np.ravel(values.T)]
+        return np.squeeze(np.asarray(values).T)
+
+    def _behind(self, reference: h5py.Reference) -> h5py.Group | h5py.Dataset:
+        try:
+            return self._file[reference]
+        except (KeyError, ValueError) as error:
+            raise CorruptRecordingError(f"{self._file.filename}: a cell refers to nothing ({error}); save it again"
+                                        ) from error
 
 
 def _loops(node: Any, name: str, cycle: float | None = None) -> Iterator[FoundLoop]:

@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.io import mmread
 
 from fretflow.core.errors import CorruptRecordingError, InputError, UnsupportedRecordingError
-from fretflow.core.store import open_hdf5
+from fretflow.core.store import array_of, open_hdf5, unit_of
 from fretflow.core.units import parse_quantity
 from fretflow.recordings.readers.hdf5 import SUFFIXES as HDF5
 from fretflow.recordings.readers.matlab import SUFFIXES as MATLAB
@@ -52,7 +52,7 @@ def read_structure(path: Path) -> StructureMatrices:
     """
     try:
         held = {_key(name): value for name, value in _content(path).items()}
-    except (OSError, ValueError, BadZipFile, EOFError, KeyError) as error:
+    except (OSError, ValueError, BadZipFile, EOFError, KeyError, MemoryError) as error:
         raise CorruptRecordingError(f"{path}: is no whole file of matrices ({error}); save it again") from error
     for name in REQUIRED:
         if name not in held:
@@ -184,8 +184,6 @@ def _of_hdf5(group: h5py.Group) -> dict[str, Any]:
             if "shape" in item.attrs:
                 found[name]["shape"] = item.attrs["shape"]
             continue
-        unit = item.attrs.get("unit", item.attrs.get("units", ""))
-        unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-        value = item[()]
+        value, unit = array_of(item, CorruptRecordingError), unit_of(item)
         found[name] = (value, unit) if unit else value
     return found

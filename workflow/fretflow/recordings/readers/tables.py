@@ -88,7 +88,8 @@ def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
         If the file is missing, cut off or damaged, naming the row where there is one.
     """
     if not path.is_file():
-        raise CorruptRecordingError(f"{path}: there is no such file; a path counts from the folder of recording.toml")
+        what = "is no file" if path.exists() else "there is no such file"
+        raise CorruptRecordingError(f"{path}: {what}; a path counts from the folder of recording.toml")
     reader = readers().get(path.suffix.lower())
     if reader is None:
         raise UnsupportedRecordingError(f"{path}: a file {path.suffix.lower() or 'without a suffix'} is not read; give "
@@ -97,3 +98,5 @@ def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
         return reader.read(path, wanted)
     except OSError as error:
         raise CorruptRecordingError(f"{path}: cannot be read ({error.strerror or error}); export it again") from error
+    except MemoryError as error:
+        raise UnsupportedRecordingError(f"{path}: does not fit into memory ({error}); give a part of it") from error
