@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Force, Out, Progress, Terminal, new_table, show_files
+from fretflow.cli.terminal import Force, Out, Progress, Terminal, load, new_table, show_files
 
 if TYPE_CHECKING:
     from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
@@ -20,13 +20,12 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> No
     case
         case file
     """
-    from fretflow.case.config import load_case
     from fretflow.core.plugins import FIGURES, provided
     from fretflow.core.store import read_record
     from fretflow.pipeline.run import leading
     from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 
-    parsed = load_case(case)
+    parsed = load(case)
     progress = Progress()
     with leading(out, progress) as runner, progress:
         folder = runner.run(parsed, "reduce", force)["reduce"].folder

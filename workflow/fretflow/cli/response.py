@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Flag, Out, Progress, Terminal, new_table, positive, show_files
+from fretflow.cli.terminal import Flag, Out, Progress, Terminal, load, new_table, positive, show_files
 
 if TYPE_CHECKING:
     from fretflow.pipeline.response_curves import RunCurve
@@ -50,7 +50,7 @@ def response(
     levels = [level for text in excitation if (level := positive("--excitation", text, "N")) is not None]
     progress, home = Progress(), run
     if run.is_file():
-        case = load_case(run)
+        case = load(run)
         home = out / case.name
         with leading(out, progress) as runner, progress:
             stages = runner.run(case, "wear" if "worn" in states else "reduce")

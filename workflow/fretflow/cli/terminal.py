@@ -152,13 +152,22 @@ def new_table(title: str, *headings: str) -> Table:
 def load(path: Path) -> Case:
     """Read a case file, its effects included, before anything is computed."""
     from fretflow.case.config import load_case
+    from fretflow.case.plausibility import warnings
+    from fretflow.pipeline.estimate import time_warning
 
     case = load_case(path)
     if case.effects:
         from fretflow.effects.catalogue import parse_effects
 
         parse_effects(case.effects, str(path))
+    show_warnings((*warnings(case), *time_warning(case)))
     return case
+
+
+def show_warnings(found: Sequence[str]) -> None:
+    """Print warnings, a line each."""
+    for text in found:
+        Terminal(quiet=started_rank() > 0, highlight=False).print(f"warning: {escape(text)}", soft_wrap=True)
 
 
 def describe(error: BaseException) -> tuple[str, int]:

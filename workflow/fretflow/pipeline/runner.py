@@ -25,6 +25,7 @@ from fretflow.case.config import Case, slice_hash
 from fretflow.core.errors import NO_SPACE, InputError, NonConvergenceError, StoreError, did_you_mean
 from fretflow.core.provenance import CostMeter, commit, versions
 from fretflow.core.store import write_csv, write_whole
+from fretflow.pipeline.estimate import check_memory
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.stage import (
     CASE_FILE,
@@ -136,6 +137,7 @@ class Runner:
             With the residual history, also kept in the stage's partial folder.
         """
         stages = self.select(until)
+        check_memory(case, [stage.name for stage in stages])
         home = self._root / case.name
         results: dict[str, StageResult] = {}
         with _writing(home), _locked(home):

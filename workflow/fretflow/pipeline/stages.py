@@ -20,6 +20,7 @@ from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record, write_record
 from fretflow.pipeline import response
+from fretflow.pipeline.estimate import check_memory
 from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def _mesh(context: StageContext) -> Figures:
         if shutil.disk_usage(context.folder).free > FULL:  # gmsh does not notice a full disk: it cannot read back
             raise
         raise StoreError(f"{context.folder}: the disk is full; free some space or choose another --out") from error
+    check_memory(context.case, ("reduce", "solve"), len(upper.contact_nodes))
     return {
         "upper_cells": upper.cells, "lower_cells": lower.cells, "contact_nodes": len(upper.contact_nodes),
         "upper_min_scaled_jacobian": upper.min_scaled_jacobian,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fretflow.case.config import Case
+from fretflow.case.plausibility import warnings
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.specimen_mesh import MeshSummary
@@ -55,7 +56,8 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
     if "wear" not in folders:
         return figures, []
     history = read_record(folders["wear"] / "history.h5", WearHistory)
-    figures += _wear(history, interface)
+    ridge = min(side.ridge_height for side in (case.specimen.upper, case.specimen.lower))
+    figures += _wear(history, interface, ridge)
     if "response" in folders:
         figures += _loops(read_record(folders["response"] / "loops_observed.h5", LoopSeries))
     responses = _responses(folders)
@@ -75,7 +77,7 @@ def write_summary(home: Path, case: Case, figures: Sequence[Figure], trends: Seq
     """Write figures and trends of `case` to the run's folder `home`; a figure that cannot be told is null."""
     path = home / SUMMARY_FILE
     values = [{"value": figure.value if np.isfinite(figure.value) else None} for figure in figures]
-    write_json(path, {"case_sum": case_sum(case),
+    write_json(path, {"case_sum": case_sum(case), "warnings": warnings(case),
                       "figures": [asdict(figure) | value for figure, value in zip(figures, values, strict=True)],
                       "trends": [asdict(trend) for trend in trends]})
     return path
@@ -137,18 +139,20 @@ def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
                f"{pretty_quantity(sliding, 'm', 4)} peak to peak by {unworn.method}, {stated}")]
 
 
-def _wear(history: WearHistory, interface: Interface) -> list[Figure]:
+def _wear(history: WearHistory, interface: Interface, ridge: float) -> list[Figure]:
     depth, sliding, volume = history.depth[-1], float(history.sliding_distance[-1]), float(history.volume[-1])
     mean = float(depth @ interface.areas / interface.areas.sum())
     largest = float(depth.max())
     end = "" if history.stopped_by == "cycles" else f", stopped by {history.stopped_by}"
     jumps = len(history.cycles) - 1
+    beyond = "" if largest < ridge else (f"; more than the ridge of {pretty_quantity(ridge, 'm', 4)}, beyond what is "
+                                         "modelled: check wear.coefficient and test.cycles")
     return [
         Figure("sliding distance, worn", sliding, "m",
                f"{pretty_quantity(sliding, 'm', 4)} peak to peak after {history.cycles[-1]:,} cycles{end}"),
         Figure("wear volume", volume, "m^3",
                f"{volume * 1e9:.4g} mm³; {jumps} jumps, {history.solves} periods"),
-        Figure("largest wear depth", largest, "m", f"{pretty_quantity(largest, 'm', 4)}, both faces together"),
+        Figure("largest wear depth", largest, "m", f"{pretty_quantity(largest, 'm', 4)}, both faces together{beyond}"),
         Figure("mean wear depth", mean, "m", f"{pretty_quantity(mean, 'm', 4)}, both faces together")]
 
 

@@ -1,0 +1,47 @@
+"""What no joint has, by name: a case beyond it is run and told so, as a forgotten prefix of a unit looks like it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from fretflow.case.casefile import entries
+from fretflow.case.config import Case, PeriodicMethod
+from fretflow.core.units import pretty_quantity
+
+# Ranges in SI, wide: from micromachines to bridges, polymers to diamond, creep to ultrasonic fretting.
+PLAUSIBLE = {
+    "test.excitation_frequency": (1e-4, 1e5), "test.excitation_amplitude": (1e-4, 1e6), "test.normal_load": (1e-4, 1e6),
+    "rig.moving_mass": (1e-5, 1e5), "rig.arm_mass": (1e-5, 1e5),
+    "rig.in_phase_frequency": (1e-2, 1e5), "rig.out_of_phase_frequency": (1.0, 1e6),
+    "specimen.youngs_modulus": (1e8, 1.3e12), "specimen.density": (100.0, 2.5e4),
+    "specimen.body_width": (1e-5, 1.0), "specimen.body_height": (1e-5, 1.0), "specimen.contact_width": (1e-6, 0.5),
+    "specimen.ridge_height": (1e-6, 0.5), "specimen.face_radius": (1e-6, 1e3),
+    "contact.friction_coefficient": (0.01, 3.0),
+    # J. F. Archard and W. Hirst, Proc. R. Soc. A 236 (1956) 397: 1e-18 to 1e-12 m^2/N for metals and polymers
+    "wear.coefficient": (1e-19, 1e-12),
+    "solver.penalty": (1e3, 1e13),
+}
+
+
+def warnings(case: Case) -> tuple[str, ...]:
+    """Return what is remarkable about the values of `case`: those beyond what joints have, and those without effect."""
+    return (*dict.fromkeys(_implausible(case)), *_without_effect(case))
+
+
+def _implausible(case: Case) -> Iterator[str]:
+    for entry in entries(case):
+        name = ".".join((*(part for part in entry.table if part not in ("upper", "lower")), entry.key))
+        if not entry.value or name not in PLAUSIBLE:
+            continue
+        low, high = PLAUSIBLE[name]
+        if not low <= entry.value <= high:
+            value, *ends = (pretty_quantity(number, entry.unit, 4) for number in (entry.value, low, high))
+            yield (f"{name} = {value} is beyond what joints have ({ends[0]} to {ends[1]}); check the number and its "
+                   "unit")
+
+
+def _without_effect(case: Case) -> Iterator[str]:
+    for entry in entries(case.reduction):
+        if entry.key.startswith("rayleigh") and not entry.is_default and case.solver.method is not PeriodicMethod.DLFT:
+            yield (f'reduction.{entry.key} changes nothing with solver.method = "{case.solver.method}", whose '
+                   'specimens have no mass; set rig.damping_ratio, or method = "dlft"')
