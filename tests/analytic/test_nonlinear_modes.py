@@ -11,6 +11,7 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint, follow
 from fretflow.solvers.nonlinear_modes.quasi_static import Loading, quasi_static_backbone
 from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode, ring_down
 from fretflow.structure.reduction.contact_modes import reduce_structure
+from scipy.special import gamma
 
 TOTAL, LONGEST, MASS, GROUND = 4e4, 1e-4, 2.0, 3e4  # N/m of all sliders, m at which the last slips, kg, N/m
 FIRM = 1e6  # N/m, a spring beside which sliders damp lightly
@@ -46,7 +47,10 @@ def test_iwans_power_law_of_dissipation_and_stiffness(iwan, chi, loading):
     # density R phi^chi of slider stiffness, T = int R phi^chi: D = 4 R x^(chi + 3) / ((chi + 2) (chi + 3))
     r = TOTAL * (chi + 1.0) / LONGEST**(chi + 1.0)
     assert found.dissipated == pytest.approx(4.0 * r * x**(chi + 3.0) / ((chi + 2.0) * (chi + 3.0)), rel=0.01)
-    stiffness = GROUND + TOTAL - r * x**(chi + 1.0) * (1.0 / (chi + 1.0) - 1.0 / (chi + 2.0))
+    # of the loop that Masing's rule makes of x^p the first harmonic is that of (1 + cos)^p: Wallis' integrals
+    p = chi + 2.0
+    wallis = 4.0 / np.sqrt(np.pi) * gamma(p + 0.5) / gamma(p + 1.0) * p / (p + 1.0)
+    stiffness = GROUND + TOTAL - wallis * r * x**(chi + 1.0) * (1.0 / (chi + 1.0) - 1.0 / (chi + 2.0))
     assert found.frequency == pytest.approx(np.sqrt(stiffness / MASS) / (2.0 * np.pi), rel=2e-4)
     assert found.friction_damping == pytest.approx(found.dissipated / (2.0 * np.pi * stiffness * x**2), rel=2e-3)
     slope = np.polyfit(np.log(x), np.log(found.dissipated), 1)[0]
@@ -91,7 +95,7 @@ def test_whole_cycles_follow_faces_that_open_where_masings_rule_does_not(structu
     coarse, fine, masing = (quasi_static_backbone(joint, mode, asked, *how) for how in (
         (Loading.CYCLES,), (Loading.CYCLES, 60), (Loading.MASING,)))
     assert fine.open.max() > 0
-    assert coarse.frequency == pytest.approx(fine.frequency, rel=1e-4)
+    assert coarse.frequency == pytest.approx(fine.frequency, rel=5e-4)
     assert coarse.friction_damping == pytest.approx(fine.friction_damping, rel=0.02)
     assert np.max(masing.friction_damping / fine.friction_damping) > 1.3
 
@@ -133,7 +137,7 @@ def test_a_periodic_motion_agrees_with_static_loads_in_its_shape(structures):
     mode = joint.linear_modes(1)[0]
     static = quasi_static_backbone(joint, mode, np.geomspace(1.5e-5, 8e-5, 6))
     periodic = follow_mode(joint, mode, static.amplitude)
-    assert np.array([one.frequency for one in periodic]) == pytest.approx(static.frequency, rel=3e-3)
+    assert np.array([one.frequency for one in periodic]) == pytest.approx(static.frequency, rel=1e-3)
     assert np.array([one.damping for one in periodic]) == pytest.approx(static.damping, rel=0.05)
     assert np.array([one.outputs[0] for one in periodic]) == pytest.approx(np.abs(static.outputs[:, 0]), rel=5e-3)
     for one in periodic:  # energy: what damping gives back in a period is what friction takes
