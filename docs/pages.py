@@ -319,7 +319,7 @@ def commands() -> str:
     text = app.generate_docs(output_format="markdown")
     body = re.sub(r"(?s)^.*?(?=^## fretflow run)", "", text, count=1, flags=re.MULTILINE)
     return "# Commands\n\nWhat `./fretflow COMMAND --help` says.\n\n" + body.replace(
-        "OUT/<name>", "`OUT/<name>`").replace(" -m sphinx", "")  # what started this process
+        "OUT/NAME", "`OUT/NAME`").replace(" -m sphinx", "")  # what started this process
 
 
 # Python API

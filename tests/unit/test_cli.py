@@ -5,9 +5,11 @@ What carries the weight: an error is one line on stderr with its exit code and n
 """
 
 import errno
+import json
 import os
 import subprocess
 import sys
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import pytest
 from fretflow import __version__, cli
 from fretflow.case.config import load_case
 from fretflow.cli import terminal
-from fretflow.cli.app import _limit_threads
+from fretflow.cli.app import _limit_threads, app
 from fretflow.core.errors import AuditError, MeshError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.pipeline import diagnose as pipeline_diagnose
@@ -85,6 +87,36 @@ def test_show_lists_every_value_in_readable_units(case, capsys, monkeypatch):
         line[:4] for line in shown if line[:1] == ["excitation_amplitude"])
     assert ["youngs_modulus", "193", "GPa", "default"] in [line[:4] for line in shown]
     assert ["harmonics", "40", "default"] in [line[:3] for line in shown]
+
+
+def test_help_is_wrapped_once_and_offers_nothing_without_use(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    for command in ("run", "response", "diagnose"):
+        assert fretflow(command, "--help") == 0
+        shown = capsys.readouterr().out
+        assert "--empty" not in shown
+        assert "[default: False]" not in shown
+        paragraphs = [line for line in shown.splitlines() if line[:1] not in ("╭", "│", "╰", "") and line.strip()]
+        assert all(line.strip().endswith((".", "]", "CASE", "RUN", "RECORDING", "[ARGS...]")) for line in paragraphs)
+    assert fretflow("run", "--help") == 0
+    assert "OUT/NAME" in capsys.readouterr().out  # what looks like a tag is none
+
+
+def test_whatever_finds_numbers_keeps_them_as_json(case, capsys, tmp_path):
+    without = {"init", "render"}
+    for name in app.resolved_commands():
+        if not name.startswith("-"):
+            assert ("json" in signature(app[name].default_command).parameters) == (name not in without), name
+    assert fretflow("show", case, "--quiet", "--json", tmp_path / "deep" / "a.json") == 0
+    assert capsys.readouterr().out == ""
+    whole = json.loads((tmp_path / "deep" / "a.json").read_text())
+    assert {"table": "test", "key": "cycles", "value": 10, "unit": "", "default": False,
+            "meaning": "length of the test in cycles"} in whole["values"]
+    assert fretflow("effects", "viscous", "--out", tmp_path, "--json", tmp_path / "b.json") == 0
+    (sheet,) = json.loads((tmp_path / "b.json").read_text())
+    assert sheet["parameters"][0]["plausible"] == [50.0, 3000.0]
+    assert fretflow("show", case, "--json", case / "a.json") == 2
+    assert "--json" in one_line(capsys)
 
 
 def test_version(capsys):

@@ -140,6 +140,20 @@ def test_first_call_sets_up_and_hands_over(world):
     assert constraints.splitlines() == ["rich==15", "numpy==1.24.2"]
 
 
+@pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
+def test_help_alone_sets_nothing_up(world, arguments):
+    room = world.clone / "workflow" / "fretflow" / "cli"
+    room.mkdir(parents=True)
+    for file in (PROJECT / "workflow" / "fretflow" / "cli").glob("*.py"):
+        (room / file.name).write_text(file.read_text())
+    world.system("slackware", "15")  # nor does it matter where
+    code, out, err = world.run(*arguments)
+    assert (code, err, world.journal()) == (0, "", [])
+    for name in ("calibrate", "diagnose", "effects", "init and show", "loops", "modes", "run", "trial", "verify"):
+        assert f"\n  {name}: " in out
+    assert not (world.clone / ".venv").exists()
+
+
 def test_later_calls_do_nothing_but_hand_over(world):
     world.run("modes")
     world.journal()

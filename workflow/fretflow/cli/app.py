@@ -17,10 +17,11 @@ from fretflow.pipeline.ranks import close_process
 
 QUIET = "--quiet"
 
-app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
+app = App(name="fretflow", version=__version__, help_format="markdown", result_action="return_value",
           exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
           help="Vibration and fretting wear of structures held together by friction. With --quiet a command says "
-               "errors alone.")
+               "errors alone; `fretflow --install-completion` completes names in your shell.")
+app.register_install_completion_command()
 for command in (run.run, modes.modes, calibrate.calibrate, render.render, verify.verify, effects.effects, loops.loops,
                 diagnose.diagnose, response.response, trial.trial, case.init, case.show):
     app.command(command)

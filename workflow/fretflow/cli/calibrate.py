@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Out, Progress, Terminal, load, new_table, show_files
+from fretflow.cli.terminal import Json, Out, Progress, Terminal, keep_json, load, new_table, show_files
 
 if TYPE_CHECKING:
     from fretflow.structure.two_mass_rig.identification import Identification
     from fretflow.wear.identification import WearCoefficient
 
 
-def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs")) -> None:
+def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs"), json: Json = None) -> None:
     """Identify the rig and the wear coefficient from what the cases' [measured] tables hold.
 
     Masses, springs (by the two modes) and damping follow from in_phase_frequency, out_of_phase_frequency and the
     sliding_distance of every case given, the wear coefficient from worn_volume; each with a 95 % interval and whether
     the data determine it. Standard deviations that are not given are assumed: 5 % of a distance or a volume, 1 % of a
-    mode. Cases that are calibrated together are of one joint. Writes OUT/<name>-calibrated.toml for each case and
+    mode. Cases that are calibrated together are of one joint. Writes OUT/NAME-calibrated.toml for each case and
     OUT/calibration.json.
 
     Parameters
@@ -36,6 +37,7 @@ def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs")) -> None:
     progress = Progress()
     with leading(out, progress) as runner, progress:
         files = calibrate_cases(parsed, runner, out, _show_rig, _show_wear)
+    files += keep_json(json, loads(files[-1].read_text(encoding="utf-8")))
     show_files(files, "calibrated cases, for `fretflow run`")
 
 

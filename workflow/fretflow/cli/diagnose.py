@@ -36,7 +36,7 @@ def diagnose(
     json
         file for a copy of the JSON
     out
-        folder of the results; by default runs/diagnosis/<recording>
+        folder of the results; by default runs/diagnosis/RECORDING
     case
         file for a copy of the case
     """

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from fretflow.cli.terminal import Out, Terminal, new_table, show_files
+from fretflow.cli.terminal import Json, Out, Terminal, keep_json, new_table, show_files
 from fretflow.core.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from fretflow.effects.effect import Effect
 
 
-def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects")) -> None:
+def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects"), json: Json = None) -> None:
     """List the physics beyond the baseline, or describe one effect with its equation, parameters and a picture.
 
     Parameters
@@ -34,6 +34,20 @@ def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects")) ->
     else:
         raise InputError(f"{effect}: there is no such effect; `fretflow effects` lists them"
                          f"{did_you_mean(effect, known)}")
+    keep_json(json, [_sheet(kind) for name, kind in known.items() if effect in (None, name)])
+
+
+def _sheet(kind: type[Effect]) -> dict[str, object]:
+    """Return what is said of an effect, ranges in SI."""
+    from fretflow.case.casefile import entries
+
+    priors = kind.priors()
+    return {"id": kind.id, "title": kind.title, "block": str(kind.block), "equation": kind.equation,
+            "source": kind.source, "observables": kind.observables, "recordings": sorted(map(str, kind.kinds)),
+            "parameters": [{
+                "name": entry.key, "default": entry.value, "unit": entry.unit, "meaning": entry.meaning,
+                "plausible": [priors[entry.key].low, priors[entry.key].high] if entry.key in priors else None}
+                for entry in entries(kind())]}
 
 
 def _list(known: Mapping[str, type[Effect]]) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from json import dumps
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from fretflow.cli.terminal import Out, Terminal, new_table, positive, show_files
+from fretflow.cli.terminal import Json, Out, Terminal, keep_json, new_table, positive, show_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,11 +27,11 @@ WIDE = 104  # characters of a terminal in which a value and its deviation stand 
 def loops(
     recording: Path, /, *, normal_load: str | None = None, frequency: str | None = None,
     displacement: str | None = None, force: str | None = None, time: str | None = None, out: Out = Path("runs"),
-    json: Path | None = None,
+    json: Json = None,
 ) -> None:
     """Read recorded hysteresis loops: friction, stiffness, energy and sliding with uncertainty, for each cycle count.
 
-    Writes OUT/<name>-loops/ with a picture and CSV. Whatever had to be cleaned or left out is listed with its rows.
+    Writes OUT/NAME-loops/ with a picture and CSV. Whatever had to be cleaned or left out is listed with its rows.
 
     Parameters
     ----------
@@ -48,11 +47,9 @@ def loops(
         column and unit of the friction force
     time
         column and unit of the time
-    json
-        file for all numbers
     """
     from fretflow.core.plugins import FIGURES, provided
-    from fretflow.core.store import write_csv, write_whole
+    from fretflow.core.store import write_csv
     from fretflow.recordings.loop_sets import as_json, csv_columns, read_sets, recorded
     from fretflow.recordings.schema import name_of
 
@@ -73,10 +70,7 @@ def loops(
         files.append(write_csv(home / f"{found.name}_readings.csv", csv_columns(found)))
         files += provided(FIGURES, "loops")(home / f"{found.name}.png", made.title, found.loops, found.readings,
                                             found.index)
-    if json is not None:
-        json.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(json, dumps(as_json(made, load, sets, notes), indent=1, allow_nan=False).encode())
-        files.append(json)
+    files += keep_json(json, as_json(made, load, sets, notes))
     show_files(files, "pictures and numbers")
 
 

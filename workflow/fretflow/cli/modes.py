@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Force, Out, Progress, Terminal, load, new_table, show_files
+from fretflow.cli.terminal import Force, Json, Out, Progress, Terminal, keep_json, load, new_table, show_files
 
 if TYPE_CHECKING:
     from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 
 
-def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> None:
+def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False, json: Json = None) -> None:
     """List each specimen's natural frequencies: full model against Craig-Bampton; with a CSV and a plot.
 
     Parameters
@@ -31,7 +31,9 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False) -> No
         folder = runner.run(parsed, "reduce", force)["reduce"].folder
     specimens = {side: read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")}
     _show(specimens)
-    show_files(provided(FIGURES, "modes")(out / parsed.name / "modes.png", *specimens.values()), "files")
+    kept = keep_json(json, {side: {"full_Hz": one.full_frequencies, "reduced_Hz": one.reduced_frequencies,
+                                   "error": one.frequency_error} for side, one in specimens.items()})
+    show_files([*provided(FIGURES, "modes")(out / parsed.name / "modes.png", *specimens.values()), *kept], "files")
 
 
 def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:

@@ -6,7 +6,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Flag, Out, Progress, Terminal, load, new_table, positive, show_files
+from fretflow.cli.terminal import (
+    Flag,
+    Json,
+    Out,
+    Progress,
+    Several,
+    Terminal,
+    keep_json,
+    load,
+    new_table,
+    positive,
+    show_files,
+)
 
 if TYPE_CHECKING:
     from fretflow.pipeline.response_curves import RunCurve
@@ -18,7 +30,7 @@ STAGE = "response"
 def response(
     run: Path, /, *, unworn: Flag = False,
     worn: Flag = False, start: str | None = None, stop: str | None = None,
-    excitation: tuple[str, ...] = (), out: Out = Path("runs"),
+    excitation: Several = (), out: Out = Path("runs"), json: Json = None,
 ) -> None:
     """Follow the nonlinear frequency response by continuation, up and down, around turning points.
 
@@ -41,6 +53,7 @@ def response(
         amplitude of the force, for example "53 N"; may be given several times; by default the case's
     """
     from fretflow.case.config import load_case
+    from fretflow.pipeline.response_curves import read_peaks
     from fretflow.pipeline.run import leading, make_curves
     from fretflow.pipeline.stage import CASE_FILE
     from fretflow.pipeline.stages import complete_stages
@@ -64,7 +77,7 @@ def response(
                                     lambda share, text: progress.advance(STAGE, share, text),
                                     lambda text: progress.note(STAGE, text))
     show_peaks(curves)
-    show_files(files, "curves and pictures")
+    show_files([*files, *keep_json(json, read_peaks(curves))], "curves and pictures")
 
 
 def states_of(unworn: bool, worn: bool) -> tuple[str, ...]:

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from fretflow.cli.terminal import Force, Out, Progress, Terminal, describe, load, new_table, say, show_files
+from fretflow.cli.terminal import (
+    Force,
+    Json,
+    Out,
+    Progress,
+    Terminal,
+    describe,
+    keep_json,
+    load,
+    new_table,
+    say,
+    show_files,
+)
 from fretflow.core.errors import EnsembleError, StoreError
 from fretflow.pipeline.ranks import started_rank
 
@@ -27,7 +40,7 @@ MIB = 2**20
 
 def run(
     case: Path, /, *cases: Path, until: str | None = None, out: Out = Path("runs"), force: Force = False,
-    jobs: int = 1, executor: str = "local",
+    jobs: int = 1, executor: str = "local", json: Json = None,
 ) -> None:
     """Run all stages of one or more cases: mesh, reduce, preload, solve, wear, response, render.
 
@@ -51,6 +64,7 @@ def run(
     """
     from fretflow.pipeline.ensemble import Workers
     from fretflow.pipeline.run import check_names
+    from fretflow.pipeline.stage import SUMMARY_FILE
 
     parsed = [load(path) for path in (case, *cases)]
     check_names(parsed)
@@ -59,6 +73,9 @@ def run(
         _in_turn(parsed, until, out, force)
     else:
         _at_once(parsed, until, out, force, workers)
+    if json is not None and workers.leads:
+        found = [(one.name, out / one.name / SUMMARY_FILE) for one in parsed]
+        keep_json(json, {name: loads(file.read_text(encoding="utf-8")) for name, file in found})
 
 
 @dataclass(frozen=True)

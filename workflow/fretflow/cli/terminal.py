@@ -7,7 +7,10 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from json import dumps
+from math import isfinite
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -35,9 +38,11 @@ TOLD_EVERY = 60.0  # s, where there is no terminal
 REPEATED = 3  # s after which an interruption that ended nothing comes again
 NAMES = {"case", "effects", "id", "key", "parameter"}  # headings of what is copied: never broken
 
-Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/<name>")]
-Force = Annotated[bool, Parameter(negative="", help="compute again what is already there")]
-Flag = Annotated[bool, Parameter(negative="")]
+Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/NAME")]
+Force = Annotated[bool, Parameter(negative="", show_default=False, help="compute again what is already there")]
+Flag = Annotated[bool, Parameter(negative="", show_default=False)]
+Several = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
+Json = Annotated[Path | None, Parameter(help="file for all numbers")]
 
 
 class Terminal(Console):
@@ -131,6 +136,42 @@ class Progress:
             self._task = None
         cost = "reused" if result.reused else f"{result.manifest.seconds:.1f} s"
         self._console.print(f"{result.name:<9} {cost:>9}  {result.folder}", highlight=False, soft_wrap=True)
+
+
+def keep_json(file: Path | None, content: object) -> list[Path]:
+    """Write `content` as JSON to `file`, if one is asked for, and return what was written; nan becomes null."""
+    if file is None:
+        return []
+    from fretflow.core.store import write_whole
+
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--json {file}: cannot be written ({error.strerror}); name another file") from error
+    write_whole(file, (dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
+    return [file]
+
+
+def _plain(content: object) -> Any:
+    """Return `content` as JSON takes it."""
+    if is_dataclass(content) and not isinstance(content, type):
+        content = {one.name: getattr(content, one.name) for one in fields(content)}
+    if hasattr(content, "tolist"):  # of NumPy
+        content = content.tolist()
+    if isinstance(content, Mapping):
+        return {str(key): _plain(value) for key, value in content.items()}
+    if isinstance(content, str | bool | int | None):
+        return content
+    if isinstance(content, float):
+        return content if isfinite(content) else None
+    if isinstance(content, Iterable):
+        return [_plain(value) for value in content]
+    return str(content)
+
+
+def say_line(text: str) -> None:
+    """Print a line as it is."""
+    Terminal().print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def show_files(files: Sequence[Path], title: str) -> None:

@@ -11,13 +11,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fretflow.cli.terminal import Terminal, new_table, show_files
+from fretflow.cli.terminal import Json, Terminal, keep_json, new_table, say_line, show_files
 from fretflow.core.errors import FretflowError, InputError
 from fretflow.core.provenance import commit, versions
 
 
 def trial(
-    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial")
+    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial"),
+    json: Json = None,
 ) -> None:
     """Try `diagnose` on recordings whose hidden physics it cannot know, and write the scoreboard.
 
@@ -48,17 +49,13 @@ def trial(
     facts = {"fretflow": versions().get("fretflow", ""), "commit": commit() or "not known",
              "begun": time.strftime("%Y-%m-%d %H:%M")}
     try:
-        scores = Trial(Settings(cases, seed, fast), out.absolute(), jobs, say=_say, facts=facts).run()
+        scores = Trial(Settings(cases, seed, fast), out.absolute(), jobs, say=say_line, facts=facts).run()
     except TrialError as error:
         raise InputError(str(error)) from error
     except BrokenSealError as error:
         raise FretflowError(str(error)) from error
     _show_targets(scores)
-    show_files([out / "trial.html", out / "trial.json"], "scoreboard")
-
-
-def _say(line: str) -> None:
-    Terminal().print(line, highlight=False, markup=False, soft_wrap=True)
+    show_files([out / "trial.html", out / "trial.json", *keep_json(json, scores)], "scoreboard")
 
 
 def _show_targets(scores: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Out, Terminal, new_table
+from fretflow.cli.terminal import Json, Out, Terminal, keep_json, new_table
 from fretflow.core.errors import FretflowError, InputError
 
 if TYPE_CHECKING:
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 FOLDER = "verify"
 
 
-def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out = Path("runs")) -> None:
+def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out = Path("runs"),
+           json: Json = None) -> None:
     """Check a run's solved periods, unworn and worn, by time integration; exit code 1 if they differ by over 1 %.
 
     Parameters
@@ -46,7 +47,7 @@ def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out
         check_same_case(given, case, home)
     console = Terminal(highlight=False)
     checks = verify_run(case, folders, periods, steps, console.print)
-    files = write_checks(home / FOLDER, checks)
+    files = [*write_checks(home / FOLDER, checks), *keep_json(json, checks)]
     console.print(_table(checks))
     for file in files:
         console.print(f"  {file}", soft_wrap=True)

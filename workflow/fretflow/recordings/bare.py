@@ -105,7 +105,7 @@ def _demand(table: Table, channel: str, column: str) -> None:
     example = f'--{_option(channel)} "{column or "COLUMN"} [{unit}]"'
     if not column:
         raise UnsupportedRecordingError(f"{table.path}: no column {', '.join(table.columns)} is known as the "
-                                        f"{channel}; name it: {example}")
+                                        f"{channel}; name it: {example}, or in a file by `fretflow init --recording`")
     raise UnsupportedRecordingError(f"{table.path}: column {column} has no unit that is known as one of the "
                                     f"{channel}; give it: {example}")
 

@@ -92,6 +92,7 @@ def columns_of(table: Table, name: str, block: FileBlock) -> Columns:
         check_heading(table.path, name, channel, heading)
         _agree(table, name, channel, heading, spec.unit)
         size, units[channel] = unit_size(channel, spec.unit)
+        size *= spec.scale
         wild = np.flatnonzero(np.abs(column) > LARGEST)
         if wild.size:
             column = np.where(np.abs(column) > LARGEST, np.nan, column)

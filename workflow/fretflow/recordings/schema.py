@@ -106,6 +106,7 @@ class ChannelSpec(Section):
 
     column: str | int = Field(description="heading of the column, or its place counted from 1")
     unit: str = Field("", description="unit of the numbers in the column")
+    scale: float = Field(1.0, description="factor on the numbers in the column: -1 turns a reversed sign")
     sd: str | None = Field(None, description="standard deviation of one sample, with its unit")
     calibration_sd: float = Field(0.0, ge=0.0, lt=1.0, description="standard deviation of the gain, relative")
 
@@ -150,6 +151,8 @@ class FileBlock(Section):
 
 
 def _check_unit(name: str, spec: ChannelSpec) -> None:
+    if spec.scale == 0.0:
+        raise ValueError(f"{name}.scale: must not be zero")
     try:
         si = unit_size(name, spec.unit)[1]
     except UnitError as error:

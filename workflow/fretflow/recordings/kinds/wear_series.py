@@ -83,7 +83,7 @@ def read_wear_series(path: Path) -> WearSeries:
     table = read_table(file)
     if table.rows > MOST_TESTS:
         raise UnsupportedRecordingError(f"{file}: {table.rows:,} rows are no wear series, which has a row for each "
-                                        "test; for a record of loops write a recording.toml")
+                                        "test; `fretflow init --recording FILE` describes a record of loops")
     headings = {name: take_apart(name, table.units.get(name, "")) for name in table.columns}
     chosen, notes = _roles(table, headings, given)
     values = {role: table.columns[column] * _size(role, headings[column]) for role, column in chosen.items()}
@@ -131,7 +131,8 @@ def _roles(table: Table, headings: dict[str, Heading], given: Mapping[str, Any]
             chosen[role] = free[0]
     if "volume" not in chosen:
         raise UnsupportedRecordingError(f"{table.path}: none of the columns {', '.join(table.columns)} is a worn "
-                                        "volume with its unit; name one V_mm3, or give loops a recording.toml")
+                                        "volume with its unit; name one V_mm3, or describe loops by `fretflow init "
+                                        "--recording FILE`")
     used = set(chosen.values())
     left = [column for column in table.columns if column not in used]
     if not left:

@@ -1,0 +1,105 @@
+"""A ``recording.toml`` for one file of loops, from what its headings and numbers tell, with what is left to tell."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fretflow.core.errors import UnitError
+from fretflow.core.units import format_quantity
+from fretflow.recordings.channels import CHANNELS, INDICES, channel_of, unit_in_heading, unit_size
+from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT
+from fretflow.recordings.loopset import FORCES
+from fretflow.recordings.periods import smoothed_record, upward_crossings
+from fretflow.recordings.readers.tables import Table, read_table
+
+NEEDED = ("displacement", "friction_force")
+
+
+def describe_file(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Return a ``recording.toml`` of `folder` for the loops in the file `path`, and the channels that it lacks.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be used.
+    """
+    table = read_table(path)
+    found: dict[str, tuple[str, str]] = {}
+    for heading in table.columns:
+        channel = channel_of(heading)
+        if channel is not None and channel not in found:
+            found[channel] = heading, _unit(table, channel, heading)
+    if "force" in found and "friction_force" not in found:
+        found["friction_force"] = found.pop("force")
+    lacks = tuple(name for name in NEEDED if not (name in found and found[name][1]))
+    lines = [
+        'format = "fretflow-recording/1"', f"title = {_text(path.stem)}", "", "[test]",
+        f"kind = {_text(str(IMPOSED_DISPLACEMENT))}  # or fretting-rig, where all of the rig is known, or lumped",
+        *_frequency(table, found), '# normal_load = "60 N"', '# excitation_amplitude = "50 N"', "",
+        "[loops]" if "cycle" in found else "[series]", f"file = {_text(os.path.relpath(path, folder))}",
+        '# displacement_of = "contact-faces"  # or "back-faces", or a distance from the interface such as "1 mm"',
+        *_channels(table, found, lacks)]
+    return "\n".join(lines) + "\n", lacks
+
+
+def _channels(table: Table, found: dict[str, tuple[str, str]], lacks: tuple[str, ...]) -> Iterator[str]:
+    """Yield a line for each channel; a scale of -1 turns a sign."""
+    turned = not lacks and _gives_energy(table, *(found[name][0] for name in NEEDED))
+    for name in dict.fromkeys((*NEEDED, *found)):
+        heading, unit = found.get(name, ("", ""))
+        if name in INDICES:
+            yield f"{name} = {{ column = {_text(heading)} }}"
+            continue
+        wrong = turned and name in FORCES
+        example = "um" if CHANNELS[name][0] == "m" else CHANNELS[name][0]
+        told = [f"its column: one of {', '.join(table.columns)}"] if not heading else []
+        told += [f"its unit, such as {example}"] if not unit else []
+        told += ["turned: as recorded, loops run the wrong way round and give energy"] if wrong else []
+        yield (f"{name} = {{ column = {_text(heading)}, unit = {_text(unit)}, scale = {-1.0 if wrong else 1.0} }}"
+               + (f"  # {'; '.join(told)}".replace("\n", " ") if told else ""))
+    for heading in table.columns:
+        if heading not in [column for column, _ in found.values()]:
+            yield f"# not read: {_text(heading)}"
+
+
+def _unit(table: Table, channel: str, heading: str) -> str:
+    """Return the unit that the file states for a column, if it is one of the channel's."""
+    unit = unit_in_heading(channel, heading) or table.units.get(heading, "")
+    try:
+        unit_size(channel, unit)
+    except UnitError:
+        return ""
+    return unit
+
+
+def _frequency(table: Table, found: dict[str, tuple[str, str]]) -> list[str]:
+    """Return the line of the frequency by which the displacement comes back, where time is known."""
+    lost = ['# excitation_frequency = "100 Hz"']
+    if "cycle" in found or not {"time", "displacement"} <= found.keys() or not found["time"][1]:
+        return lost
+    x = table.columns[found["displacement"][0]]
+    time = table.columns[found["time"][0]] * unit_size("time", found["time"][1])[0]
+    there = np.isfinite(x) & np.isfinite(time)
+    turns = upward_crossings(smoothed_record(x[there])) if there.any() else np.zeros(0)
+    at = np.interp(turns, np.arange(there.sum()), time[there]) if turns.size else turns
+    if len(at) < 3 or not at[-1] > at[0]:
+        return lost
+    return [f"excitation_frequency = {_text(format_quantity((len(at) - 1) / (at[-1] - at[0]), 'Hz', 4))}"
+            "  # by which the displacement comes back"]
+
+
+def _gives_energy(table: Table, displacement: str, force: str) -> bool:
+    """Return whether the force works against the motion over the whole record."""
+    x, f = table.columns[displacement], table.columns[force]
+    known = np.isfinite(x) & np.isfinite(f)
+    x, f = x[known], f[known]
+    return len(x) > 1 and float(np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(x))) < 0.0
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False)
