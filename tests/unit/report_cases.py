@@ -153,7 +153,8 @@ def named(kind: str = "fretting-rig") -> Diagnosis:
                                "sliding from one on energy.",
         smallest_visible={}, comparisons=loops, residual_maps=maps, wear_map=wear() if kind == "fretting-rig" else None,
         notes=("loops, displacement, rows 412-418: 7 values are missing and were left out",),
-        case_file='format = "fretflow-case/1"\nname = "run_in"\n[effects.friction-run-in]\ninitial = 0.334\n',
+        case_file='format = "fretflow-case/1"\nname = "run_in"\n[test]\nexcitation_amplitude = "53 N"\n'
+                  'cycles = 300000\n[effects.friction-run-in]\ninitial = 0.334\n',
         seconds=372.0)
 
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
+import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.core.errors import InputError, StoreError
-from fretflow.recordings.schema import FILE
+from fretflow.case.config import validate_case
+from fretflow.core.errors import ConfigError, InputError, StoreError
+from fretflow.recordings.schema import FILE, name_of
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case
@@ -18,6 +22,8 @@ if TYPE_CHECKING:
     from fretflow.recordings.kinds import Recorded
     from fretflow.solvers.periodic import PeriodicProblem
 
+MOST_LETTERS = 100  # of a case's name
+_MANY_FIGURES = re.compile(r"(?<![\w.-])-?(?=[\d.]{9})\d+\.\d+(?:e[+-]?\d+)?(?![\w.])")
 MODELS = "models"  # folder of the reduced specimens, in the user's cache
 
 
@@ -68,8 +74,31 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
         raise InputError(f"{given}: there is no such folder or file; give a folder with a {FILE}")
     with tempfile.TemporaryDirectory() as scratch, LocalPool(len(os.sched_getaffinity(0))) as pool:
         models = kept_models(Path(scratch) if home is None else home)
-        return experiment(given, fast, progress or (lambda share, text: None),
-                          RigTools(lambda case: reduced_problem(case, models), pool))
+        found = experiment(given, fast, progress or (lambda share, text: None),
+                           RigTools(lambda case: reduced_problem(case, models), pool))
+    name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
+    return replace(found, case_file=runnable(found, name))
+
+
+def runnable(found: Diagnosis, name: str) -> str:
+    """Return the case of a diagnosis under the recording's `name`, its parameters told; none where `run` refuses it.
+
+    Fitted values are rounded to six figures, far within their intervals.
+    """
+    from fretflow.inference import words
+
+    own = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("._-")[:MOST_LETTERS] or "recorded"
+    text = _MANY_FIGURES.sub(lambda number: f"{float(number[0]):.6g}", found.case_file)
+    text = re.sub(r'(?m)^name = ".*"$', f'name = "{own}"', text, count=1)
+    try:
+        validate_case(tomllib.loads(text))
+    except (ConfigError, tomllib.TOMLDecodeError):
+        return ""
+    lines = ["# Fitted, with 90 % intervals:"]
+    for one in found.parameters:
+        shown = words.interval(one)
+        lines.append(f"# {one.name} = {shown.value} ({shown.low} to {shown.high}) {shown.unit}".rstrip())
+    return "\n".join([*lines, text])
 
 
 def kept_models(home: Path) -> Path:
