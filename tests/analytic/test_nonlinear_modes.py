@@ -145,6 +145,22 @@ def test_a_periodic_motion_agrees_with_static_loads_in_its_shape(structures):
         assert one.dissipated == pytest.approx(given, rel=1e-2)
 
 
+def test_open_points_are_condensed_until_they_close(structures):
+    """A hump lets the ends of the lap gape, and large loads close them: as if nothing had been condensed."""
+    hump = np.linspace(-1.0, 1.0, 25)**2
+    joint = joint_of(structures.lap_beam(), gap=2e-6 * hump)
+    assert 0 < np.sum(~joint.closed) < 25
+    for size in (1.0, 400.0):
+        mode = joint.linear_modes(1)[0]
+        push = size * np.sin(np.linspace(0.0, 7.0, 40))[:, None] * (
+            joint.structure.boundary_mass @ mode.contact + joint.structure.coupling.T @ mode.modes)
+        found = joint.follow(joint.bolts + push, joint.preloaded)
+        whole = joint._follow_busy(joint.bolts + push, joint.preloaded, np.zeros(25, dtype=bool))
+        assert found.force == pytest.approx(whole.force, abs=1e-6 * np.abs(whole.force).max())
+        assert found.slid == pytest.approx(whole.slid, abs=1e-6 * np.abs(whole.slid).max())
+        assert np.all(found.slid[:, 2::3] >= -joint.clearance - 1e-12)
+
+
 def test_a_small_periodic_motion_is_the_linear_mode(structures):
     joint = sprung(structures.lap_beam(25))
     for mode in joint.linear_modes(2):

@@ -6,7 +6,13 @@ import json
 
 import numpy as np
 import pytest
-from fretflow.experiments.structure.experiment import BackbonePoints, StructureExperiment, scatter, with_backbone
+from fretflow.experiments.structure.experiment import (
+    BackbonePoints,
+    StructureExperiment,
+    noise_of,
+    scatter,
+    with_backbone,
+)
 from fretflow.experiments.structure.run import diagnose_structure
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
@@ -100,6 +106,16 @@ def test_noise_is_read_off_neighbours_and_points_are_averaged(sprung):
     assert len(points.amplitude) <= 24
     assert np.all(np.diff(points.amplitude) > 0.0)
     assert points.frequency_sd.max() < 0.2
+
+
+def test_noise_is_told_in_proportion_or_the_same_for_all():
+    rng = np.random.default_rng(3)
+    place = np.linspace(0.0, 4.0, 200)
+    values = 1e-3 + 8e-3 / (1.0 + np.exp(-8.0 * (place - 2.0)))
+    relative = noise_of(place, values * (1.0 + 0.01 * rng.standard_normal(200)))
+    assert relative[[0, -1]] == pytest.approx(0.01 * values[[0, -1]], rel=0.3)
+    same = noise_of(place, values + 4e-5 * rng.standard_normal(200))
+    assert same == pytest.approx(np.full(200, 4e-5), rel=0.3)
 
 
 def test_the_recorded_mode_is_that_of_the_frequency_or_the_stated_one(sprung):

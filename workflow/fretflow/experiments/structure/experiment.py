@@ -34,9 +34,8 @@ STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that th
 MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
 NEGLIGIBLE_DAMPING = 1e-7  # in place of a damping ratio of zero, whose logarithm there is not
 MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighbours tell the same
-LEVELS = 24  # of amplitude that are predicted, between which is interpolated
-# From so many contact points on curves are smooth, so that half the levels and two thirds of the steps of load do.
-MANY, LEVELS_OF_MANY, STEPS_OF_MANY = 40, 12, 8
+BELOW = 0.9  # of the smallest amplitude, from where on predictions are made
+MANY = 40  # contact points, from which on predictions take their time
 MODES = 8  # among which the recorded one is looked for
 HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
 RETRIES = 6  # each with two thirds of the largest load, where the joint slides as a whole under it
@@ -68,10 +67,14 @@ class BackbonePoints:
             return np.array([values[own].mean() for own in groups])
 
         def noise(values: Array, stated: float | None, name: str) -> Array:
-            one = stated if stated is not None else max(scatter(place, values), 1e-12)
-            if stated is None and count < 8:
-                one = ROUGH[name] * float(np.mean(values))
-            return np.maximum(one / size, 1e-6 * np.abs(averaged(values)))
+            mean = np.abs(averaged(values))
+            if stated is not None:
+                one = np.full(len(groups), stated)
+            elif count < 8:
+                one = np.full(len(groups), ROUGH[name] * float(np.mean(values)))
+            else:
+                one = averaged(noise_of(place, values))
+            return np.maximum(one / size, 1e-6 * mean)
 
         damping = backbone.damping
         return cls(amplitude=np.exp(averaged(place)), frequency=averaged(backbone.frequency),
@@ -115,14 +118,30 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
         calibration_sd=0.0))
 
 
+def noise_of(place: Array, values: Array) -> Array:
+    """Return the sd (P,) of values: the same for all, or in proportion to them, whichever their scatter fits better."""
+    fits = []
+    for size in (np.ones_like(values), np.abs(values)):
+        left = _about_neighbours(place, values, np.maximum(size, np.finfo(float).tiny))
+        sd = max(float(1.4826 * np.median(np.abs(left))), 1e-12)
+        # robust likelihood: of Laplace's density, as kinks of a curve are among what is left
+        fits.append((float(np.sum(np.log(sd * size[1:-1]) + np.sqrt(2.0) * np.abs(left) / sd)), sd * size))
+    return min(fits, key=lambda one: one[0])[1]
+
+
 def scatter(place: Array, values: Array) -> float:
     """Return the sd of values (P,) about straight lines through both neighbours, robust against few outliers."""
     if len(values) < 3:
         return 0.0
+    return float(1.4826 * np.median(np.abs(_about_neighbours(place, values, np.ones_like(values)))))
+
+
+def _about_neighbours(place: Array, values: Array, size: Array) -> Array:
+    """Return how far values (P,) are from lines through both neighbours, over the sd if that of each were `size`."""
     gap = np.maximum(place[2:] - place[:-2], 1e-12)
     weight = np.clip((place[1:-1] - place[:-2]) / gap, 0.0, 1.0)
     left = values[1:-1] - (1.0 - weight) * values[:-2] - weight * values[2:]
-    return float(1.4826 * np.median(np.abs(left / np.sqrt(1.0 + weight**2 + (1.0 - weight)**2))))
+    return np.asarray(left / np.sqrt(size[1:-1]**2 + (weight * size[2:])**2 + ((1.0 - weight) * size[:-2])**2))
 
 
 @dataclass(frozen=True)
@@ -134,7 +153,6 @@ class StructureExperiment:
     points: BackbonePoints
     mode: int  # among the linear modes of the preloaded structure, from 0
     steps: int = STEPS
-    levels: int = LEVELS
 
     @classmethod
     def of(cls, recording: StructureRecording) -> StructureExperiment:
@@ -153,8 +171,7 @@ class StructureExperiment:
         found = replace(bare, mode=bare._recorded_mode())
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
         kept = max(MODES, int(np.sum(found.structure.eigenvalues < highest**2)))
-        found = replace(found, structure=condensed(found.structure, kept))
-        return replace(found, levels=LEVELS_OF_MANY, steps=STEPS_OF_MANY) if found.many else found
+        return replace(found, structure=condensed(found.structure, kept))
 
     @property
     def many(self) -> bool:
@@ -226,8 +243,8 @@ class StructureExperiment:
 
     @cached_property
     def _fine(self) -> Array:
-        """Return the same with twice the steps of load and levels of amplitude."""
-        return replace(self, steps=2 * self.steps, levels=2 * self.levels)._coarse
+        """Return the same with twice the steps of load."""
+        return replace(self, steps=2 * self.steps)._coarse
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
@@ -294,15 +311,19 @@ class StructureExperiment:
         return Prediction(point, np.concatenate(values), curve)
 
     def backbone(self, joint: BoltedJoint, mode: LinearMode) -> ModalBackbone:
-        """Return the backbone over the recorded amplitudes, or as far as the joint does not slide as a whole."""
-        first, last = (float(self.points.amplitude[k]) / self._gain(mode) for k in (0, -1))
-        top = last
+        """Return the backbone about the recorded amplitudes, or as far as the joint does not slide as a whole.
+
+        Where a model is near the recording, its amplitudes are the recorded ones: curves have kinks, where points begin
+        to slide, between which nothing may be interpolated over wide steps.
+        """
+        power = POWERS[self._backbone.amplitude_unit]
+        asked = self.points.amplitude / self._gain(mode) * (self.points.frequency / mode.frequency)**(2 - power)
+        asked = np.r_[BELOW * asked[:1], asked]
         for _ in range(RETRIES):
             try:
-                return quasi_static_backbone(joint, mode, np.geomspace(0.7 * first, max(top, 0.8 * first), self.levels),
-                                             steps=self.steps)
+                return quasi_static_backbone(joint, mode, asked, steps=self.steps)
             except NonConvergenceError:
-                top *= 2.0 / 3.0
+                asked = asked[asked <= max(2.0 / 3.0 * asked[-1], asked[1])]
         raise NonConvergenceError(SLIDES)
 
     def _gain(self, mode: LinearMode) -> float:

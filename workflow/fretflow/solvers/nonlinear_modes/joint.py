@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy.linalg import eigh
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.contact.kernels.static import StaticContact, follow_loads
+from fretflow.contact.kernels.static import SEPARATION, StaticContact, follow_loads
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
@@ -47,6 +48,33 @@ class StaticHistory:
         """Return the last `count` loads alone."""
         return StaticHistory(displacement=self.displacement[-count:], force=self.force[-count:],
                              state=self.state[-count:], slid=self.slid[-count:], load=self.load[-count:])
+
+
+class _BusyContact(NamedTuple):
+    """The contact of b points, while the others stay open: those move by ``flexibility r - carried u`` under loads."""
+
+    contact: StaticContact
+    dofs: NDArray[np.int64]  # (3 b,), component order: x of all, y, z
+    open: NDArray[np.int64]  # (o,), the DOF of the others
+    flexibility: Array  # (o, o), m/N
+    carried: Array  # (o, 3 b)
+
+    @classmethod
+    def of(cls, stiffness: Array, idle: NDArray[np.bool_], gap: Array, law: Coulomb) -> _BusyContact:
+        """Return the contact of the points that are not `idle` (m,), stiffness (3 m, 3 m) in node order."""
+        m = len(idle)
+        dofs = (3 * np.flatnonzero(~idle)[None] + np.arange(3)[:, None]).ravel()
+        others = np.flatnonzero(np.repeat(idle, 3))
+        flexibility = np.linalg.inv(stiffness[np.ix_(others, others)])
+        across = stiffness[np.ix_(others, dofs)]
+        carried = flexibility @ across
+        own = stiffness[np.ix_(dofs, dofs)] - across.T @ carried
+        own = np.ascontiguousarray(0.5 * (own + own.T))
+        friction, reference = (np.array(np.broadcast_to(values, m)[~idle], dtype=float)
+                               for values in (law.friction_coefficient, law.reference_force))
+        contact = StaticContact(own, np.array(gap[~idle], dtype=float), friction, reference, law.exponent,
+                                law.asymmetry, float(np.mean(stiffness.diagonal())))
+        return cls(contact, dofs, others, flexibility, carried)
 
 
 @record
@@ -107,11 +135,6 @@ class BoltedJoint:
             raise InputError(f"bolt_load: must be positive, got {self.bolt_load}")
 
     @cached_property
-    def order(self) -> NDArray[np.int64]:
-        """Return the node-order DOF of each DOF in component order (3 m,)."""
-        return np.arange(3 * self.structure.contacts).reshape(-1, 3).T.ravel()
-
-    @cached_property
     def clearance(self) -> Array:
         """Return the gap (m,) without load."""
         return self.structure.gap if self.gap is None else self.gap
@@ -136,38 +159,63 @@ class BoltedJoint:
         return load if self.bolt_shares is None else load * np.repeat(self.bolt_shares, 3)
 
     @cached_property
-    def _contact(self) -> StaticContact:
+    def _stiffness(self) -> Array:
         stiffness = self._series @ self.structure.stiffness
-        stiffness = np.ascontiguousarray(0.5 * (stiffness + stiffness.T)[np.ix_(self.order, self.order)])
-        m = self.structure.contacts
-        return StaticContact(stiffness, np.array(self.clearance, dtype=float),
-                             np.array(np.broadcast_to(self.law.friction_coefficient, m), dtype=float),
-                             np.array(np.broadcast_to(self.law.reference_force, m), dtype=float),
-                             self.law.exponent, self.law.asymmetry, float(np.mean(stiffness.diagonal())))
+        return np.asarray(0.5 * (stiffness + stiffness.T))
+
+    @cached_property
+    def _contacts(self) -> dict[bytes, _BusyContact]:
+        """Return the contact of those points that are not idle, as it was last needed."""
+        return {}
+
+    def _busy_contact(self, idle: NDArray[np.bool_]) -> _BusyContact:
+        key = idle.tobytes()
+        if key not in self._contacts:
+            self._contacts.clear()
+            self._contacts[key] = _BusyContact.of(self._stiffness, idle, self.clearance, self.law)
+        return self._contacts[key]
 
     def follow(self, loads: Array, start: StaticHistory | None = None) -> StaticHistory:
         """Return the contact under each of the loads (S, 3 m) on u in turn, from the end of `start` or no load on.
+
+        Points that are open in the beginning are condensed, as most stay so; where one closes, it is taken back.
 
         Raises
         ------
         NonConvergenceError
             If no state is found under one of them.
         """
-        m, steps = self.structure.contacts, len(loads)
-        u, f = np.zeros((steps, 3 * m)), np.zeros((steps, 3 * m))
-        state = np.zeros((steps, m), dtype=np.int8)
-        begin, before, first = np.zeros(3 * m), np.zeros(3 * m), np.zeros(m, dtype=np.int8)
+        idle = np.zeros(self.structure.contacts, dtype=bool) if start is None else start.state[-1] == SEPARATION
+        for before in self._contacts:  # those that have closed before
+            idle = idle & np.frombuffer(before, dtype=bool) if start is not None else idle
+        while True:
+            history = self._follow_busy(loads, start, idle)
+            closing = idle & np.any(history.slid[:, 2::3] < -self.clearance, axis=0)
+            if not closing.any():
+                return history
+            idle = idle & ~closing
+
+    def _follow_busy(self, loads: Array, start: StaticHistory | None, idle: NDArray[np.bool_]) -> StaticHistory:
+        busy, steps = self._busy_contact(idle), len(loads)
+        own = busy.dofs
+        count = len(own) // 3
+        begin, before, first = np.zeros(len(own)), np.zeros((1, 3 * len(idle))), np.zeros(count, dtype=np.int8)
         if start is not None:
-            begin, before, first = start.slid[-1], start.load[-1], np.array(start.state[-1])
-        under = np.ascontiguousarray((np.vstack([before, loads]) @ self._series.T)[:, self.order])
-        made = follow_loads(self._contact, under[1:], begin[self.order], under[0], first,
+            begin, before, first = start.slid[-1][own], start.load[-1:], np.array(start.state[-1][~idle])
+        under = np.vstack([before, loads]) @ self._series.T
+        pull = np.ascontiguousarray(under[:, own] - under[:, busy.open] @ busy.carried)
+        u, f, state = np.zeros((steps, len(own))), np.zeros((steps, len(own))), np.zeros((steps, count), dtype=np.int8)
+        made = follow_loads(busy.contact, pull[1:], begin, pull[0], first,
                             TOLERANCE * float(np.abs(self.bolts).max()), u, f, state)
         if made < steps:
             raise NonConvergenceError(f"static contact: no equilibrium under load {made + 1} of {steps}; the joint "
                                       "slides or opens as a whole, ask for smaller amplitudes")
-        slid, force = np.empty_like(u), np.empty_like(f)
-        slid[:, self.order], force[:, self.order] = u, f
-        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=state, slid=slid,
+        slid, force = np.zeros_like(loads), np.zeros_like(loads)
+        slid[:, own], force[:, own] = u, f
+        slid[:, busy.open] = under[1:, busy.open] @ busy.flexibility - u @ busy.carried.T
+        states = np.full((steps, len(idle)), SEPARATION, dtype=np.int8)
+        states[:, ~idle] = state
+        return StaticHistory(displacement=slid - self.compliance * force, force=force, state=states, slid=slid,
                              load=loads)
 
     @cached_property
