@@ -145,28 +145,34 @@ def _worn_title(axes: Axes, face: WornFace, fontsize: float) -> None:
 
 def plot_wear_shape(path: Path, nodes: NDArray[np.float64], areas: NDArray[np.float64], history: WearHistory,
                     rows: Sequence[int]) -> Path:
-    """Draw where the faces wear first: depth over its area mean at the `rows` of the history, on one scale."""
+    """Draw where the faces wear first: depth over its area mean at `rows`, on one scale and each on its own."""
     means = [float(history.depth[row] @ areas / areas.sum()) for row in rows]
     shapes = [history.depth[row] / mean for row, mean in zip(rows, means, strict=True)]
     reach = max(0.05, *(float(np.abs(shape - 1.0).max()) for shape in shapes))
     reach = style.round_scale(min(reach, 1.0))[0]
     pitch = 13.5 / max(len(rows), 2)
     side = pitch - 0.75
-    height = max(side + 2.75, 6.0)
+    height = max(2.0 * side + 4.55, 6.0)
     with style.styled():
         figure = style.new_figure(
             "Shape of the worn faces",
-            "depth over its mean, both faces together: 1 is uniform wear; one colour scale, its ends for all beyond",
+            "depth over its mean, both faces together: 1 is uniform; on one colour scale, and below each on its own",
             height=height)
         for k, (row, mean, shape) in enumerate(zip(rows, means, shapes, strict=True)):
-            axes = figure.add_axes(inches(1.05 + k * pitch, 0.85, side, side, height))
+            axes, own = (figure.add_axes(inches(1.05 + k * pitch, bottom, side, side, height))
+                         for bottom in (side + 2.65, 0.85))
             _flat_panel(axes, nodes, shape, style.SHAPE_MAP, (1.0 - reach, 1.0 + reach))
+            low, high = float(shape.min()), float(shape.max())
+            _flat_panel(own, nodes, shape, style.DEPTH_MAP, (low, max(high, low + 1e-9)))
+            own.set_title(f"{low:.4g} to {high:.4g}", fontsize=14)
+            own.locator_params(nbins=3 if len(rows) > 3 else 6)
             axes.set_title(f"{style.counted(int(history.cycles[row]))} cycles\nmean {style.figures(mean * UM)} µm",
                            fontsize=14, linespacing=1.35)
             axes.locator_params(nbins=3 if len(rows) > 3 else 6)
             if k > 0:
                 axes.set_ylabel("")
-        bar = figure.add_axes(inches(14.65, 0.85, 0.23, side, height))
+                own.set_ylabel("")
+        bar = figure.add_axes(inches(14.65, side + 2.65, 0.23, side, height))
         ticks = [float(t) for t in np.linspace(1.0 - reach, 1.0 + reach, 5)]
         style.add_colour_bar(figure, bar, style.SHAPE_MAP, ticks, "depth over mean depth")
         return style.save_figure(figure, path)
