@@ -43,7 +43,7 @@ def recorded(monkeypatch):
 
 def begun(fitter, fit, name):
     """Return the points at which the fits of an effect begin."""
-    return [point for point in points_task((fitter, fit)) if point.effects == {name}]
+    return [point for _, point in points_task((fitter, fit)).values() if point.effects == {name}]
 
 
 @pytest.mark.parametrize("frequency", [330.0, 520.0, 760.0])
@@ -115,7 +115,7 @@ def test_correction_at_a_fit_is_kept_where_it_lessens_the_misfit(recorded):
         experiment = RigExperiment(seen, np.zeros(len(exact)), np.zeros((len(exact), 0)))
         own = Fitter(experiment, experiment.measurement.covariance())
         found = Search(experiment, lambda function, arguments: [function(one) for one in arguments],
-                       Effort(0, 1, 0, 1, 0), {one: own.at(still, None), frozenset(): own.at(still, None)})
+                       Effort(0, 0, 1, 0, 1, 0), {one: own.at(still, None), frozenset(): own.at(still, None)})
         found.fitter = own
         before = found.fits[one]
         corrected(found, (seen, check))

@@ -18,6 +18,7 @@ from fretflow.inference.evidence import (
     code_size,
     harmonics,
     modulations,
+    rates,
     size_prior,
     smooth_functions,
 )
@@ -35,13 +36,13 @@ BASELINE = (Coordinate("", "friction", 0.0, 0.3, True),)
 SD = 0.02
 
 
-def measurement(values: Array | None = None) -> Measurement:
+def measurement(values: Array | None = None, sd: float = SD) -> Measurement:
     """Return six loops of one channel, of size one, with noise of two hundredths and code errors of one."""
     size = LOOPS * SAMPLES
     phase, loop = np.tile(np.arange(SAMPLES) / SAMPLES, LOOPS), np.repeat(np.arange(LOOPS), SAMPLES)
     own = np.sqrt(2.0) * np.cos(2.0 * np.pi * phase) if values is None else values
     return Measurement(
-        values=own, variance=np.full(size, SD**2), modes=np.zeros((size, 0)),
+        values=own, variance=np.full(size, sd**2), modes=np.zeros((size, 0)),
         code_error=0.01 * np.sin(16.0 * np.pi * phase + 0.3)[:, None], repeatable=np.ones(size),
         channel=np.zeros(size, dtype=int), channels=("force",), phase=phase, group=loop,
         groups=tuple(map(str, range(LOOPS))), cycles=loop / (LOOPS - 1.0), condition=np.zeros(size, dtype=int),
@@ -101,9 +102,9 @@ def wave(name: str) -> Array:
     return np.asarray(SHAPES[name](own.phase, own.cycles))
 
 
-def judged(values: Array, listed: tuple[str, ...] = tuple(SHAPES)) -> Search:
+def judged(values: Array, listed: tuple[str, ...] = tuple(SHAPES), sd: float = SD) -> Search:
     """Return the finished search in a recording."""
-    experiment = Waves(measurement(values), listed)
+    experiment = Waves(measurement(values, sd), listed)
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
     search(found, lambda share, text: None)
@@ -115,33 +116,57 @@ def test_evidence_is_the_density_of_the_whole_covariance() -> None:
     experiment = Waves(measurement(cosine() + 0.25 * wave("viscous")))
     own, known = experiment.measurement, experiment.measurement.covariance()
     fit = Fitter(experiment, known).at(Point(experiment.parameters(["viscous"]), np.array([0.1, -0.2])), None)
-    signature = 0.3 * wave("viscous")[:, None]
-    found = Discrepancy(own, known).evidence(fit, signature).table
+    signature = 0.3 * wave("viscous")
+    found = Discrepancy(own, known).evidence(fit, modulations(own, signature)).table
     sigma = np.diag(known.variance) + known.modes @ known.modes.T + fit.jacobian @ fit.jacobian.T
     start = own.values - fit.predicted + fit.jacobian @ fit.z
-    smooth, modulated = smooth_functions(own), modulations(own, signature)
-    written = np.array([[multivariate_normal.logpdf(start, cov=sigma + tau**2 * smooth @ smooth.T
-                                                    + form**2 * modulated @ modulated.T)
-                         for tau in SIZES[::5]] for form in FORMS[::6]])
-    assert found[::6, ::5] - found[0, 0] == pytest.approx(written - written[0, 0], abs=1e-5)
+    (common, single), modulated = smooth_functions(own), modulations(own, signature)
+    written = np.array([[[multivariate_normal.logpdf(start, cov=(
+        sigma + size**2 * common @ common.T + tau**2 * single @ single.T + form**2 * modulated @ modulated.T))
+        for tau in SIZES[::5]] for size in SIZES[::5]] for form in FORMS[::6]])
+    assert found[::6, ::5, ::5] - found[0, 0, 0] == pytest.approx(written - written[0, 0, 0], abs=1e-5)
 
 
 def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:
-    """At tau = 1 the mean variance is that of the channel, one here; modulations keep a signature's."""
+    """At size one the mean variance is that of the channel, one here, once in height and once in time.
+
+    Modulations keep a signature's; where a loop shows little of it they are as large as in the others.
+    """
     own = measurement()
-    assert np.mean(np.sum(smooth_functions(own)**2, axis=1)) == pytest.approx(1.0, rel=0.1)
+    for functions in smooth_functions(own):
+        assert np.mean(np.sum(functions**2, axis=1)) == pytest.approx(2.0, rel=0.15)
     assert np.sum(harmonics(own.phase, 5)**2, axis=1) == pytest.approx(np.ones(len(own.values)))
-    change = wave("viscous")[:, None]
+    change = wave("viscous")
     assert np.sum(modulations(own, change)**2) == pytest.approx(np.sum(change**2), rel=0.15)
+    fading = change * np.where(own.group < LOOPS // 2, 1.0, 0.1)
+    made = np.sqrt(np.sum(modulations(own, fading)**2, axis=1))
+    late, early = (float(np.sqrt(np.mean(made[rows]**2))) for rows in (own.group == LOOPS - 1, own.group == 0))
+    assert 0.5 < late / early < 1.5
+
+
+def test_a_loop_that_is_late_is_off_by_a_discrepancy_in_time() -> None:
+    """Where the angle is off by the same in all loops, functions that loops have in common are that to first order."""
+    own = measurement()
+    angle = 2.0 * np.pi * own.phase
+    corner = measurement(np.clip(4.0 * np.cos(angle), -1.0, 1.0))
+    assert rates(own) == pytest.approx(-np.sqrt(2.0) * np.sin(angle), abs=1e-9)
+    late = np.clip(4.0 * np.cos(angle - 0.02), -1.0, 1.0) - corner.values
+    common = smooth_functions(corner)[0]
+    height = common[:, :1 + 2 * 7]  # without those in time
+    left = [float(np.linalg.norm(late - one @ np.linalg.lstsq(one, late, rcond=None)[0])) for one in (height, common)]
+    assert left[1] < 0.5 * left[0]
 
 
 def test_code_error_sets_the_size_of_what_codes_differ_by() -> None:
     """Modes of a hundredth of the channel's size: half of that is its rms; nine tenths of the prior lie below twice."""
     own = measurement()
     assert code_size(own) == pytest.approx(0.01 * np.sqrt(0.5), rel=1e-6)
-    prior = size_prior(0.01)
-    assert prior[SIZES < 0.02].sum() > 0.85
+    prior = size_prior(0.01)[0]
+    assert prior[SIZES < 0.022].sum() > 0.85
     assert prior[SIZES > 0.04].sum() < 1e-3
+    formed = size_prior(0.01, np.array([0.0, 0.1]))
+    assert formed[0] == pytest.approx(prior)
+    assert formed[1, SIZES > 0.04].sum() > 0.5  # laws of another form make larger differences
 
 
 def test_forms_of_one_law_differ_by_a_tenth_and_not_by_all() -> None:
@@ -174,7 +199,7 @@ def test_one_wave_is_named_with_its_size_and_two_as_two() -> None:
     found = judged(1.1 * cosine() + 0.35 * shifted + noise)
     verdict = decide(found)
     assert (verdict.verdict, verdict.effects) == (Verdict.NAMED, ("viscous",))
-    mean, sd = found.evidence(verdict.after).coordinates(found.form_prior, found.size_prior)
+    mean, sd = found.evidence(verdict.after).coordinates(found.prior(verdict.after))
     size = found.fits[verdict.after].parameters.coordinates[-1]
     assert size.value(mean[-1] - 2.0 * sd[-1]) < 0.35 < size.value(mean[-1] + 2.0 * sd[-1])
     both = judged(cosine() + 0.35 * wave("viscous") + 0.3 * wave("support-nonlinearity") + noise)
@@ -185,7 +210,7 @@ def test_noise_and_what_codes_differ_by_are_nothing() -> None:
     """A smooth difference of half the code error's size has no name."""
     generator = np.random.default_rng(8)
     own = measurement()
-    smooth = smooth_functions(own)
+    smooth = np.hstack(smooth_functions(own)) / 2.0
     error = 0.5 * code_size(own) * smooth @ generator.standard_normal(smooth.shape[1])
     verdict = decide(judged(cosine() + error + SD * generator.standard_normal(len(own.values))))
     assert verdict.verdict is Verdict.NONE
@@ -204,17 +229,17 @@ def test_an_effect_that_is_not_listed_is_unknown() -> None:
 def test_probabilities_come_true() -> None:
     """Recordings drawn from the prior, unlisted effects among them: of what has a probability, so much is right."""
     generator = np.random.default_rng(11)
-    names, told, right = list(SHAPES), [], []
+    names, told, right, sd = list(SHAPES), [], [], 0.5  # effects of their prior's size come to 5 times this noise
     for _ in range(60):
         hidden = generator.choice([*names, "", "unlisted"])
         values = cosine() * np.exp(0.3 * generator.standard_normal())
-        own = 0.1 * abs(0.3 + 0.1 * generator.standard_normal())
+        own = abs(0.3 + 0.1 * generator.standard_normal())
         if hidden == "unlisted":
             values = values + own * np.sqrt(2.0) * np.cos(2.0 * np.pi * (2 * generator.integers(1, 4))
                                                           * measurement().phase + generator.uniform(0.0, 6.0))
         elif hidden:
             values = values + own * wave(hidden)
-        verdict = decide(judged(values + SD * generator.standard_normal(len(values))))
+        verdict = decide(judged(values + sd * generator.standard_normal(len(values)), sd=sd))
         wanted = {"": (Verdict.NONE, ()), "unlisted": (Verdict.UNKNOWN, ())}.get(hidden, (Verdict.NAMED, (hidden,)))
         told.append(verdict.probability)
         right.append((verdict.verdict, verdict.effects) == wanted)

@@ -16,7 +16,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, sizes
+from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, size_prior, sizes
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, Coordinate
@@ -30,20 +30,14 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class IndependentDiscrepancy(Discrepancy):
-    """The general discrepancy of rows that are independent; their weights are the measurement's `repeatable`.
+    """The general discrepancy of rows that are independent; their weights are the measurement's `repeatable`."""
 
-    Laws of another form change a signature by a share that follows `courses` (M, k), of unit variance in all.
-    """
-
-    courses: Array
-
-    def evidence(self, fit: Fit, signatures: Array | None = None) -> Evidence:
-        """Return the evidence of a fitted hypothesis; `signatures` (M, effects) in SI are what its effects change."""
+    def evidence(self, fit: Fit, formed: Array | None = None) -> Evidence:
+        """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change."""
         own, weight, sd = self.measurement, self.measurement.repeatable, np.sqrt(self.measurement.variance)
         size = sizes(own) / (sd * np.sqrt(weight))
-        blank = signatures is None or not signatures.shape[1]
-        made = self.courses[:, :0] if blank else np.hstack([
-            self.courses * one[:, None] for one in np.asarray(signatures).T])
+        blank = formed is None or not formed.shape[1]
+        made = np.zeros((len(sd), 0)) if formed is None else np.asarray(formed)
         start = own.values - fit.predicted + fit.jacobian @ fit.z
         every = np.column_stack([start, fit.jacobian, own.modes, own.code_error, made]) / sd[:, None]
         count, forms = len(fit.z), FORMS[:1] if blank else FORMS
@@ -87,17 +81,31 @@ class IndependentSearch(Search):
     def discrepancy(self) -> Discrepancy:
         """Return the general discrepancy."""
         own = self.experiment.measurement
-        return IndependentDiscrepancy(own, own.covariance(), self.experiment.courses)
+        return IndependentDiscrepancy(own, own.covariance())
+
+    def formed(self, names: Names) -> Array:
+        """Return what other forms of the laws of a fitted set change (M, any): signatures by shares as courses tell."""
+        return np.hstack([self.experiment.courses * one[:, None] for one in self.signatures(names).T])
 
     def evidence(self, names: Names, formed: bool = True) -> Evidence:
         """Return the evidence of a set, what the choice of its laws' forms costs taken off."""
         found, cost = super().evidence(names, formed), sum(self.experiment.choice(name) for name in names)
         return replace(found, table=found.table - cost) if cost else found
 
-    @property
-    def any_size(self) -> Array:
-        """Return the prior of the general discrepancy's size where something is left out: log-uniform."""
-        return np.full(len(SIZES), 1.0 / len(SIZES))
+    def prior(self, names: Names, formed: bool = True, forms: Array | None = None) -> Array:
+        """Return the prior (forms, sizes) of law-form errors and of the one general discrepancy."""
+        laws, _ = self.prior_of_sizes(names, formed, forms)
+        return np.asarray(laws[:, None] * size_prior(code_size(self.experiment.measurement)))
+
+    def beyond_codes(self) -> Array:
+        """Return the prior of sizes without effects where something is missing."""
+        wide = np.where(code_size(self.experiment.measurement) < SIZES, 1.0, 0.0)
+        return (wide / wide.sum())[None, :]
+
+    def any_size(self, names: Names) -> Array:
+        """Return the prior (forms, sizes) where something is left out: a general discrepancy of any size."""
+        forms = self.form_prior if names else np.ones(1)
+        return np.outer(forms, np.full(len(SIZES), 1.0 / len(SIZES)))
 
     @property
     def fitter(self) -> Fitter:
@@ -107,7 +115,7 @@ class IndependentSearch(Search):
 
 def estimates(looked: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
-    mean, spread = looked.evidence(names).coordinates(looked.form_prior, looked.any_size)
+    mean, spread = looked.evidence(names).coordinates(looked.any_size(names))
     made = []
     for coordinate, middle, sd in zip(looked.fits[names].parameters.coordinates, mean, spread, strict=True):
         value, *ends = (coordinate.value(float(middle + way * HALF * sd)) for way in (0.0, -1.0, 1.0))

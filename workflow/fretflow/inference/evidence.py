@@ -2,27 +2,30 @@
 
 Beside the errors of measurement and code that a `Measurement` knows, the true system differs from any model by a
 discrepancy (M. C. Kennedy, A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425-464; J. Brynjarsdottir, A. O'Hagan, Inverse
-Problems 30 (2014) 114007), here of two kinds, both smooth in loop phase, cycles and condition:
+Problems 30 (2014) 114007), here of three kinds, all smooth in loop phase:
 
 - in proportion to each effect's own signature s_e, by a relative size e: the law is of another form than the
   catalogue's (see `law_forms`);
-- any, by a share tau of each channel's size.
+- any that all loops have in common, by a share sigma of each channel's size;
+- any that differs from loop to loop, smoothly in cycles, by a share tau.
 
 With whitened residual r, derivatives J by coordinates z that are standard normal beforehand, whitened smooth functions
-G and modulated signatures D, a hypothesis that is linear about its fit has ::
+C in common and G of single loops, and modulated signatures D, a hypothesis that is linear about its fit has ::
 
-    r + J z ~ N(0, 1 + J J^T + e^2 D D^T + tau^2 G G^T)
+    r + J z ~ N(0, 1 + J J^T + e^2 D D^T + sigma^2 C C^T + tau^2 G G^T)
 
-G is decomposed once, so that every tau costs sums over its singular values alone.
+G, which has the most functions, is decomposed once, so that every tau costs sums over its singular values alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from fretflow.core.records import quantity, record
 from fretflow.inference.experiment import Covariance, Measurement
@@ -31,117 +34,161 @@ from fretflow.inference.parameters import Array
 
 HARMONICS = 7  # of the loop phase that a discrepancy is made of; sd falls with the order, as of continuous functions
 MODULATING = 2  # the same, of what a law of another form does to a signature
-SIZES = np.geomspace(1e-3, 1.0, 16)  # tau, from what hardly any channel resolves to all of it
-FORMS = np.geomspace(0.003, 1.0, 11)  # e, from below all noise to laws that have nothing in common
+LEAST = 0.01  # of the rms of all, below which what a loop shows of an effect is round-off and has no direction
+SIZES = np.geomspace(1e-3, 1.0, 10)  # sigma and tau, from what hardly any channel resolves to all of it
+FORMS = np.geomspace(0.003, 1.0, 8)  # e, from below all noise to laws that have nothing in common
 
 
 @record
 class Evidence:
-    """log p(recording | hypothesis, e, tau) over the sizes of both discrepancies, up to a constant of the recording."""
+    """log p(recording | hypothesis, e, sigma, tau) over the sizes of discrepancies, up to a constant of the recording.
 
-    table: Array = quantity("1", "(forms, sizes), one row where the hypothesis has no effects")
-    mean: Array = quantity("1", "(forms, sizes, P), most probable coordinates")
-    spread: Array = quantity("1", "(forms, sizes, P), their standard deviations")
+    Experiments whose rows differ independently have one general discrepancy only, and one axis of sizes.
+    """
 
-    def averaged(self, forms: Array, sizes: Array) -> float:
-        """Return the log evidence with priors of e (forms,) and of tau (sizes,), which sum to one."""
-        prior = np.log(np.maximum(np.outer(forms if len(self.table) > 1 else np.ones(1), sizes), 1e-300))
-        return float(np.logaddexp.reduce(self.table + prior, axis=None))
+    table: Array = quantity("1", "(forms, sizes, sizes), one form where the hypothesis has no effects")
+    mean: Array = quantity("1", "(forms, sizes, sizes, P), most probable coordinates")
+    spread: Array = quantity("1", "(forms, sizes, sizes, P), their standard deviations")
 
-    def coordinates(self, forms: Array, sizes: Array) -> tuple[Array, Array]:
-        """Return the mean and the standard deviation (P,) of the coordinates over both sizes."""
-        prior = np.log(np.maximum(np.outer(forms if len(self.table) > 1 else np.ones(1), sizes), 1e-300))
-        weight = np.exp(self.table + prior - (self.table + prior).max())
-        weight = (weight / weight.sum())[:, :, None]
-        mean = np.sum(weight * self.mean, axis=(0, 1))
-        return mean, np.sqrt(np.sum(weight * (self.spread**2 + (self.mean - mean)**2), axis=(0, 1)))
+    def averaged(self, prior: Array) -> float:
+        """Return the log evidence with a prior of the sizes, of the table's shape, which sums to one."""
+        return float(np.logaddexp.reduce(self.table + np.log(np.maximum(prior, 1e-300)), axis=None))
 
-    def most_probable(self, forms: Array, sizes: Array) -> tuple[float, float]:
-        """Return the most probable e and tau."""
-        own = np.log(np.maximum(np.outer(forms if len(self.table) > 1 else np.ones(1), sizes), 1e-300))
-        i, k = np.unravel_index(int(np.argmax(self.table + own)), self.table.shape)
-        return (float(FORMS[i]) if len(self.table) > 1 else 0.0), float(SIZES[k])
+    def coordinates(self, prior: Array) -> tuple[Array, Array]:
+        """Return the mean and the standard deviation (P,) of the coordinates over all sizes."""
+        own = self.table + np.log(np.maximum(prior, 1e-300))
+        weight = np.exp(own - own.max())
+        weight = (weight / weight.sum())[..., None]
+        axes = tuple(range(own.ndim))
+        mean = np.sum(weight * self.mean, axis=axes)
+        return mean, np.sqrt(np.sum(weight * (self.spread**2 + (self.mean - mean)**2), axis=axes))
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """The general discrepancy of a measurement, in the space that `covariance` whitens."""
+    """The general discrepancies of a measurement, in the space that `covariance` whitens."""
 
     measurement: Measurement
     covariance: Covariance
 
     @cached_property
-    def _modes(self) -> tuple[Array, Array]:
-        left, size, _ = np.linalg.svd(self.covariance.whiten(smooth_functions(self.measurement)), full_matrices=False)
+    def _modes(self) -> tuple[Array, Array, Array]:
+        """Return the functions (M, any) in common, and an orthonormal basis of those of single loops with its sizes."""
+        common, single = map(self.covariance.whiten, smooth_functions(self.measurement))
+        left, size, _ = np.linalg.svd(single, full_matrices=False)
         kept = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
-        return left[:, kept], size[kept]
+        return common, left[:, kept], size[kept]
 
-    def evidence(self, fit: Fit, signatures: Array | None = None) -> Evidence:
-        """Return the evidence of a fitted hypothesis; `signatures` (M, effects) in SI are what its effects change."""
-        left, size = self._modes
-        blank = signatures is None or not signatures.shape[1]
-        modulated = np.zeros((len(left), 0)) if blank else self.covariance.whiten(
-            modulations(self.measurement, np.asarray(signatures)))
-        start = fit.residual + fit.whitened_jacobian @ fit.z
-        every = np.column_stack([start, fit.whitened_jacobian, modulated])
+    def evidence(self, fit: Fit, formed: Array | None = None) -> Evidence:
+        """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change."""
+        common, left, size = self._modes
+        blank = formed is None or not formed.shape[1]
+        modulated = np.zeros((len(left), 0)) if blank else self.covariance.whiten(np.asarray(formed))
+        # a fit may have been made under another covariance than the evidence is of
+        start, slopes = (self.covariance.whiten(one) for one in (
+            self.measurement.values - fit.predicted + fit.jacobian @ fit.z, fit.jacobian))
+        every = np.column_stack([start, slopes, common, modulated])
         inside = left.T @ every
-        outside = every.T @ every - inside.T @ inside
+        outside: Array = every.T @ every - inside.T @ inside
         own, forms = len(fit.z), FORMS[:1] if blank else FORMS
-        table = np.empty((len(forms), len(SIZES)))
+        wanted = np.eye(every.shape[1] - 1)[:, :own]
+        table = np.empty((len(forms), len(SIZES), len(SIZES)))
         mean, spread = (np.empty((*table.shape, own)) for _ in range(2))
         for k, tau in enumerate(SIZES):
             kept = 1.0 / (1.0 + np.square(tau * size))
             gram = inside.T @ (kept[:, None] * inside) + outside
-            for i, form in enumerate(forms):
-                scale = np.concatenate([np.ones(own), np.full(modulated.shape[1], form)])
-                inner = np.eye(len(scale)) + scale[:, None] * gram[1:, 1:] * scale
+            for (i, form), (j, sigma) in product(enumerate(forms), enumerate(SIZES)):
+                scale = np.repeat([1.0, sigma, form], [own, common.shape[1], modulated.shape[1]])
+                root = cho_factor(np.eye(len(scale)) + scale[:, None] * gram[1:, 1:] * scale, lower=True,
+                                  overwrite_a=True, check_finite=False)
                 pulled = scale * gram[1:, 0]
-                inverse = np.linalg.inv(inner)
-                table[i, k] = -0.5 * (gram[0, 0] - pulled @ inverse @ pulled + np.linalg.slogdet(inner)[1]
-                                      - float(np.log(kept).sum()))
-                mean[i, k] = (inverse @ pulled)[:own]
-                spread[i, k] = np.sqrt(np.diag(inverse)[:own])
+                solved = cho_solve(root, np.column_stack([pulled, wanted]), check_finite=False)
+                table[i, j, k] = -0.5 * (gram[0, 0] - pulled @ solved[:, 0] - float(np.log(kept).sum())) - float(
+                    np.log(np.diag(root[0])).sum())
+                mean[i, j, k] = solved[:own, 0]
+                spread[i, j, k] = np.sqrt(np.diag(solved[:own, 1:]))
         return Evidence(table=table, mean=mean, spread=spread)
 
 
-def smooth_functions(measurement: Measurement) -> Array:
-    """Return smooth functions (M, any) of all rows, each the sd of a general discrepancy at tau = 1.
+def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
+    """Return smooth functions of all rows that loops have in common (M, any), and of single loops (M, any).
 
-    Over the loops' phase they are harmonics, over loops one function that all share, one that each condition has, and
-    broken lines over the cycles; what has no phase is off in proportion to its size.
+    Each is the sd of a general discrepancy of size one. Over the loops' phase they are harmonics; single loops differ
+    by a random walk over the cycles, and each condition has its own; what has no phase is off in proportion to its
+    size. A loop may be early or late as well, by angles in radians that are as smooth: of a sine that is a change of
+    the same relative size, and corners, which are not smooth, move.
     """
-    return _products(measurement, harmonics(measurement.phase, HARMONICS), _courses(measurement), sizes(measurement))
+    found = [np.hstack([
+        _products(measurement, harmonics(measurement.phase, HARMONICS), courses, sizes(measurement)),
+        _products(measurement, harmonics(measurement.phase, MODULATING), courses, rates(measurement))])
+        for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
+    return found[0], found[1]
 
 
-def modulations(measurement: Measurement, signatures: Array) -> Array:
-    """Return each of `signatures` (M, E) times smooth functions of unit variance in all, (M, any).
+def modulations(measurement: Measurement, signature: Array) -> Array:
+    """Return smooth functions (M, any) in proportion to a `signature` (M,), of unit variance in all.
 
-    A loop's zero, which no sensor knows, is none of a signature.
+    A law of the motion is off alike in all loops, by a function of their phase; one of time or energy alike at all
+    phases, by one of the cycles; at other conditions both may differ. What a law's form is off by is a share of all
+    that the law does: it may be as large where the law happens to do little, as late in a run-in, so that no loop
+    counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature.
     """
-    waves = harmonics(measurement.phase, MODULATING)
-    seen = np.array(signatures, dtype=float)
+    seen = np.array(signature, dtype=float)
     for own in loops_of(measurement):
-        seen[own] -= seen[own].mean(axis=0)
-    found = [_products(measurement, waves, _courses(measurement), one, apart=False) for one in seen.T]
-    return np.hstack(found) if found else np.zeros((len(measurement.values), 0))
+        seen[own] -= seen[own].mean()
+    shapes = _unit(np.hstack([harmonics(measurement.phase, MODULATING), _courses(measurement)]))
+    return np.asarray(_levelled(measurement, seen)[:, None] * shapes)
+
+
+def _levelled(measurement: Measurement, signature: Array) -> Array:
+    """Return a signature (M,) with what single groups of rows show of it raised to the rms of all groups."""
+    groups = [measurement.group == one for one in range(len(measurement.groups))]
+    share = np.square(signature / np.maximum(sizes(measurement), 1e-300))
+    own = np.sqrt([np.mean(share[rows]) for rows in groups])
+    rms, found = float(np.sqrt(np.mean(own**2))), signature.copy()
+    for rows, size in zip(groups, own, strict=True):
+        if LEAST * rms < size < rms:
+            found[rows] *= rms / size
+    return found
+
+
+def relative_size(measurement: Measurement, signatures: Array) -> float:
+    """Return what `signatures` (M, E) come to over the sizes of the channels, rms over the rows.
+
+    What they do to a loop's zero counts over that of the whole channel.
+    """
+    zero = np.zeros(np.shape(signatures))
+    for own in loops_of(measurement):
+        zero[own] = np.asarray(signatures)[own].mean(axis=0)
+    share = np.square((signatures - zero) / sizes(measurement)[:, None]) + np.square(
+        zero / sizes(measurement, whole=True)[:, None])
+    return float(np.sqrt(np.mean(np.sum(share, axis=1))))
 
 
 def code_size(measurement: Measurement) -> float:
     """Return what codes differ by over the size of the channels, rms over the rows; that of noise where nothing tells.
 
-    It is what finer meshes and steps change of the model's prediction: two codes of this resolution differ by as much.
+    It is what finer meshes and steps change of the model's prediction, loops' zeros aside: two codes of this resolution
+    differ by as much.
     """
-    squares = np.sum(measurement.code_error**2, axis=1)
+    error = measurement.code_error.copy()
+    for own in loops_of(measurement):
+        error[own] -= error[own].mean(axis=0)
+    squares = np.sum(error**2, axis=1)
     if not squares.any():
         squares = measurement.variance * measurement.repeatable
-    share = squares / np.maximum(sizes(measurement), 1e-300)**2
+    share = squares / sizes(measurement)**2
     return float(np.sqrt(np.mean(share[squares > 0.0])))
 
 
-def size_prior(code: float) -> Array:
-    """Return the prior (sizes,) of tau where nothing is left out: normal, with what codes differ by as its sd."""
-    found = SIZES * np.exp(-0.5 * np.square(SIZES / code))
-    return np.asarray(found / found.sum())
+def size_prior(code: float, formed: Array | None = None) -> Array:
+    """Return the prior (forms, sizes) of sigma or tau: normal, its variance that of all that makes such differences.
+
+    Codes differ by `code`; laws of another form by `formed` (forms,), one row each. Without laws there is one row.
+    """
+    sd = np.hypot(code, np.zeros(1) if formed is None else formed)[:, None]
+    found = SIZES * np.exp(-0.5 * np.square(SIZES / sd))
+    return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 def loops_of(measurement: Measurement) -> list[NDArray[np.bool_]]:
@@ -150,14 +197,32 @@ def loops_of(measurement: Measurement) -> list[NDArray[np.bool_]]:
     return [keys == key for key in np.unique(keys[np.isfinite(measurement.phase)])]
 
 
-def sizes(measurement: Measurement) -> Array:
-    """Return the size (M,) of each row's channel: the largest rms of its loops about their means, else of values."""
+def sizes(measurement: Measurement, whole: bool = False) -> Array:
+    """Return the size (M,) of each row's channel: the largest rms of its loops about their means, else of values.
+
+    The `whole` of it has the means in it.
+    """
     found = np.zeros(len(measurement.values))
     for channel in range(len(measurement.channels)):
         rows = measurement.channel == channel
         groups = [measurement.values[rows & (measurement.group == g)] for g in np.unique(measurement.group[rows])]
-        periodic = np.isfinite(measurement.phase[rows]).all()
+        periodic = np.isfinite(measurement.phase[rows]).all() and not whole
         found[rows] = max(float(np.std(own) if periodic else np.sqrt(np.mean(own**2))) for own in groups)
+    return np.maximum(found, np.finfo(float).tiny)
+
+
+def rates(measurement: Measurement) -> Array:
+    """Return the derivative (M,) of the values by the angle of the loop's phase; zero where there is no phase.
+
+    It is that of the Fourier series that the samples of a loop hold: corners are where being late shows.
+    """
+    found = np.zeros(len(measurement.values))
+    for own in loops_of(measurement):
+        angle = 2.0 * np.pi * measurement.phase[own][:, None]
+        order = np.arange(1, (len(angle) - 1) // 2 + 1)
+        series = np.hstack([np.ones_like(angle), np.cos(angle * order), np.sin(angle * order)])
+        slopes = np.hstack([np.zeros_like(angle), -order * np.sin(angle * order), order * np.cos(angle * order)])
+        found[own] = slopes @ np.linalg.lstsq(series, measurement.values[own], rcond=None)[0]
     return found
 
 
@@ -172,25 +237,23 @@ def harmonics(phase: Array, most: int) -> Array:
 
 
 def _courses(measurement: Measurement) -> Array:
-    """Return functions (M, any) over the loops, of unit variance in all: constant, over the cycles, by condition."""
+    """Return functions (M, any) by which loops differ, of unit variance in all: over the cycles, and by condition."""
     shown = np.where(np.isfinite(measurement.cycles), measurement.cycles, 1.0)
     knots = np.unique(shown)
-    columns = [np.ones(len(shown))]
-    if len(knots) > 1:  # a random walk over the recorded counts, of unit variance over the test
-        steps = np.sqrt(np.diff(np.linspace(0.0, 1.0, len(knots))))
-        columns += [np.where(shown >= knot, step, 0.0) for knot, step in zip(knots[1:], steps, strict=True)]
-    for condition in np.unique(measurement.condition):
-        if condition:
-            columns.append((measurement.condition == condition).astype(float))
-    found = np.column_stack(columns)
-    return np.asarray(found / np.sqrt(np.mean(np.sum(found**2, axis=1))))
+    steps = np.sqrt(np.diff(np.linspace(0.0, 1.0, len(knots))))  # a random walk over the recorded counts
+    columns = [np.where(shown >= knot, step, 0.0) for knot, step in zip(knots[1:], steps, strict=True)]
+    columns += [(measurement.condition == one).astype(float) for one in np.unique(measurement.condition) if one]
+    return _unit(np.column_stack(columns)) if columns else np.zeros((len(shown), 0))
 
 
-def _products(measurement: Measurement, waves: Array, courses: Array, size: Array, apart: bool = True) -> Array:
-    """Return all products of waves and courses times a size (M,); of each channel `apart`, or of all alike."""
+def _unit(functions: Array) -> Array:
+    """Return functions (M, any) scaled to unit variance in all."""
+    return np.asarray(functions / np.sqrt(np.mean(np.sum(functions**2, axis=1))))
+
+
+def _products(measurement: Measurement, waves: Array, courses: Array, size: Array) -> Array:
+    """Return all products of waves and courses times a size (M,), of each channel apart."""
     product = (waves[:, :, None] * courses[:, None, :]).reshape(len(waves), -1) * size[:, None]
-    if not apart:
-        return np.asarray(product)
     found = [np.where((measurement.channel == channel)[:, None], product, 0.0)
              for channel in range(len(measurement.channels))]
     every = np.hstack(found)

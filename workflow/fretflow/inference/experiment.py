@@ -84,7 +84,7 @@ class Point:
 def put_out(effect: Effect) -> Effect:
     """Return an effect with what its law is named after at the value that does nothing; the rest is as it was."""
     plain, neutral = type(effect)(), type(effect).neutral()
-    return effect.changed(**{name: getattr(neutral, name) for name in type(effect).priors()
+    return effect.changed(**{name: getattr(neutral, name) for name in type(effect).model_fields
                              if getattr(neutral, name) != getattr(plain, name)})
 
 
@@ -151,9 +151,15 @@ def differences(experiment: Experiment, prediction: Prediction, points: Sequence
 
 
 def jacobian(experiment: Experiment, prediction: Prediction) -> Array:
-    """Return the derivative (M, size) of a prediction by its coordinates; zero where nothing is known."""
+    """Return the derivative (M, size) of a prediction by its coordinates; zero where a point beside has no solution.
+
+    What first-order changes do not know is differenced.
+    """
     points, steps = prediction.point.beside()
-    return np.asarray(np.nan_to_num(experiment.changes(prediction, points)) / steps)
+    found = np.asarray(experiment.changes(prediction, points))
+    unknown = np.flatnonzero(~np.isfinite(found).all(axis=0))
+    found[:, unknown] = differences(experiment, prediction, [points[k] for k in unknown])
+    return np.asarray(np.nan_to_num(found) / steps)
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,10 @@ from scipy.special import logit
 from scipy.stats import norm
 
 from fretflow.effects.catalogue import catalogue
-from fretflow.inference.evidence import FORMS, SIZES, code_size, modulations
+from fretflow.inference.evidence import FORMS
 from fretflow.inference.law_forms import density
 from fretflow.inference.parameters import Array
-from fretflow.inference.search import HALF, Names, Search, Start, basis
+from fretflow.inference.search import BENT, HALF, Names, Search, Start, basis, log_gain
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
@@ -142,19 +142,19 @@ def posterior(found: Search) -> Posterior:
 
 
 def faint(found: Search, names: Names, effect: str) -> bool:
-    """Tell whether an effect of a fitted set is weaker than its plausible range begins.
+    """Tell whether an effect of a fitted set is weaker than all but one in a thousand of its plausible range.
 
     So weak an effect is what codes and laws differ by, and not what its name says.
     """
     kind, space = catalogue()[effect], found.fits[names].parameters
-    mean, _ = found.evidence(names).coordinates(found.form_prior, found.size_prior)
+    mean, _ = found.evidence(names).coordinates(found.prior(names))
     plain, neutral = kind(), kind.neutral()
     for own, at in zip(space.coordinates, mean, strict=True):
         off = getattr(neutral, own.field, None) if own.effect == effect else None
         if off is None or off == getattr(plain, own.field):
             continue
-        ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))
-        if (own.sign * off < ends[0] and at < -HALF) or (own.sign * off > ends[1] and at > HALF):
+        ends = sorted(own.sign * own.value(way * BENT) for way in (-1.0, 1.0))
+        if (own.sign * off < ends[0] and at < -BENT) or (own.sign * off > ends[1] and at > BENT):
             return True
     return False
 
@@ -176,9 +176,8 @@ def _extends(wider: str, plainer: str) -> bool:
 def _unlisted(found: Search, singles: list[Names], prior: float) -> float:
     """Return the log weight of an unlisted effect: like a listed one with another error, or like none."""
     forms = left_out(found.starts)
-    wide = np.where(code_size(found.experiment.measurement) < SIZES, 1.0, 0.0)
-    values = [found.evidence(frozenset(), False).averaged(found.form_prior, wide / wide.sum())]
-    values += [prior + found.evidence(names).averaged(forms, found.size_prior) for names in singles]
+    values = [found.evidence(frozenset(), False).averaged(found.beyond_codes())]
+    values += [prior + found.evidence(names).averaged(found.prior(names, forms=forms)) for names in singles]
     top = max(values)
     return top + log(0.5 * exp(values[0] - top) + 0.5 * sum(exp(value - top) for value in values[1:]))
 
@@ -206,8 +205,9 @@ def left_out(starts: list[Start]) -> Array:
 def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     """Return the most log evidence for what a wider set does beyond other forms of the plainer set's laws.
 
-    The share of what the plainer set leaves that the wider one takes is compared with the shares that the best other
-    effect takes of law-form errors of the plainer set.
+    Of further effects it is at most theirs in what no form of these laws explains. And the share of what the plainer
+    set leaves that the wider one takes is compared with the shares that the best other effect takes of law-form errors
+    of the plainer set.
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
@@ -217,7 +217,18 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
-    return log(largest_odds(p))
+    beyond = log(largest_odds(p))
+    return min(beyond, _outside_forms(found, fewer, wider)) if fewer < wider else beyond
+
+
+def _outside_forms(found: Search, fewer: Names, wider: Names) -> float:
+    """Return the log evidence for the further effects of a wider set in what no form of the plainer laws explains."""
+    fit, rest, white = found.fits[wider], found.explicable(fewer), found.fitter.covariance.whiten
+    further = [place for place, name in enumerate(sorted(wider)) if name not in fewer]
+    own = np.any([fit.parameters.own(sorted(wider)[place]) for place in further], axis=0)
+    columns = np.column_stack([white(found.signatures(wider)[:, further]), white(fit.jacobian[:, own])])
+    left = white(found.experiment.measurement.values - found.fits[fewer].predicted)
+    return log_gain(columns - rest @ (rest.T @ columns), left - rest @ (rest.T @ left))
 
 
 def largest_odds(p: float) -> float:
@@ -231,7 +242,7 @@ def taken_by_chance(found: Search, names: Names) -> Array:
     """Return the share (DRAWS,) of draws of a set's law-form error that the best further effect takes."""
     fit = found.fits[names]
     rest = basis(fit.whitened_jacobian)
-    errors = found.fitter.covariance.whiten(modulations(found.experiment.measurement, found.signatures(names)))
+    errors = found.fitter.covariance.whiten(found.formed(names))
     draws = errors @ np.random.default_rng(SEED).standard_normal((errors.shape[1], DRAWS))
     draws -= rest @ (rest.T @ draws)
     draws /= np.maximum(np.linalg.norm(draws, axis=0), 1e-300)

@@ -8,7 +8,7 @@ best one's by `NEGLIGIBLE` holds no share of the posterior that would be told.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import log
@@ -20,7 +20,17 @@ from scipy.stats import norm
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
-from fretflow.inference.evidence import FORMS, Discrepancy, Evidence, code_size, size_prior, smooth_functions
+from fretflow.inference.evidence import (
+    FORMS,
+    SIZES,
+    Discrepancy,
+    Evidence,
+    code_size,
+    modulations,
+    relative_size,
+    size_prior,
+    smooth_functions,
+)
 from fretflow.inference.experiment import Covariance, Experiment, Point, Prediction
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fit, Fitter
@@ -50,15 +60,16 @@ class Pool(Protocol):
 class Effort:
     """How much is fitted."""
 
-    first_steps: int  # of every effect
+    going: int  # effects that are fitted on from their starts, the most promising first
+    first_steps: int  # of each of these
     starts: int  # of every effect that are gone on with
     last_steps: int  # of those that may matter
     bases: int  # sets to which another effect is sought
     partners: int  # effects that are fitted beside each of them
 
 
-FAST = Effort(first_steps=2, starts=1, last_steps=8, bases=2, partners=2)
-FULL = Effort(first_steps=4, starts=2, last_steps=16, bases=3, partners=4)
+FAST = Effort(going=10, first_steps=2, starts=1, last_steps=8, bases=2, partners=2)
+FULL = Effort(going=60, first_steps=4, starts=2, last_steps=16, bases=3, partners=4)
 
 
 @dataclass(frozen=True)
@@ -130,17 +141,33 @@ class Search:
         own = self.experiment.measurement
         known = own.covariance()
         return Fitter(self.experiment, Covariance(known.variance, np.hstack([
-            known.modes, code_size(own) * smooth_functions(own)])))
-
-    @cached_property
-    def size_prior(self) -> Array:
-        """Return the prior of the general discrepancy's size where nothing is left out."""
-        return size_prior(code_size(self.experiment.measurement))
+            known.modes, *(code_size(own) * functions for functions in smooth_functions(own))])))
 
     @cached_property
     def form_prior(self) -> Array:
         """Return the prior of the relative law-form error of an effect of the catalogue."""
         return density(law_form_errors(), FORMS)
+
+    def prior(self, names: Names, formed: bool = True, forms: Array | None = None) -> Array:
+        """Return the prior of the discrepancies' sizes, of the shape of a set's evidence.
+
+        A law of another form by e changes all that its effect does by a share e of that, of any smooth shape.
+        """
+        laws, sizes = self.prior_of_sizes(names, formed, forms)
+        return np.asarray(laws[:, None, None] * sizes[:, :, None] * sizes[:, None, :])
+
+    def prior_of_sizes(self, names: Names, formed: bool, forms: Array | None) -> tuple[Array, Array]:
+        """Return the priors of e (forms,) and of one general discrepancy at each (forms, sizes)."""
+        code = code_size(self.experiment.measurement)
+        if not names or not formed:
+            return np.ones(1), size_prior(code)
+        own = relative_size(self.experiment.measurement, self.signatures(names))
+        return self.form_prior if forms is None else forms, size_prior(code, own * FORMS)
+
+    def beyond_codes(self) -> Array:
+        """Return the prior of sizes without effects where something is missing: log-uniform beyond what codes do."""
+        wide = np.where(code_size(self.experiment.measurement) < SIZES, 1.0, 0.0)
+        return np.multiply.outer(np.ones(1), np.outer(wide, wide) / wide.sum()**2)
 
     @property
     def baseline(self) -> Fit:
@@ -168,13 +195,22 @@ class Search:
         fit = self.fits[names]
         known = self._evidence.get(names)
         if known is None or known[0] is not fit or known[1] != formed:
-            own = self.signatures(names) if formed and names else None
+            own = self.formed(names) if formed and names else None
             self._evidence[names] = (fit, formed, self.discrepancy.evidence(fit, own))
         return self._evidence[names][2]
 
     def log_evidence(self, names: Names, formed: bool = True) -> float:
         """Return the log evidence of a set if nothing is missing from it."""
-        return self.evidence(names, formed).averaged(self.form_prior, self.size_prior)
+        return self.evidence(names, formed).averaged(self.prior(names, formed))
+
+    def formed(self, names: Names) -> Array:
+        """Return what other forms of the laws of a fitted set change (M, any), in SI, at a law-form error of one."""
+        return np.hstack([modulations(self.experiment.measurement, one) for one in self.signatures(names).T])
+
+    def explicable(self, names: Names) -> Array:
+        """Return an orthonormal basis (M, any) of what a set's parameters and other forms of its laws can change."""
+        formed = self.fitter.covariance.whiten(self.formed(names))
+        return basis(np.column_stack([self.fits[names].whitened_jacobian, formed]))
 
     def signatures(self, names: Names) -> Array:
         """Return what each effect (sorted) of a fitted set changes, (M, effects) in SI; zero where nothing tells."""
@@ -274,27 +310,35 @@ def begin_all(found: Search) -> None:
     origins = [found.baseline]
     if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
         origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
-    laid = [(origin, point) for origin, points in zip(origins, found.pool(points_task, [
-        (found.fitter, origin) for origin in origins]), strict=True) for point in points]
-    begun = found.pool(fit_task, [Task(found.fitter, point, origin.prediction, 0) for origin, point in laid])
+    laid: dict[Hashable, tuple[float, Fit, Point]] = {}
+    for place, (origin, points) in enumerate(zip(origins, found.pool(points_task, [
+            (found.fitter, one) for one in origins]), strict=True)):
+        for key, (value, point) in points.items():
+            if found.effort.starts > 1 or not np.isfinite(value):
+                laid[place, key] = (value, origin, point)
+            elif key not in laid or value < laid[key][0]:  # of two origins the one that promises more
+                laid[key] = (value, origin, point)
+    begun = found.pool(fit_task, [Task(found.fitter, point, origin.prediction, 0)
+                                  for _, origin, point in laid.values()])
     best: dict[Names, list[Fit]] = {}
-    for (origin, _), fit in zip(laid, begun, strict=True):
-        if fit is None:
-            continue
-        best.setdefault(fit.effects, []).append(fit)
-        if origin is origins[0]:
+    for (_, origin, _), fit in zip(laid.values(), begun, strict=True):
+        if fit is not None:
+            best.setdefault(fit.effects, []).append(fit)
             found.starts.append(_start(found, origin, fit))
     # what would not be as probable as none of the effects even if all were linear is not gone on with
     worth = found.baseline.objective - 2.0 * log(max(len(found.experiment.candidates()), 1))
     going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]
              if fit.promise < worth or not _tells(fit.prediction.point, found.baseline)]
+    going = sorted(going, key=lambda one: one.promise)[:found.effort.going]
     found.keep(fit for fits in best.values() for fit in fits)
     found.keep(found.pool(fit_task, [Task(found.fitter, fit.prediction.point, fit.prediction, found.effort.first_steps)
                                      for fit in going]))
 
 
-def points_task(asked: tuple[Fitter, Fit]) -> list[Point]:
+def points_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, tuple[float, Point]]:
     """Return the points beside a fit at which each further effect is begun, for either sign of what may have both.
+
+    Each comes with the squares that it would leave, to first order.
 
     Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
     and a point near their lower end.
@@ -306,13 +350,16 @@ def points_task(asked: tuple[Fitter, Fit]) -> list[Point]:
     rest = basis(origin.whitened_jacobian)
     left = origin.residual[:, None] - changes
     reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
-    best: dict[tuple[Names, tuple[float, ...]], tuple[float, Point]] = {}
+    best: dict[Hashable, tuple[float, Point]] = {}
     for point, value in zip(told, reached, strict=True):
         key = (point.effects, tuple(point.parameters.signs.values()))
         if key not in best or value < best[key][0]:
             best[key] = (float(value), point)
-    return [*(point for _, point in best.values()), *(point for point in laid if not _tells(point, origin)
-                                                      and np.sum(np.abs(point.z[len(origin.z):]) > 0.0) < 2)]
+    for point in laid:  # of the others nothing is known before they are simulated
+        own = point.z[len(origin.z):]
+        if not _tells(point, origin) and np.sum(np.abs(own) > 0.0) < 2:
+            best[point.effects, tuple(point.parameters.signs.values()), tuple(own)] = (np.inf, point)
+    return best
 
 
 def _tells(point: Point, origin: Fit) -> bool:
@@ -351,7 +398,7 @@ def _start(found: Search, origin: Fit, fit: Fit) -> Start:
 def beside(found: Search, names: Names) -> list[Task]:
     """Return the fits of a set with the effects beside it that promise most of what it leaves."""
     fit = found.fits[names]
-    rest = basis(np.column_stack([fit.whitened_jacobian, found.fitter.covariance.whiten(found.signatures(names))]))
+    rest = found.explicable(names)
     left = fit.residual - rest @ (rest.T @ fit.residual)
     gains: dict[str, tuple[float, int]] = {}
     for place, start in enumerate(found.starts):

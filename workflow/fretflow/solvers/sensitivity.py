@@ -114,8 +114,9 @@ def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directio
         direction.validate(*solution.state.shape)
     equations = InternalEquations.of(problem, harmonics, len(solution.state))
     _check(solution, equations)
-    balance = equations.balance(*(equations.coefficients(solution.internal[:, part])
-                                  for part in (equations.seen, equations.other)))
+    # b as it was found: where it was an unknown beside a, it need not follow from a alone
+    balance = equations.beside_balance(*(equations.coefficients(solution.internal[:, part])
+                                         for part in (equations.seen, equations.other)))
     rig = _RigChange.build(problem, equations, balance, solution, directions)
     in_contact = [i for i, direction in enumerate(directions) if direction.acts_in_contact]
     columns = _march(problem, solution, equations, [directions[i] for i in in_contact])

@@ -137,7 +137,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    mean, spread = looked.evidence(found.after).coordinates(looked.form_prior, looked.size_prior)
+    mean, spread = looked.evidence(found.after).coordinates(looked.prior(found.after))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,

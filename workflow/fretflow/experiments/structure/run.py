@@ -97,7 +97,7 @@ def _detect(found: Search) -> Detection:
 def _estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     fit = found.fits[names]
-    _, spread = found.evidence(names).coordinates(found.form_prior, found.size_prior)
+    _, spread = found.evidence(names).coordinates(found.prior(names))
     units = {"bolt_load": "N", "friction_coefficient": "1", "modal_damping": "1"}
     made = []
     for k, one in enumerate(fit.parameters.coordinates):

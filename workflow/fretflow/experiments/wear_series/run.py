@@ -125,7 +125,8 @@ def fitted_forms(data: WearData) -> tuple[Form, ...]:
                 continue
             starts = [np.r_[looked.baseline.z, np.full(own.size - 1, way)] for way in (-HALF, 0.0, HALF)]
             looked.keep(at_rest(looked.fitter, Point(own, start)) for start in starts)
-            worth = looked.evidence(frozenset({law.effect})).averaged(looked.form_prior, looked.any_size)
+            names = frozenset({law.effect})
+            worth = looked.evidence(names).averaged(looked.any_size(names))
             found.append(Form(law, looked, worth))
     return tuple(sorted(found, key=lambda one: -one.worth))
 
