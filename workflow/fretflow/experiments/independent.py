@@ -100,7 +100,7 @@ class IndependentSearch(Search):
     def beyond_codes(self) -> Array:
         """Return the prior of sizes without effects where something is missing."""
         wide = np.where(code_size(self.experiment.measurement) < SIZES, 1.0, 0.0)
-        return (wide / wide.sum())[None, :]
+        return np.asarray((wide / wide.sum())[None, :])
 
     def any_size(self, names: Names) -> Array:
         """Return the prior (forms, sizes) where something is left out: a general discrepancy of any size."""

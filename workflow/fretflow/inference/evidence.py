@@ -214,12 +214,12 @@ def sizes(measurement: Measurement, whole: bool = False) -> Array:
 def rates(measurement: Measurement) -> Array:
     """Return the derivative (M,) of the values by the angle of the loop's phase; zero where there is no phase.
 
-    It is that of the Fourier series that the samples of a loop hold: corners are where being late shows.
+    It is that of the Fourier series up to half of what the samples of the loop could hold, so that noise counts little.
     """
     found = np.zeros(len(measurement.values))
     for own in loops_of(measurement):
         angle = 2.0 * np.pi * measurement.phase[own][:, None]
-        order = np.arange(1, (len(angle) - 1) // 2 + 1)
+        order = np.arange(1, max(1, len(angle) // 4) + 1)
         series = np.hstack([np.ones_like(angle), np.cos(angle * order), np.sin(angle * order)])
         slopes = np.hstack([np.zeros_like(angle), -order * np.sin(angle * order), order * np.cos(angle * order)])
         found[own] = slopes @ np.linalg.lstsq(series, measurement.values[own], rcond=None)[0]

@@ -23,7 +23,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import FORMS
 from fretflow.inference.law_forms import density
 from fretflow.inference.parameters import Array
-from fretflow.inference.search import BENT, HALF, Names, Search, Start, basis, log_gain
+from fretflow.inference.search import HALF, Names, Search, Start, basis, log_gain
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
@@ -142,7 +142,7 @@ def posterior(found: Search) -> Posterior:
 
 
 def faint(found: Search, names: Names, effect: str) -> bool:
-    """Tell whether an effect of a fitted set is weaker than all but one in a thousand of its plausible range.
+    """Tell whether an effect of a fitted set is weaker than its plausible range begins.
 
     So weak an effect is what codes and laws differ by, and not what its name says.
     """
@@ -153,8 +153,8 @@ def faint(found: Search, names: Names, effect: str) -> bool:
         off = getattr(neutral, own.field, None) if own.effect == effect else None
         if off is None or off == getattr(plain, own.field):
             continue
-        ends = sorted(own.sign * own.value(way * BENT) for way in (-1.0, 1.0))
-        if (own.sign * off < ends[0] and at < -BENT) or (own.sign * off > ends[1] and at > BENT):
+        ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))
+        if (own.sign * off < ends[0] and at < -HALF) or (own.sign * off > ends[1] and at > HALF):
             return True
     return False
 
