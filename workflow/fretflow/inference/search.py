@@ -139,9 +139,9 @@ class Search:
     def fitter(self) -> Fitter:
         """Return what fits: under noise, and smooth differences of the size of what codes differ by."""
         own = self.experiment.measurement
-        known = own.covariance()
+        known, share = own.covariance(), 0.5 * code_size(own)  # in height and in time, in common and of single loops
         return Fitter(self.experiment, Covariance(known.variance, np.hstack([
-            known.modes, *(code_size(own) * functions for functions in smooth_functions(own))])))
+            known.modes, *(share * functions for functions in smooth_functions(own))])))
 
     @cached_property
     def form_prior(self) -> Array:
