@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import log
+from math import log, sqrt
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -139,7 +139,7 @@ class Search:
     def fitter(self) -> Fitter:
         """Return what fits: under noise, and smooth differences of the size of what codes differ by."""
         own = self.experiment.measurement
-        known, share = own.covariance(), 0.5 * code_size(own)  # in height and in time, in common and of single loops
+        known, share = own.covariance(), code_size(own) / sqrt(2.0)  # in common, and of single loops
         return Fitter(self.experiment, Covariance(known.variance, np.hstack([
             known.modes, *(share * functions for functions in smooth_functions(own))])))
 
