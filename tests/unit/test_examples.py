@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-MESHED = {"run_case"}  # needs finite elements
+MESHED = {"bolted_beam", "run_case"}  # needs finite elements
 
 
 @pytest.mark.parametrize("name", [pytest.param(path.stem, marks=[pytest.mark.fem] if path.stem in MESHED else [])
