@@ -27,7 +27,8 @@ from fretflow.effects.velocity_dependent_friction import VelocityDependentFricti
 from fretflow.effects.viscous import Viscous
 from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.fourier import time_derivative
-from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, press
+from fretflow.solvers.quasi_static.march import press
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.solvers.time_integration import settle
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig

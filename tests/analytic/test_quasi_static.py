@@ -21,9 +21,10 @@ from fretflow.solvers.audit import audit_period
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex
 from fretflow.solvers.periodic import NormalLoad
 from fretflow.solvers.quasi_static import solver as quasi_static
-from fretflow.solvers.quasi_static.march import ContactMarch, Rest
+from fretflow.solvers.quasi_static.march import ContactMarch, Rest, press
+from fretflow.solvers.quasi_static.newton import InternalNewton
 from fretflow.solvers.quasi_static.sample import ContactSystem, SampleState
-from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, _InternalNewton, press
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, change_rig
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -245,7 +246,7 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
     """Where steps with a former tangent end in a dead end, the period is the one that is found without them."""
     found = solution(53.0)
 
-    search, ended = _InternalNewton._searched, []
+    search, ended = InternalNewton._searched, []
 
     def dead_end(newton, now, tangent, lagged_below, shortest):
         if lagged_below and now.norm < lagged_below:
@@ -253,7 +254,7 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
             raise NonConvergenceError("a dead end", [now.norm])
         return search(newton, now, tangent, lagged_below, shortest)
 
-    monkeypatch.setattr(_InternalNewton, "_searched", dead_end)
+    monkeypatch.setattr(InternalNewton, "_searched", dead_end)
     solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
     again = solver.solve(problem(53.0))
     assert ended

@@ -124,7 +124,7 @@ def _press_without_friction(problem: PeriodicProblem) -> Preload:
 
 
 def _press_with_friction(problem: PeriodicProblem) -> Preload:
-    from fretflow.solvers.quasi_static.solver import press
+    from fretflow.solvers.quasi_static.march import press
     from fretflow.structure.fem.preload import Preload
 
     pressed, interface = press(problem), problem.interface

@@ -20,18 +20,20 @@ of the motion that is extrapolated from the step before.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.march import press
 from fretflow.solvers.quasi_static.sample import STICK, Array, ContactSystem, SampleSolver, SampleState
-from fretflow.solvers.quasi_static.solver import press
 from fretflow.structure.internal_forces import total_force
 
 RADIUS = 0.5
@@ -126,13 +128,24 @@ def settle(problem: PeriodicProblem, start: PeriodicSolution | None, periods: tu
     if fewest < 1 or steps_per_period < 8:
         raise InputError(f"time integration: {fewest} periods of {steps_per_period} steps; "
                          "at least one period and eight steps are needed")
-    march = _March(problem, start, steps_per_period)
+    march = _March(problem, _at_rest(problem) if start is None else at_phase_zero(problem, start), steps_per_period)
     marched: list[_Rows] = []
     while True:
         marched.append(march.period(len(marched)))
         history = _history(problem, steps_per_period, marched)
         if len(marched) >= most or (len(marched) >= fewest and history.change[-1:].max(initial=0.0) <= drift):
             return history
+
+
+def march_periods(problem: PeriodicProblem, now: AtInstant, steps: int) -> Iterator[tuple[Array, SampleState]]:
+    """Yield of each period from `now`, an instant of phase 0, the internal coordinates (steps, d) in m, phase 0 first.
+
+    With them comes the contact at the period's end. Raises as `integrate`.
+    """
+    march = _March(problem, now, steps)
+    for number in count():
+        internal = march.period(number).internal
+        yield np.roll(internal, 1, axis=0), march.now.contact
 
 
 @dataclass(frozen=True)
@@ -160,12 +173,11 @@ def _history(problem: PeriodicProblem, steps: int, marched: list[_Rows]) -> Time
 class _March:
     """The structure on its way, period after period."""
 
-    def __init__(self, problem: PeriodicProblem, start: PeriodicSolution | None, steps: int) -> None:
-        self.problem, self.steps = problem, steps
+    def __init__(self, problem: PeriodicProblem, now: AtInstant, steps: int) -> None:
+        self.problem, self.steps, self.now = problem, steps, now
         self.size = 1.0 / (problem.frequency * steps)
         self.whole, self.small = (_Step(problem, h) for h in (self.size, self.size / PARTS))
         self.weights = problem.interface.areas / problem.interface.areas.sum()
-        self.now = _at_rest(problem) if start is None else _at_phase_zero(problem, start)
 
     def period(self, number: int) -> _Rows:
         """March a period."""
@@ -179,12 +191,13 @@ class _March:
         return _Rows(internal, boundary.observe(internal, u, f, loads), u[:, 0::3] @ self.weights,
                      -f[:, 0::3].sum(axis=1), work)
 
-    def _step(self, time: float) -> _AtInstant:
-        after = self.whole.advance(self.now, time)
+    def _step(self, time: float) -> AtInstant:
         sliding = self.problem.boundary.sliding
-        turns = (sliding @ self.now.motion.v) * (sliding @ after.motion.v) <= 0.0
-        if not turns or np.all(self.now.contact.state == STICK):
-            return after
+        with suppress(NonConvergenceError):  # too far for one step
+            after = self.whole.advance(self.now, time)
+            turns = (sliding @ self.now.motion.v) * (sliding @ after.motion.v) <= 0.0
+            if not turns or np.all(self.now.contact.state == STICK):
+                return after
         after = self.now
         for part in range(PARTS):
             after = self.small.advance(after, time + part * self.small.size)
@@ -202,7 +215,7 @@ class _Motion:
 
 
 @dataclass(frozen=True)
-class _AtInstant:
+class AtInstant:
     """The structure at an instant, and what friction has dissipated since the last instant kept, J."""
 
     motion: _Motion
@@ -229,7 +242,7 @@ class _Step:
         self.round_off = ROUND_OFF * float(self.system.stiffness.diagonal().max())
         self.before: SampleState | None = None
 
-    def advance(self, now: _AtInstant, time: float) -> _AtInstant:
+    def advance(self, now: AtInstant, time: float) -> AtInstant:
         """Return the structure one step after `time`.
 
         Raises
@@ -252,10 +265,10 @@ class _Step:
         x = free + self.response @ contact.force
         a = (x - ahead) / (B * h**2)
         slid = (contact.displacement - now.contact.displacement).reshape(-1, 3)[:, :2]
-        return _AtInstant(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
+        return AtInstant(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
                       now.work - float(np.sum(contact.force.reshape(-1, 3)[:, :2] * slid)))
 
-    def _press(self, free: Array, pull: Array, now: _AtInstant, factor: float) -> SampleState:
+    def _press(self, free: Array, pull: Array, now: AtInstant, factor: float) -> SampleState:
         """Return the contact when the coordinates would, without contact, go to `free` (d,), in m."""
         last, b = now.contact, self.problem.boundary
         # a rigid contact knows its force no better than its stiffness times the round-off of displacements
@@ -272,20 +285,21 @@ class _Step:
         return self.solver.solve(pulls[0], last.displacement, guess, pulls[1], factor)
 
 
-def _at_rest(problem: PeriodicProblem) -> _AtInstant:
-    return _begin(problem, np.zeros((2, problem.boundary.size)), press(problem))
+def _at_rest(problem: PeriodicProblem) -> AtInstant:
+    return begin(problem, np.zeros((2, problem.boundary.size)), press(problem))
 
 
-def _at_phase_zero(problem: PeriodicProblem, start: PeriodicSolution) -> _AtInstant:
+def at_phase_zero(problem: PeriodicProblem, start: PeriodicSolution) -> AtInstant:
+    """Return the structure at phase 0 of a period."""
     contact = SampleState(start.displacement[0].ravel(), start.force[0].ravel(), start.state[0])
     velocity = time_derivative(start.internal, problem.omega)[0]
-    return _begin(problem, np.array([start.internal[0], velocity]), contact)
+    return begin(problem, np.array([start.internal[0], velocity]), contact)
 
 
-def _begin(problem: PeriodicProblem, motion: Array, contact: SampleState) -> _AtInstant:
+def begin(problem: PeriodicProblem, motion: Array, contact: SampleState) -> AtInstant:
     """Return the structure with displacements and velocities (2, d) and accelerations from the balance of forces."""
     (x, v), b = motion, problem.boundary
     load = b.input_force @ problem.loads_at(np.zeros(1))[0] + b.transfer @ contact.force
     load = load + total_force(b.forces, x[None], v[None]).force[0] - b.internal.damping @ v - b.internal.stiffness @ x
     acceleration = np.linalg.solve(b.internal.mass, load)
-    return _AtInstant(_Motion(x, v, acceleration, acceleration), contact)
+    return AtInstant(_Motion(x, v, acceleration, acceleration), contact)

@@ -26,8 +26,9 @@ from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.march import ContactMarch, PeriodicMarch, Surroundings
+from fretflow.solvers.quasi_static.newton import NEAR
 from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleState
-from fretflow.solvers.quasi_static.solver import NEAR, stuck_start
+from fretflow.solvers.quasi_static.starts import stuck_start
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 SHORTEST_STEP = 0.1  # of a Newton step; beyond that a shorter arc is cheaper

@@ -18,6 +18,7 @@ from fretflow.contact.law import FactorAndSlopes
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.sample import (
     SEPARATION,
     STICK,
@@ -357,6 +358,11 @@ class ContactMarch:
         """Tell whether a period ends with the forces of `before` and with the derivatives that it began with."""
         return bool(np.abs(run.end.force - before.force).max() < self.repeat
                     and np.abs(run.slope - slope)[self._tangential].max(initial=0.0) < SLOPE_REPEATS)
+
+
+def press(problem: PeriodicProblem) -> SampleState:
+    """Return the contact under the normal load before anything moves, pressed as `problem` says."""
+    return ContactMarch.of(problem, seen_coordinates(problem.boundary)).preloaded(problem.preload.frictional)
 
 
 def _memory(run: _Pass) -> NDArray[np.intp]:

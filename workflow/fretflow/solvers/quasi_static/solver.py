@@ -13,8 +13,8 @@ forces, then the excitation, are raised from nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import chain
 from typing import Any, Protocol
 
@@ -25,7 +25,6 @@ from fretflow.contact.interface import Interface
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.audit import audit_period
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.backbone import Backbone, find_arm
 from fretflow.solvers.quasi_static.candidate_nodes import (
     PartOfFaces,
     candidate_nodes,
@@ -34,25 +33,19 @@ from fretflow.solvers.quasi_static.candidate_nodes import (
     restrict,
     restrict_solution,
 )
-from fretflow.solvers.quasi_static.internal import InternalBalance, InternalEquations, seen_coordinates
-from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
-from fretflow.solvers.quasi_static.march import ContactMarch, PeriodicMarch
-from fretflow.solvers.quasi_static.sample import Array, PeriodHistory, SampleState, plain
+from fretflow.solvers.quasi_static.internal import InternalEquations
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InternalNewton, Iterate, Start
+from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState, plain
+from fretflow.solvers.quasi_static.starts import REPEATING, Settled, cold_starts, settled_starts, stuck_start
 from fretflow.structure.internal_forces import ShareOfForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
-SMALLEST_STEP = 1e-3
 SMALLEST_SHARE = 0.05  # step in which further forces or the excitation are raised
-REPEATS = 0.02  # how well a period must repeat, relative to the residual before it
-STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with further forces
-LAGGED = 0.3  # decrease of the residual with which a former tangent serves
-NEAR = 1e-2  # residual below which the last period is a good guess of the next
 # Violation of the contact law over the solver's tolerance, and at least, that counts as one: ten times what was seen of
 # the direction of sliding, and a hundred times of all else.
 UNLAWFUL, LEAST_UNLAWFUL = 1e3, 1e-6
-COARSE = 1e-6  # tolerance from which a period is a step on the way to something, and its contact as rough
-TANGENT_BYTES = 2**28  # of the tangent that is marched at once
-CLOSE = 5e-3  # residual of a neighbouring period below which no other start is looked at
+PATIENCE = 8  # steps of Newton in which the residual of any structure has to halve
 
 
 class _Settings(Protocol):
@@ -109,6 +102,8 @@ class QuasiStaticSolver:
         return self._solve_all(problem, samples, start)
 
     def _solve_all(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        if not isinstance(problem.boundary.internal, LumpedRig):
+            return self._settled(problem, samples, start)
         forces = problem.boundary.forces
         if start is None and forces:
             try:
@@ -144,23 +139,63 @@ class QuasiStaticSolver:
             raise NonConvergenceError("quasi-static period: nothing to raise")
         return found
 
-    def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
-              marched: bool = False) -> PeriodicSolution:
+    def _settled(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        """Return the period of any structure: near `start`, of a contact that sticks, or where it settles in time."""
+        equations, march, newton = self._equations(problem, samples, PATIENCE)
+        contact, first = _beginning(problem, equations, march, start, samples)
+        error, settled = NonConvergenceError("the contact does not stick"), None
+        try:
+            at = newton.best(chain(first, [stuck_start(equations, march)]), contact)
+            if start is not None or at.norm <= CLOSE:
+                return _solution(problem, equations, *newton.refine(at, self.settings.max_iterations))
+        except NonConvergenceError as failure:
+            error = failure
+        for settled in settled_starts(problem, equations, march, start):
+            try:
+                found = newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
+            except NonConvergenceError as failure:
+                error = min(error, failure, key=lambda one: min(one.history, default=np.inf))
+                continue
+            return _solution(problem, equations, *found)
+        raise _not_found(error, settled)
+
+    def _equations(self, problem: PeriodicProblem, samples: int, patience: int | None = None
+                   ) -> tuple[InternalEquations, ContactMarch, InternalNewton]:
         harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
         equations = InternalEquations.of(problem, harmonics, samples)
         march = ContactMarch.of(problem, equations.seen)
-        near_starts: tuple[_Start, ...] = ()
-        if start is None:
-            contact = march.preloaded(problem.preload.frictional)
-        else:
-            near = _as_history(start, equations.seen, samples)
-            contact = SampleState.of(near)
-            other = equations.coefficients(_resample(start.internal, samples)[:, equations.other])
-            near_starts = (_Start(equations.coefficients(near.position), other, near),)
-        newton = _InternalNewton(equations, march, self.settings.tolerance)
-        found, history = newton.solve(chain(near_starts, _cold_starts(problem, equations, march, marched)), contact,
-                                      self.settings.max_iterations)
-        return _solution(problem, equations, found, history)
+        return equations, march, InternalNewton(equations, march, self.settings.tolerance, patience)
+
+    def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
+              marched: bool = False) -> PeriodicSolution:
+        equations, march, newton = self._equations(problem, samples)
+        contact, first = _beginning(problem, equations, march, start, samples)
+        found = newton.solve(chain(first, cold_starts(problem, equations, march, marched)), contact,
+                             self.settings.max_iterations)
+        return _solution(problem, equations, *found)
+
+
+def _not_found(error: NonConvergenceError, settled: Settled | None) -> NonConvergenceError:
+    """Say how close the solver came, and what the motion in time tells of the reason."""
+    if settled is None:
+        return error
+    came = f"quasi-static period: residual {min(error.history, default=np.inf):.1e} of the excitation at best"
+    if settled.change > REPEATING:
+        return NonConvergenceError(
+            f"{came}; after {settled.periods} periods marched in time the motion still changes by {settled.change:.0%} "
+            "from one to the next, so that there may be none of the excitation's: raise the damping", error.history)
+    return NonConvergenceError(f'{came}, though the motion settles in time; use more samples, or method = "dlft"',
+                               error.history)
+
+
+def _beginning(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
+               start: PeriodicSolution | None, samples: int) -> tuple[SampleState, tuple[Start, ...]]:
+    """Return the contact before the period, and the start that a neighbouring period makes."""
+    if start is None:
+        return march.preloaded(problem.preload.frictional), ()
+    near = _as_history(start, equations.seen, samples)
+    other = equations.coefficients(_resample(start.internal, samples)[:, equations.other])
+    return SampleState.of(near), (Start(equations.coefficients(near.position), other, near),)
 
 
 def with_forces(problem: PeriodicProblem, share: float) -> PeriodicProblem:
@@ -168,226 +203,6 @@ def with_forces(problem: PeriodicProblem, share: float) -> PeriodicProblem:
     boundary = problem.boundary
     forces = tuple(ShareOfForce(share, force) for force in boundary.forces) if share else ()
     return replace(problem, structure=PartOfFaces(problem.structure, replace(boundary, forces=forces)))
-
-
-def _cold_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, marched: bool
-                 ) -> Iterator[_Start]:
-    """Make the starts that need no neighbouring period."""
-    rig, one = problem.boundary.internal, len(equations.seen) == 1
-    if marched and isinstance(rig, LumpedRig):
-        block, arm = (equations.analysis @ _marched(problem, rig, march, len(equations.synthesis))).T
-        yield _Start(arm, block)
-    elif one and isinstance(rig, LumpedRig):
-        yield _first_start(problem, equations, march, rig)
-    else:
-        yield stuck_start(equations, march)
-        yield _Start(np.zeros_like(equations.load))
-
-
-def stuck_start(equations: InternalEquations, march: ContactMarch) -> _Start:
-    """Return the linear motion on a contact that sticks, with its tangent."""
-    stuck = -np.kron(np.eye(len(equations.analysis)), march.system.felt_stiffness)
-    return _Start(np.linalg.solve(equations.impedance - stuck, equations.load), tangent=stuck)
-
-
-def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
-                 ) -> _Start:
-    """Return the motion on the contact's backbone, with its tangent, or where that fails on a Jenkins element."""
-    try:
-        backbone = Backbone.of(march, march.preloaded(problem.preload.frictional))
-        arm = find_arm(problem, equations, backbone)
-    except NonConvergenceError:
-        return _Start(equations.analysis @ jenkins_arm_motion(
-            rig, *_one_element(march), problem.excitation.amplitude, problem.frequency,
-            len(equations.synthesis)))
-    _, tangent = backbone.friction(equations.synthesis @ arm, equations.synthesis)
-    return _Start(arm, tangent=equations.analysis @ tangent)
-
-
-def _marched(problem: PeriodicProblem, rig: LumpedRig, march: ContactMarch, samples: int) -> Array:
-    """Return the motion (samples, 2) in m of block and arm on one Jenkins element, with all forces on the rig."""
-    stuck, limit = _one_element(march)
-    stiffest = rig.stiffness + np.diag([0.0, stuck])
-    fastest = float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(rig.mass, stiffest))))))
-    per_sample = -(-int(fastest / (problem.frequency * STEP_ANGLE)) // samples) or 1
-    phase = 2.0 * np.pi * np.arange(samples * per_sample) / (samples * per_sample)
-    drive = (problem.loads_at(phase) @ problem.boundary.input_force.T)[:, 0]
-    return jenkins_rig_motion(rig, problem.boundary.forces, stuck, limit, drive.tolist(),
-                              problem.frequency)[::per_sample]
-
-
-def _one_element(march: ContactMarch) -> tuple[float, float]:
-    """Return the stiffness (N/m) of the stuck contact and the limit (N) of the whole."""
-    system = march.system
-    return float(system.felt_stiffness[0, 0]), float(system.friction.mean()) * system.load
-
-
-@dataclass(frozen=True)
-class _Start:
-    """Coefficients of a and of b, None where b follows a, and what is known near by.
-
-    That is a period, and the `tangent` (n_a, n_a) N/m of the contact's force.
-    """
-
-    seen: Array
-    other: Array | None = None
-    near: PeriodHistory | None = None
-    tangent: Array | None = None
-
-
-@dataclass(frozen=True)
-class _Iterate:
-    """The coefficients of a, the period they make, the structure's balance with it and its norm over the load.
-
-    `felt` (n_a,) N is the contact's force on a and `tangent` (n_a, n_a) N/m its derivative, None where it has to be
-    made anew. b `follows` a, or is an unknown beside it.
-    """
-
-    seen: Array
-    history: PeriodHistory
-    felt: Array
-    balance: InternalBalance
-    norm: float
-    tangent: Array | None
-    follows: bool
-
-
-class _InternalNewton:
-    """Newton on the coefficients of a with a line search on the residual.
-
-    The tangent costs five times the period itself, so that it is made only where a step was taken. Close to the root
-    that of the step before serves, at first that of the start, corrected so that it gives the change of force just
-    seen (C. G. Broyden, Math. Comp. 19 (1965) 577-593).
-    """
-
-    def __init__(self, equations: InternalEquations, march: ContactMarch, tolerance: float) -> None:
-        self.equations = equations
-        self.march = march
-        self.tolerance = tolerance
-
-    def solve(self, starts: Iterator[_Start], before: SampleState, max_iterations: int
-              ) -> tuple[_Iterate, tuple[float, ...]]:
-        """Return the root and the residual history; where former tangents lead astray, again without them.
-
-        Further starts are looked at only where those before are far from balance; the best of them is taken.
-
-        Raises
-        ------
-        NonConvergenceError
-            With the residual history.
-        """
-        first = self._best(starts, before)
-        try:
-            return self._solve(first, max_iterations, NEAR)
-        except NonConvergenceError:
-            return self._solve(first, max_iterations, 0.0)
-
-    def _best(self, starts: Iterator[_Start], before: SampleState) -> _Iterate:
-        best: _Iterate | None = None
-        while best is None or best.norm > CLOSE:
-            try:
-                start = next(starts, None)
-                if start is None:
-                    break
-                period = self._march(start.seen, self._none, before, start.near, 1.0)
-                found = self._iterate(start, period.history, start.tangent)
-            except NonConvergenceError as error:
-                failure = error
-                continue
-            best = found if best is None or found.norm < best.norm else best
-        if best is None:
-            raise failure
-        return best
-
-    def _march(self, seen: Array, directions: Array, before: SampleState, near: PeriodHistory | None, last: float
-               ) -> PeriodicMarch:
-        """March the period of `seen`; `last` is the norm before, for the contact's accuracy."""
-        # the contact need not be solved much closer than the residual that Newton is about to reach
-        accuracy = max(0.1 * self.tolerance, min(1e-6, 1e-3 * last**2))
-        repeat = min(REPEATS * last, last**2)
-        return self.march.period(self.equations.motion(seen), directions, before, near, accuracy, repeat)
-
-    @property
-    def _none(self) -> Array:
-        return np.zeros((len(self.equations.synthesis), len(self.equations.seen), 0))
-
-    def _felt(self, history: PeriodHistory) -> Array:
-        return self.equations.coefficients(history.force @ self.march.system.transfer.T)
-
-    def _iterate(self, at: _Start, history: PeriodHistory, tangent: Array | None = None) -> _Iterate:
-        e = self.equations
-        balance = e.balance(at.seen) if at.other is None else e.beside_balance(at.seen, at.other)
-        felt = self._felt(history)
-        residual = balance.residual - felt
-        return _Iterate(at.seen, history, felt, replace(balance, residual=residual),
-                        float(np.hypot(np.linalg.norm(residual), balance.size)) / e.scale, tangent, at.other is None)
-
-    def _solve(self, first: _Iterate, max_iterations: int, lagged_below: float) -> tuple[_Iterate, tuple[float, ...]]:
-        now = first
-        history = [now.norm]
-        while not now.norm <= self.tolerance:  # nan included
-            try:
-                following = self._step(now, lagged_below) if len(history) <= max_iterations else None
-            except NonConvergenceError as error:
-                error.history = error.history or tuple(history)
-                raise
-            if following is None:
-                raise NonConvergenceError(
-                    f"quasi-static period: residual {now.norm:.1e} of the excitation after {len(history) - 1} "
-                    "iterations; use more samples, or start from a neighbouring solution", history)
-            now = following
-            history.append(now.norm)
-        return now, tuple(history)
-
-    def _step(self, now: _Iterate, lagged_below: float) -> _Iterate | None:
-        if now.tangent is not None:
-            following = self._searched(now, now.tangent, lagged_below, shortest=1.0)
-            if following is not None:
-                return following
-        closer, tangent = self._differentiated(now)
-        if closer.norm <= self.tolerance:  # what was left came from the accuracy of the march
-            return closer
-        return self._searched(closer, tangent, lagged_below, SMALLEST_STEP)
-
-    def _searched(self, now: _Iterate, tangent: Array, lagged_below: float, shortest: float) -> _Iterate | None:
-        """Return the iterate after the longest step that helps; with a tangent only where that serves once more."""
-        step = np.linalg.solve(now.balance.jacobian - tangent, -now.balance.reduced)
-        moved, length = now.balance.other_step(step), 1.0
-        while length >= shortest:
-            following = self._tried(now, tangent, length * step, length * moved)
-            if following is not None and following.norm < (1.0 - 1e-3 * length) * now.norm:
-                serves = following.norm < min(lagged_below, LAGGED * now.norm)
-                return following if serves else replace(following, tangent=None)
-            length *= 0.5
-        return None
-
-    def _differentiated(self, now: _Iterate) -> tuple[_Iterate, Array]:
-        """Return the same iterate, marched once more, and the tangent there, made by as many columns as fit."""
-        e = self.equations
-        directions, history, parts = e.directions(), now.history, []
-        columns = max(1, TANGENT_BYTES // (8 * directions[:, :, 0].size))
-        for first in range(0, directions.shape[2], columns):
-            found = self._march(now.seen, directions[:, :, first:first + columns], SampleState.of(history), history,
-                                now.norm)
-            history = found.history
-            parts.append(e.coefficients(found.tangent))
-        other = None if now.follows else now.balance.other
-        return self._iterate(_Start(now.seen, other), history), np.hstack(parts)
-
-    def _tried(self, now: _Iterate, tangent: Array, step: Array, moved: Array) -> _Iterate | None:
-        """Return the iterate after a step, with the tangent corrected by it; None where the contact is not found."""
-        near = now.history if now.norm < NEAR else None
-        try:
-            found = self._march(now.seen + step, self._none, SampleState.of(now.history), near, now.norm).history
-        except NonConvergenceError:  # of the contact, too far from where it was
-            return None
-        corrected = tangent + np.outer(self._felt(found) - now.felt - tangent @ step, step / (step @ step))
-        return self._iterate(_Start(now.seen + step, now.balance.other + moved), found, corrected)
-
-
-def press(problem: PeriodicProblem) -> SampleState:
-    """Return the contact under the normal load before anything moves, pressed as `problem` says."""
-    return ContactMarch.of(problem, seen_coordinates(problem.boundary)).preloaded(problem.preload.frictional)
 
 
 def sliding_distance(solution: PeriodicSolution, interface: Interface) -> float:
@@ -409,7 +224,7 @@ def _as_history(solution: PeriodicSolution, seen: NDArray[np.intp], samples: int
                          np.require(_resample(solution.state, samples), dtype=np.int8, requirements=["C", "W"]))
 
 
-def _solution(problem: PeriodicProblem, equations: InternalEquations, found: _Iterate, history: tuple[float, ...]
+def _solution(problem: PeriodicProblem, equations: InternalEquations, found: Iterate, history: tuple[float, ...]
               ) -> PeriodicSolution:
     period = found.history
     samples, nodes = period.state.shape

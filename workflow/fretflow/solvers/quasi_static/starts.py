@@ -1,0 +1,127 @@
+"""Where Newton starts: from one element, a backbone, a contact that sticks, or where the joint settles in time.
+
+A period of any structure is a fixed point of the map from one period to the next, which friction and dashpots contract.
+A few periods of time integration therefore lead to where Newton converges, from however far, and tell where there is no
+period to find (T. J. Aprille and T. N. Trick, Proc. IEEE 60 (1972) 108-114; A. H. Nayfeh and B. Balachandran, Applied
+Nonlinear Dynamics (1995), chapter 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.solvers.fourier import analysis_matrix, time_derivative
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.backbone import Backbone, find_arm
+from fretflow.solvers.quasi_static.internal import InternalEquations
+from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.newton import Start
+from fretflow.solvers.quasi_static.sample import Array, SampleState
+from fretflow.solvers.time_integration import AtInstant, at_phase_zero, begin, march_periods
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with further forces
+SETTLING = (4, 8, 16, 32, 64)  # periods marched in time before Newton is tried,
+UNSETTLED = 16  # and until so many only where the last one differs little from that before
+REPEATING = 0.01  # change from period to period of a motion that settles
+STEPS = 128  # of such a period: a start needs no more
+
+
+class Settled(NamedTuple):
+    """A start, the contact before it, the periods marched so far and how much the last one differs from that before.
+
+    The change is that of the internal coordinates at most, relative to their largest peak-to-peak.
+    """
+
+    start: Start
+    contact: SampleState
+    periods: int
+    change: float
+
+
+def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
+                   near: PeriodicSolution | None) -> Iterator[Settled]:
+    """March the joint in time from a period `near`, else from its motion on a contact that sticks; yield now and then.
+
+    Raises
+    ------
+    NonConvergenceError
+        If the contact of a time step is not found.
+    """
+    now = _stuck_motion(problem, equations, march) if near is None else at_phase_zero(problem, near)
+    last, analysis = None, analysis_matrix(min(len(equations.analysis) // 2, (STEPS - 1) // 2), STEPS)
+    for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS), start=1):
+        change = np.inf if last is None else float(np.abs(internal - last).max() / np.ptp(internal, axis=0).max())
+        if count in SETTLING and (change < REPEATING or count >= UNSETTLED):
+            found = np.zeros((len(equations.analysis), internal.shape[1]))
+            found[:len(analysis)] = analysis @ internal
+            yield Settled(Start(found[:, equations.seen].ravel(), found[:, equations.other].ravel()), contact, count,
+                          change)
+        if count >= SETTLING[-1]:
+            return
+        last = internal
+
+
+def _stuck_motion(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch) -> AtInstant:
+    """Return the structure at phase zero of its motion on a contact that sticks."""
+    seen = stuck_start(equations, march).seen
+    motion = equations.whole_motion(seen, equations.free_other(seen))
+    return begin(problem, np.array([motion[0], time_derivative(motion, problem.omega)[0]]),
+                 march.preloaded(problem.preload.frictional))
+
+
+def cold_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, marched: bool
+                 ) -> Iterator[Start]:
+    """Make the starts that need no neighbouring period."""
+    rig, one = problem.boundary.internal, len(equations.seen) == 1
+    if marched and isinstance(rig, LumpedRig):
+        block, arm = (equations.analysis @ _marched(problem, rig, march, len(equations.synthesis))).T
+        yield Start(arm, block)
+    elif one and isinstance(rig, LumpedRig):
+        yield _first_start(problem, equations, march, rig)
+    else:
+        yield stuck_start(equations, march)
+        yield Start(np.zeros_like(equations.load))
+
+
+def stuck_start(equations: InternalEquations, march: ContactMarch) -> Start:
+    """Return the linear motion on a contact that sticks, with its tangent."""
+    stuck = -np.kron(np.eye(len(equations.analysis)), march.system.felt_stiffness)
+    return Start(np.linalg.solve(equations.impedance - stuck, equations.load), tangent=stuck)
+
+
+def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
+                 ) -> Start:
+    """Return the motion on the contact's backbone, with its tangent, or where that fails on a Jenkins element."""
+    try:
+        backbone = Backbone.of(march, march.preloaded(problem.preload.frictional))
+        arm = find_arm(problem, equations, backbone)
+    except NonConvergenceError:
+        return Start(equations.analysis @ jenkins_arm_motion(
+            rig, *_one_element(march), problem.excitation.amplitude, problem.frequency,
+            len(equations.synthesis)))
+    _, tangent = backbone.friction(equations.synthesis @ arm, equations.synthesis)
+    return Start(arm, tangent=equations.analysis @ tangent)
+
+
+def _marched(problem: PeriodicProblem, rig: LumpedRig, march: ContactMarch, samples: int) -> Array:
+    """Return the motion (samples, 2) in m of block and arm on one Jenkins element, with all forces on the rig."""
+    stuck, limit = _one_element(march)
+    stiffest = rig.stiffness + np.diag([0.0, stuck])
+    fastest = float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(rig.mass, stiffest))))))
+    per_sample = -(-int(fastest / (problem.frequency * STEP_ANGLE)) // samples) or 1
+    phase = 2.0 * np.pi * np.arange(samples * per_sample) / (samples * per_sample)
+    drive = (problem.loads_at(phase) @ problem.boundary.input_force.T)[:, 0]
+    return jenkins_rig_motion(rig, problem.boundary.forces, stuck, limit, drive.tolist(),
+                              problem.frequency)[::per_sample]
+
+
+def _one_element(march: ContactMarch) -> tuple[float, float]:
+    """Return the stiffness (N/m) of the stuck contact and the limit (N) of the whole."""
+    system = march.system
+    return float(system.felt_stiffness[0, 0]), float(system.friction.mean()) * system.load
