@@ -126,7 +126,8 @@ def _saturated(block: str, values: Mapping[str, Array], units: Mapping[str, str]
     notes = []
     for name in [name for name in values if name not in (*INDICES, "time") and _is_noisy(values.get("displacement"))]:
         column = values[name]
-        ends = [end for end in (np.nanmin(column), np.nanmax(column)) if np.mean(column == end) > TIED]
+        known = column[~np.isnan(column)]
+        ends = [end for end in (known.min(), known.max()) if np.mean(column == end) > TIED] if len(known) else []
         rows = np.flatnonzero(np.isin(column, ends))
         if ends and len(rows) < len(column):
             notes.append(Note(block, f"stands still at {pretty_quantity(float(ends[-1]), units[name], 4)}, in "
