@@ -9,8 +9,9 @@ from math import exp, log
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
-from fretflow.inference.experiment import Measurement, Point, Prediction, differences, jacobian
+from fretflow.inference.experiment import Measurement, Point, Prediction, differences, jacobian, put_out
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 
 BASELINE = (Coordinate("", "stiffness", log(2.0), 0.5, True), Coordinate("", "limit", 1.0, 0.1, False))
@@ -96,3 +97,25 @@ def test_what_has_no_solution_is_told_by_nan() -> None:
                         [Point(own, np.array([0.0, 3.0])), Point(own, np.array([0.0, 1.0]))])
     assert np.isnan(found[:, 0]).all()
     assert found[:, 1] == pytest.approx(np.full(3, 0.1))
+
+
+def test_what_first_order_changes_do_not_know_is_differenced() -> None:
+    """Changes of nan became a derivative of zero once, with which a fit ended where it began."""
+    class Blind(Line):
+        def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+            return np.full((len(prediction.values), len(points)), np.nan)
+
+    found, known = (jacobian(one, one.predict(Point(one.parameters(()), np.zeros(2))))
+                    for one in (Blind(line().measurement), line()))
+    assert np.any(known)
+    assert found == pytest.approx(known)
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_an_effect_that_is_put_out_is_neutral_in_what_it_is_named_after(name: str) -> None:
+    """Also where what makes it neutral has no range, as the share of an extra mode."""
+    kind = catalogue()[name]
+    plain, neutral, out = kind(), kind.neutral(), put_out(kind())
+    off = [field for field in kind.model_fields if getattr(neutral, field) != getattr(plain, field)]
+    assert off
+    assert all(getattr(out, field) == getattr(neutral, field) for field in off)

@@ -143,7 +143,7 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
 def _levelled(measurement: Measurement, signature: Array) -> Array:
     """Return a signature (M,) with what single groups of rows show of it raised to the rms of all groups."""
     groups = [measurement.group == one for one in range(len(measurement.groups))]
-    share = np.square(signature / np.maximum(sizes(measurement), 1e-300))
+    share = np.square(signature / sizes(measurement))
     own = np.sqrt([np.mean(share[rows]) for rows in groups])
     rms, found = float(np.sqrt(np.mean(own**2))), signature.copy()
     for rows, size in zip(groups, own, strict=True):
