@@ -18,7 +18,7 @@ from fretflow.experiments.rig.run import corrected
 from fretflow.experiments.rig.setup import RICHARDSON, first_simulation
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
-from fretflow.inference.search import Effort, Search, points_task
+from fretflow.inference.search import Effort, Search, beginnings_task
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
 
@@ -43,7 +43,7 @@ def recorded(monkeypatch):
 
 def begun(fitter, fit, name):
     """Return the points at which the fits of an effect begin."""
-    return [point for _, point in points_task((fitter, fit)).values() if point.effects == {name}]
+    return [one.point for one in beginnings_task((fitter, fit)).values() if one.point.effects == {name}]
 
 
 @pytest.mark.parametrize("frequency", [330.0, 520.0, 760.0])

@@ -107,11 +107,11 @@ class Fitter:
         """Return a hypothesis where it stands, not fitted."""
         return self.linearised(self.experiment.predict(point, near))
 
-    def linearised(self, prediction: Prediction) -> Fit:
-        """Return a prediction with its residual and derivatives."""
-        slopes = jacobian(self.experiment, prediction)
+    def linearised(self, prediction: Prediction, slopes: Array | None = None) -> Fit:
+        """Return a prediction with its residual and derivatives, (M, P) in SI where they are known about."""
+        by_z = jacobian(self.experiment, prediction) if slopes is None else slopes
         residual = self.covariance.whiten(self.experiment.measurement.values - prediction.values)
-        return Fit(prediction, residual, slopes, self.covariance.whiten(slopes), False)
+        return Fit(prediction, residual, by_z, self.covariance.whiten(by_z), False)
 
     def _improved(self, now: Fit, first: int) -> tuple[Fit, int]:
         """Return the first better fit by the dampings from place `first` on, and its place; `now` if there is none."""

@@ -68,7 +68,7 @@ class Effort:
     partners: int  # effects that are fitted beside each of them
 
 
-FAST = Effort(going=10, first_steps=2, starts=1, last_steps=8, bases=2, partners=2)
+FAST = Effort(going=10, first_steps=1, starts=1, last_steps=8, bases=2, partners=2)
 FULL = Effort(going=60, first_steps=4, starts=2, last_steps=16, bases=3, partners=4)
 
 
@@ -291,7 +291,8 @@ def search(found: Search, progress: Progress) -> None:
     found.sign(bases)
     found.keep(found.pool(fit_task, [task for names in bases for task in beside(found, names)]))
     to_rest(found, 2)
-    for pair in found.best(2)[:1]:  # one of the two may have brought the other out of a bad start
+    for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
+        # one of the two may have brought the other out of a bad start
         found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
     to_rest(found, 1)
 
@@ -305,26 +306,37 @@ def to_rest(found: Search, size: int) -> None:
         found.continue_fits(open_[:2 * found.effort.bases], found.effort.last_steps // 2)
 
 
+@dataclass(frozen=True)
+class Beginning:
+    """A point beside a fit at which an effect is begun, the squares that it would `leave` to first order, if known.
+
+    Then its derivative `slopes` (M, k), in SI, by the effect's own coordinates at the fit's motion is known too.
+    """
+
+    origin: Fit
+    point: Point
+    leaves: float = np.inf
+    slopes: Array | None = None
+
+
 def begin_all(found: Search) -> None:
     """Fit every effect from the best of its starts, and keep what it changes there."""
     origins = [found.baseline]
     if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
         origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
-    laid: dict[Hashable, tuple[float, Fit, Point]] = {}
-    for place, (origin, points) in enumerate(zip(origins, found.pool(points_task, [
-            (found.fitter, one) for one in origins]), strict=True)):
-        for key, (value, point) in points.items():
-            if found.effort.starts > 1 or not np.isfinite(value):
-                laid[place, key] = (value, origin, point)
-            elif key not in laid or value < laid[key][0]:  # of two origins the one that promises more
-                laid[key] = (value, origin, point)
-    begun = found.pool(fit_task, [Task(found.fitter, point, origin.prediction, 0)
-                                  for _, origin, point in laid.values()])
+    laid: dict[Hashable, Beginning] = {}
+    for place, beginnings in enumerate(found.pool(beginnings_task, [(found.fitter, one) for one in origins])):
+        for key, one in beginnings.items():
+            if found.effort.starts > 1 or one.slopes is None:
+                laid[place, key] = one
+            elif key not in laid or one.leaves < laid[key].leaves:  # of two origins the one that promises more
+                laid[key] = one
+    begun = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
     best: dict[Names, list[Fit]] = {}
-    for (_, origin, _), fit in zip(laid.values(), begun, strict=True):
+    for one, fit in zip(laid.values(), begun, strict=True):
         if fit is not None:
             best.setdefault(fit.effects, []).append(fit)
-            found.starts.append(_start(found, origin, fit))
+            found.starts.append(_start(found, one.origin, fit))
     # what would not be as probable as none of the effects even if all were linear is not gone on with
     worth = found.baseline.objective - 2.0 * log(max(len(found.experiment.candidates()), 1))
     going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]
@@ -335,10 +347,24 @@ def begin_all(found: Search) -> None:
                                      for fit in going]))
 
 
-def points_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, tuple[float, Point]]:
-    """Return the points beside a fit at which each further effect is begun, for either sign of what may have both.
+def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
+    """Return a beginning simulated, with the derivatives that are known before; None where it has no solution."""
+    fitter, begun = asked
+    try:
+        predicted = fitter.experiment.predict(begun.point, begun.origin.prediction)
+    except NonConvergenceError:
+        return None
+    if begun.slopes is None:
+        return fitter.linearised(predicted)
+    coordinates = begun.point.parameters.coordinates
+    slopes = dict(zip((one.name for one in begun.origin.parameters.coordinates), begun.origin.jacobian.T, strict=True))
+    own = (one.name for one in coordinates if one.name not in slopes)
+    slopes.update(zip(own, begun.slopes.T, strict=True))
+    return fitter.linearised(predicted, np.column_stack([slopes[one.name] for one in coordinates]))
 
-    Each comes with the squares that it would leave, to first order.
+
+def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, Beginning]:
+    """Return where beside a fit each further effect is begun, for either sign of what may have both.
 
     Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
     and a point near their lower end.
@@ -346,20 +372,40 @@ def points_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, tuple[float, Point]
     fitter, origin = asked
     laid = list(_laid(fitter.experiment, origin))
     told = [point for point in laid if _tells(point, origin)]
-    changes = fitter.covariance.whiten(np.nan_to_num(fitter.experiment.changes(origin.prediction, told)))
+    changes = np.nan_to_num(fitter.experiment.changes(origin.prediction, told))
+    white = fitter.covariance.whiten(changes)
     rest = basis(origin.whitened_jacobian)
-    left = origin.residual[:, None] - changes
+    left = origin.residual[:, None] - white
     reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
-    best: dict[Hashable, tuple[float, Point]] = {}
-    for point, value in zip(told, reached, strict=True):
+    best: dict[Hashable, int] = {}
+    for place, (point, value) in enumerate(zip(told, reached, strict=True)):
         key = (point.effects, tuple(point.parameters.signs.values()))
-        if key not in best or value < best[key][0]:
-            best[key] = (float(value), point)
+        if key not in best or value < reached[best[key]]:
+            best[key] = place
+    found: dict[Hashable, Beginning] = dict(zip(best, _sloping(
+        fitter.experiment, origin, [(told[place], changes[:, place], float(reached[place]))
+                                    for place in best.values()]), strict=True))
     for point in laid:  # of the others nothing is known before they are simulated
         own = point.z[len(origin.z):]
         if not _tells(point, origin) and np.sum(np.abs(own) > 0.0) < 2:
-            best[point.effects, tuple(point.parameters.signs.values()), tuple(own)] = (np.inf, point)
-    return best
+            found[point.effects, tuple(point.parameters.signs.values()), tuple(own)] = Beginning(origin, point)
+    return found
+
+
+def _sloping(experiment: Experiment, origin: Fit, points: Sequence[tuple[Point, Array, float]]) -> list[Beginning]:
+    """Return beginnings at points, of each of which the change (M,) from `origin` and the squares left are given."""
+    own = [[one.name not in {known.name for known in origin.parameters.coordinates}
+            for one in point.parameters.coordinates] for point, _, _ in points]
+    beside = [point.beside() for point, _, _ in points]
+    asked = [near for (around, _), mine in zip(beside, own, strict=True)
+             for near, is_own in zip(around, mine, strict=True) if is_own]
+    changes, at, found = experiment.changes(origin.prediction, asked), 0, []
+    for (point, change, left), (_, steps), mine in zip(points, beside, own, strict=True):
+        count = sum(mine)
+        slopes = (changes[:, at:at + count] - change[:, None]) / steps[mine]
+        found.append(Beginning(origin, point, left, slopes if np.isfinite(slopes).all() else None))
+        at += count
+    return found
 
 
 def _tells(point: Point, origin: Fit) -> bool:

@@ -28,7 +28,7 @@ from fretflow.experiments.rig.model import (
 )
 from fretflow.experiments.rig.observation import Array
 from fretflow.recordings.schema import MeasuredAt
-from fretflow.solvers.direction import Direction, gap
+from fretflow.solvers.direction import Direction, gap_of_each_node
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.sensors import Signals, band_limited
@@ -75,10 +75,7 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
     changes = {key: _carried(period, directions_to(problems[key], period.problem, period.solution))
                for key, period in periods.items()}
     worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
-    for key, period in periods.items():
-        opened = worn[period.step.cycles]
-        if np.any(opened):
-            changes[key] = _with_gap(period, changes[key], opened)
+    changes = {key: _with_gap(changes[key], worn[period.step.cycles]) for key, period in periods.items()}
     for key, period in periods.items():
         pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
         before = rig.signals(period)
@@ -118,8 +115,10 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
 
 
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
+    """Return the sensitivities to some directions and, after them, to the gap of every node that may wear."""
+    worn = gap_of_each_node(period.problem.interface.size) if period.step.cycles else []
     harmonics = min(HARMONICS, len(period.solution.state) // 4)
-    return sensitivities(period.problem, period.solution, directions, harmonics)
+    return sensitivities(period.problem, period.solution, [*directions, *worn], harmonics)
 
 
 def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]
@@ -173,15 +172,18 @@ def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neigh
     return np.stack(rates, axis=1)
 
 
-def _with_gap(period: Period, change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
-    """Return `change` with that of the gap `opened` (nodes, V) added."""
+def _with_gap(change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
+    """Return the change by V neighbours with that of the gap `opened` (nodes, V), by the gaps of nodes after them."""
+    count = opened.shape[1]
+    if len(change.names) == count:
+        return change
     level = opened.min(axis=0)  # only lowers the arm
-    more = _carried(period, [gap(column) for column in (opened - level).T])
-    added = {name: getattr(change, name) + getattr(more, name)
+    weights = np.vstack([np.eye(count), opened - level])
+    added = {name: np.tensordot(weights, getattr(change, name), axes=(0, 0))
              for name in ("internal", "relative_displacement", "friction_force")}
-    outputs = {name: values + more.outputs[name] for name, values in change.outputs.items()}
+    outputs = {name: np.tensordot(weights, values, axes=(0, 0)) for name, values in change.outputs.items()}
     outputs["approach"] = outputs["approach"] - level[:, None]
-    return replace(change, **added, outputs=outputs)
+    return replace(change, names=change.names[:count], **added, outputs=outputs)
 
 
 def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicProblem, change: PeriodSensitivity, v: int,

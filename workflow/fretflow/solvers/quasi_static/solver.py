@@ -14,6 +14,7 @@ forces, then the excitation, are raised from nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from typing import Any, Protocol
@@ -170,6 +171,10 @@ class QuasiStaticSolver:
               marched: bool = False) -> PeriodicSolution:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
+        with suppress(NonConvergenceError):
+            near = newton.best(iter(first), contact) if first else None
+            if near is not None and near.norm < 1.0:  # closer to balance than rest is
+                return _solution(problem, equations, *newton.refine(near, self.settings.max_iterations))
         found = newton.solve(chain(first, cold_starts(problem, equations, march, marched)), contact,
                              self.settings.max_iterations)
         return _solution(problem, equations, *found)
