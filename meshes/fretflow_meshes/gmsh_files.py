@@ -68,7 +68,7 @@ def _is_initialized(gmsh: Any) -> bool:
     try:  # before 4.9 a gmsh that is not initialised answers 0, or raises once it was finalised
         return bool(gmsh.option.getNumber("Mesh.MshFileVersion") > 0.0)
     except Exception as error:
-        if type(error) is not Exception:
+        if type(error) is not Exception:  # gmsh raises bare Exception only
             raise
         return False
 

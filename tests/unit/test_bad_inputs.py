@@ -201,7 +201,9 @@ def test_files_that_are_none(tmp_path, capsys, command, what):
 @pytest.mark.parametrize("command", ["show", "run", "modes", "calibrate", "response", "verify", "loops", "diagnose"])
 @pytest.mark.parametrize("path", ["a\0b", "/nowhere/case.toml", 300 * "x"], ids=["null", "nowhere", "long"])
 def test_paths_of_nothing(tmp_path, capsys, command, path):
-    refused(capsys, command, path, *([] if command == "show" else ["--out", tmp_path / "out"]))
+    error = refused(capsys, command, path, *([] if command == "show" else ["--out", tmp_path / "out"]))
+    assert path.split("\0")[0][:100] in error
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("arguments", [
@@ -209,7 +211,10 @@ def test_paths_of_nothing(tmp_path, capsys, command, path):
     "response . --start 0_Hz", "loops . --normal-load -5_N", "loops . --frequency five", "effects third-bodi"])
 def test_values_on_the_command_line(tmp_path, capsys, arguments, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refused(capsys, *(part.replace("_", " ") for part in arguments.split()))
+    words = [part.replace("_", " ") for part in arguments.split()]
+    error = refused(capsys, *words)
+    assert next((word for word in words if word.startswith("--")), words[-1]).lstrip("-") in error
+    assert not any(tmp_path.iterdir())
 
 
 def test_dates_are_no_text():

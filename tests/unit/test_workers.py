@@ -68,11 +68,12 @@ def lasting(tmp_path):
             process.kill()
 
 
-def wait_for_end(workers):
+def have_ended(workers):
+    """Return whether all workers end in time."""
     deadline = time.monotonic() + PATIENCE
-    while any(map(alive, workers)):
-        assert time.monotonic() < deadline
+    while any(map(alive, workers)) and time.monotonic() < deadline:
         time.sleep(0.05)
+    return not any(map(alive, workers))
 
 
 def alive(pid):
@@ -86,7 +87,7 @@ def alive(pid):
 def test_workers_end_with_who_started_them(lasting):
     process, workers = lasting
     process.kill()
-    wait_for_end(workers)
+    assert have_ended(workers)
 
 
 @pytest.mark.parametrize("whom", [os.killpg, os.kill], ids=["terminal", "this process alone"])
@@ -96,7 +97,7 @@ def test_an_interruption_is_one_line_and_ends_the_workers(lasting, whom):
     _, error = process.communicate(timeout=PATIENCE)
     assert error == "fretflow: interrupted; the same command continues where it stopped\n"
     assert process.returncode == 130
-    wait_for_end(workers)
+    assert have_ended(workers)
 
 
 SWALLOWING = """

@@ -217,7 +217,7 @@ def each(workers: Executor, work: Callable[..., Any], tasks: Sequence[tuple[Any,
         while running:
             for ended in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(ended), ended.result()
-    except BaseException:
+    except BaseException:  # also where the user interrupts
         workers.shutdown(wait=False, cancel_futures=True)
         raise
 

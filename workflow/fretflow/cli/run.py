@@ -97,7 +97,7 @@ def _in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -
                 with progress:
                     results = runner.run(case, until, force)
                 _summarise(case, results, out / case.name)
-            except Exception as error:
+            except Exception as error:  # whatever ends one case, the others are run and all are told in the end
                 if len(cases) == 1:
                     raise
                 message, code = describe(error)

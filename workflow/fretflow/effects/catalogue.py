@@ -187,7 +187,7 @@ def _load(file: Path) -> ModuleType:
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except Exception as error:  # users' code may fail in any way
         del sys.modules[name]
         raise InputError(f"{file}: {type(error).__name__}: {error}") from error
     return module

@@ -168,7 +168,7 @@ def guarded(function: Callable[[T], R], argument: T) -> R:
     """Return ``function(argument)``; an error that could not travel back from a worker becomes one that can."""
     try:
         return function(argument)
-    except Exception as error:
+    except Exception as error:  # whatever a worker's function raises is told to who asked for it
         if _travels(error):
             raise
         raise RuntimeError(f"{type(error).__name__}: {error}") from error

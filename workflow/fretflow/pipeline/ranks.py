@@ -95,7 +95,7 @@ class Ranks:
             self._control.send(task, dest=other)
         try:
             total = work()
-        except BaseException as error:
+        except BaseException as error:  # also where the user interrupts: nobody may go on waiting
             self._abort_unless(error, lambda: all(self._control.iprobe(source=other) for other in others))
             for other in others:
                 self._control.recv(source=other)
