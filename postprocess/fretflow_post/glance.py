@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from fretflow.core.units import readable_unit
-from fretflow.inference.verdict import Diagnosis
-from fretflow.inference.words import VERDICT_WORDS, together
 from fretflow.pipeline.results import RunResults
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,9 +14,9 @@ from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.curves import readable_log
+from fretflow_post.diagnosed import plot_diagnosis as plot_diagnosis
 
 Panel = Callable[[Axes, RunResults], None]
-MOST_LOOPS = 6  # of a diagnosis; more would be too small to compare
 
 
 def plot_results(run: RunResults) -> Figure:
@@ -80,32 +78,6 @@ def _response(axes: Axes, run: RunResults) -> None:
     readable_log(axes.yaxis, (1.0, 3.0))
     axes.set(title="Response of the moving mass", xlabel="frequency (Hz)", ylabel="amplitude (µm)")
     axes.legend(loc="best")
-
-
-def plot_diagnosis(diagnosis: Diagnosis) -> Figure:
-    """Return up to six of the loops: measured, as the refitted baseline has them and with the named effects."""
-    every = diagnosis.comparisons
-    some = np.linspace(0, len(every) - 1, min(MOST_LOOPS, len(every))).round().astype(int)
-    shown = [every[k] for k in np.unique(some)]
-    with style.styled():
-        named = f": {together(diagnosis.effects)}" if diagnosis.effects else ""
-        headline = VERDICT_WORDS[diagnosis.verdict] + named
-        figure = style.new_figure(diagnosis.title or diagnosis.recording, headline)
-        columns = min(3, max(1, len(shown)))
-        grid = figure.add_gridspec(max(1, -(-len(shown) // columns)), columns, left=0.07, right=0.97, bottom=0.08,
-                                   top=0.84, hspace=0.35, wspace=0.28)
-        for k, one in enumerate(shown):
-            axes = figure.add_subplot(grid[k // columns, k % columns])
-            parts = (("measured", one.displacement, one.force, style.BLACK, "-"),
-                     ("baseline", one.before_displacement, one.before_force, style.VERMILLION, "--"),
-                     (diagnosis.after_model or "after", one.after_displacement, one.after_force, style.BLUE, "-."))
-            for name, x, force, colour, line in parts:
-                axes.plot(_closed(x) * 1e6, _closed(force), color=colour, linestyle=line, label=name)
-            axes.set(title=one.label + (", held out" if one.held_out else ""), xlabel="displacement (µm)",
-                     ylabel="force (N)")
-            if k == 0:
-                axes.legend(loc="best")
-    return figure
 
 
 def _closed(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from fretflow.inference.verdict import (
     Detection,
     Diagnosis,
     Estimate,
+    Evolution,
     HeldOut,
     Location,
     Place,
@@ -99,6 +100,16 @@ def wear():
                    after=1.01 * measured)
 
 
+def evolved(loops):
+    """Return readings of the loops at cycle counts, of friction alone where they are held out."""
+    read = np.array([[(np.ptp(f) / 2.0, 28e6, abs(np.sum(f * np.gradient(x))), np.ptp(x)) for x, f in (
+        (one.displacement, one.force), (one.before_displacement, one.before_force),
+        (one.after_displacement, one.after_force))] for one in loops if one.label.endswith("cycles")])
+    limit, stiffness, energy, sliding = np.moveaxis(read, 2, 0)
+    return Evolution(cycles=np.array(CYCLES, float), friction_limit=limit.T, tangential_stiffness=stiffness.T,
+                     dissipated_energy=energy.T, sliding_distance=sliding.T)
+
+
 RANKING = tuple(Candidate(effects=effects, probability=p, explained=s, chi_squared=chi, degrees_of_freedom=5_200,
                           log_evidence=-chi / 2, converged=k < 3)
                 for k, (effects, p, s, chi) in enumerate((
@@ -118,13 +129,15 @@ PLACES = tuple(Place(cut=cut, where=where, share=share, p_value=p) for cut, wher
     ("channel", "displacement", 0.26, 3e-5), ("condition", "load 45 N", 0.09, 0.41), ("zone", "edges", 0.31, 0.6),
     ("phase", "knee", 0.1, 0.7), ("harmonic", "3", 0.08, 0.2), ("harmonic", "5", 0.02, 1.0)))
 
-PARAMETERS = tuple(Estimate(name=name, value=v, low=a, high=b, unit=u, meaning=m) for name, v, a, b, u, m in (
+NORMAL = np.random.default_rng(7).standard_normal((6, 500)) + 0.8 * np.random.default_rng(8).standard_normal(500)
+PARAMETERS = tuple(Estimate(name=name, value=v, low=a, high=b, unit=u, meaning=m, draws=v + (b - a) / 4.2 * z)
+                   for z, (name, v, a, b, u, m) in zip(NORMAL, (
     ("friction-run-in.initial", 0.334, 0.327, 0.341, "1", "mu_0: coefficient of the new faces"),
     ("friction-run-in.final", 0.882, 0.876, 0.889, "1", "friction coefficient after running in"),
     ("friction-run-in.energy", 42.1, 38.7, 46.0, "J", "dissipated energy that settles it"),
     ("contact.friction_coefficient", 0.74, 0.72, 0.76, "1", ""),
     ("wear.coefficient", 1.1e-14, 0.9e-14, 1.3e-14, "m^2/N", ""),
-    ("displacement.gain", 1.0021, 0.9975, 1.0066, "1", "within its calibration")))
+    ("displacement.gain", 1.0021, 0.9975, 1.0066, "1", "within its calibration")), strict=True))
 
 
 def named(kind: str = "fretting-rig") -> Diagnosis:
@@ -151,7 +164,8 @@ def named(kind: str = "fretting-rig") -> Diagnosis:
                          floor=1.0),
         separating_measurement="Loops at another amplitude in the first 10,000 cycles would tell a dependence on "
                                "sliding from one on energy.",
-        smallest_visible={}, comparisons=loops, residual_maps=maps, wear_map=wear() if kind == "fretting-rig" else None,
+        smallest_visible={}, comparisons=loops, residual_maps=maps,
+        evolution=None if lumped else evolved(loops), wear_map=wear() if kind == "fretting-rig" else None,
         notes=("loops, displacement, rows 412-418: 7 values are missing and were left out",),
         case_file='format = "fretflow-case/1"\nname = "run_in"\n[test]\nexcitation_amplitude = "53 N"\n'
                   'cycles = 300000\n[effects.friction-run-in]\ninitial = 0.334\n',

@@ -193,7 +193,8 @@ def test_one_wave_is_named_with_its_size_and_two_as_two() -> None:
     found = judged(1.1 * cosine() + 0.35 * shifted + noise)
     verdict = decide(found)
     assert (verdict.verdict, verdict.effects) == (Verdict.NAMED, ("viscous",))
-    mean, sd = found.evidence(verdict.after).coordinates(found.prior(verdict.after))
+    mean, covariance = found.evidence(verdict.after).coordinates(found.prior(verdict.after))
+    sd = np.sqrt(np.diag(covariance))
     size = found.fits[verdict.after].parameters.coordinates[-1]
     assert size.value(mean[-1] - 2.0 * sd[-1]) < 0.35 < size.value(mean[-1] + 2.0 * sd[-1])
     both = judged(cosine() + 0.35 * wave("viscous") + 0.3 * wave("support-nonlinearity") + noise)

@@ -19,7 +19,7 @@ from fretflow_post.report import render_report, write_report
 from matplotlib.image import imread
 
 HERE = Path(__file__).parent
-VOID = {"meta", "link", "input", "br"}
+VOID = {"meta", "link", "input", "br", "img"}
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.observation import Observation, Piece, condition_labels, count_label
 from fretflow.experiments.rig.phases import PHASES, Strokes
-from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
+from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.inference.experiment import Covariance
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 
@@ -53,6 +53,21 @@ def test_eight_counts_with_both_ends_and_all_conditions_are_shown():
     assert counts[-1] == "110_000 cycles"
     assert [one.label for one in shown if one.held_out] == ["condition 1"]
     assert shown[-2].label == "condition 0"
+
+
+def test_all_counts_are_read_over_the_cycles():
+    """Half the force is half the friction, the energy and the stiffness, at the same sliding distance."""
+    seen = observation()
+    half = seen.values * np.where(seen.rows(channel="friction_force"), 0.5, 1.0)
+    found = evolved(seen, seen.values, half)
+    assert found.cycles == pytest.approx(COUNTS)
+    area = np.sum(0.5 * (FORCE + np.roll(FORCE, -1)) * (np.roll(MOTION, -1) - MOTION))
+    assert found.dissipated_energy[0] == pytest.approx(abs(area), rel=0.02)
+    for name, share in (("dissipated_energy", 0.5), ("friction_limit", 0.5), ("tangential_stiffness", 0.5),
+                        ("sliding_distance", 1.0)):
+        measured, before, after = getattr(found, name)
+        assert before == pytest.approx(measured)
+        assert after == pytest.approx(share * measured, rel=1e-6)
 
 
 def test_another_zero_of_a_loop_is_no_difference():

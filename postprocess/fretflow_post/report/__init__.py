@@ -19,8 +19,10 @@ from fretflow.recordings.kinds import kinds
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from fretflow_post.report.loops import loop_views
+from fretflow_post.diagnosed import drawn_parameters, plot_diagnosis
+from fretflow_post.report.loops import evolution_views, loop_views
 from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view, wear_views
+from fretflow_post.report.svg import figure_image
 
 PAGE = Path(__file__).parent / "page"
 PROBABILITY_OF = {
@@ -53,7 +55,8 @@ def render_report(diagnosis: Diagnosis) -> str:
         "kind": kinds()[diagnosis.kind].words if diagnosis.kind in kinds() else diagnosis.kind,
         "with_after": with_after,
         "tiles": tuple(_tiles(diagnosis)), "physics": tuple(_physics(diagnosis)), "sure": _how_sure(diagnosis),
-        "ranking": _split(_ranking(diagnosis), MOST_RANKED), "loops": loops, "maps": map_views(diagnosis),
+        "ranking": _split(_ranking(diagnosis), MOST_RANKED), "loops": loops,
+        "evolution": evolution_views(diagnosis, with_after), "corner": _corner(diagnosis), "maps": map_views(diagnosis),
         "after_words": words.after_words(diagnosis),
         "places": _split(_places(diagnosis), MOST_PLACES),
         "where": tuple(_where(diagnosis)), "parameters": tuple(_row(one) for one in diagnosis.parameters),
@@ -74,6 +77,13 @@ def _environment() -> Environment:
     for name in ("css", "js"):
         found.globals[name] = Markup((PAGE / f"report.{name}").read_text(encoding="utf-8"))
     return found
+
+
+def _corner(d: Diagnosis) -> Markup | None:
+    """Return the parameters in pairs, where there is more than one."""
+    if len(drawn_parameters(d)) < 2:
+        return None
+    return figure_image(plot_diagnosis(d, "parameters"), "posterior of the parameters, each and in pairs")
 
 
 def _split(items: tuple[object, ...], most: int) -> tuple[tuple[object, ...], tuple[object, ...]]:

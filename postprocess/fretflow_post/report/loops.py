@@ -12,6 +12,7 @@ from fretflow.inference.words import number
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from fretflow_post.diagnosed import readings
 from fretflow_post.report.svg import Axis, Chart, extent, horizontal, thinned, vertical
 
 Array = NDArray[np.float64]
@@ -85,6 +86,22 @@ def loop_views(diagnosis: Diagnosis) -> LoopViews:
                   for one, pair in zip(loops, channels, strict=True))
     return LoopViews(views, "stretch" if any(one.time is not None for one in loops) else "loop", common, after,
                      diagnosis.kind == "fretting-rig")
+
+
+def evolution_views(diagnosis: Diagnosis, after: bool) -> tuple[tuple[str, Markup], ...]:
+    """Return what is read off the loops over the cycles as charts, each with its title."""
+    found, charts = diagnosis.evolution, []
+    if found is None:
+        return ()
+    for name, unit, values in readings(found):
+        shown = list(zip(("measured", "before", "after"), values, strict=True))[:3 if after else 2]
+        chart = Chart(horizontal("cycles", *extent([found.cycles], 0.02)), vertical(
+            f"{name} ({unit})", *extent([own for _, own in shown]), unit, LOW), f"{name} over the cycles", height=LOW,
+            readout="trace")
+        for look, own in shown:
+            chart.curve(look, look, found.cycles, own)
+        charts.append((name, chart.markup()))
+    return tuple(charts)
 
 
 def has_after(loops: Sequence[Comparison]) -> bool:

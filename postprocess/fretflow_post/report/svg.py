@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -184,6 +185,14 @@ def png(colours: NDArray[np.uint8]) -> str:
     content = io.BytesIO()
     imsave(content, colours, format="png")
     return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
+
+
+def figure_image(figure: Figure, describe: str) -> Markup:
+    """Return a figure as a picture that grows without getting coarse."""
+    content = io.BytesIO()
+    figure.savefig(content, format="svg", metadata={"Date": None})
+    return Markup('<img class="figure" src="data:image/svg+xml;base64,{}" alt="{}">').format(
+        base64.b64encode(content.getvalue()).decode(), describe)
 
 
 def colour_bar(name: str, low: float, high: float, label: str, ticks: Sequence[tuple[float, str]] | None = None,

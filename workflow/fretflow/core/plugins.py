@@ -14,7 +14,7 @@ Of ``fretflow.figures``, where a file is a path that is written and returned:
 
 - ``run``: ``(folders, folder, output) -> files``, all pictures of a run's stages;
 - ``results``: ``(RunResults) -> Figure``, a run at a glance;
-- ``report``: ``(file, Diagnosis) -> file``, its page; ``diagnosis``: ``(Diagnosis) -> Figure``, its loops;
+- ``report``: ``(file, Diagnosis) -> file``, its page; ``diagnosis``: ``(Diagnosis, what) -> Figure``;
 - ``loops``: ``(file, title, LoopSet, RecordedReadings, index) -> files``;
 - ``modes``: ``(file, upper, lower) -> files``; ``response``: ``(file, curves) -> files``;
 - ``effect``: ``(file, id, Effect) -> file``.

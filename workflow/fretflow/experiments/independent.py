@@ -16,7 +16,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, size_prior, sizes
+from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, drawn, size_prior, sizes
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, Coordinate
@@ -52,7 +52,7 @@ class IndependentDiscrepancy(Discrepancy):
         table = -0.5 * (gram[:, 0, 0] - np.sum(found * pulled, axis=-1) + np.linalg.slogdet(inner)[1]
                         - np.log(kept) @ weight)
         return Evidence(table=table, mean=found[..., :count],
-                        spread=np.sqrt(np.diagonal(inverse, axis1=2, axis2=3)[..., :count]))
+                        covariance=inverse[..., :count, :count])
 
 
 class IndependentExperiment(Experiment, Protocol):
@@ -115,13 +115,14 @@ class IndependentSearch(Search):
 
 def estimates(looked: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
-    mean, spread = looked.evidence(names).coordinates(looked.any_size(names))
+    mean, covariance = looked.evidence(names).coordinates(looked.any_size(names))
     made = []
-    for coordinate, middle, sd in zip(looked.fits[names].parameters.coordinates, mean, spread, strict=True):
+    for coordinate, middle, sd, draws in zip(looked.fits[names].parameters.coordinates, mean,
+                                             np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True):
         value, *ends = (coordinate.value(float(middle + way * HALF * sd)) for way in (0.0, -1.0, 1.0))
         unit, meaning = looked.experiment.described(coordinate)
         made.append(Estimate(name=coordinate.name, value=value, low=min(ends), high=max(ends), unit=unit,
-                             meaning=meaning))
+                             meaning=meaning, draws=coordinate.values(draws)))
     return tuple(made)
 
 

@@ -36,6 +36,7 @@ HARMONICS = 7  # of the loop phase that a discrepancy is made of; sd falls with 
 MODULATING = 2  # the same, of what a law of another form does to a signature
 LEAST = 0.01  # of the rms of all, below which what a loop shows of an effect is round-off and has no direction
 SIZES = np.geomspace(1e-3, 1.0, 10)  # sigma and tau, from what hardly any channel resolves to all of it
+DRAWS, SEED = 1000, 2026  # of a posterior: its 90 % interval is then known to 3 % of its width
 FORMS = np.geomspace(0.003, 1.0, 8)  # e, from below all noise to laws that have nothing in common
 
 
@@ -48,20 +49,27 @@ class Evidence:
 
     table: Array = quantity("1", "(forms, sizes, sizes), one form where the hypothesis has no effects")
     mean: Array = quantity("1", "(forms, sizes, sizes, P), most probable coordinates")
-    spread: Array = quantity("1", "(forms, sizes, sizes, P), their standard deviations")
+    covariance: Array = quantity("1", "(forms, sizes, sizes, P, P), theirs")
 
     def averaged(self, prior: Array) -> float:
         """Return the log evidence with a prior of the sizes, of the table's shape, which sums to one."""
         return float(np.logaddexp.reduce(self.table + np.log(np.maximum(prior, 1e-300)), axis=None))
 
     def coordinates(self, prior: Array) -> tuple[Array, Array]:
-        """Return the mean and the standard deviation (P,) of the coordinates over all sizes."""
+        """Return the mean (P,) and the covariance (P, P) of the coordinates over all sizes."""
         own = self.table + np.log(np.maximum(prior, 1e-300))
         weight = np.exp(own - own.max())
         weight = (weight / weight.sum())[..., None]
         axes = tuple(range(own.ndim))
         mean = np.sum(weight * self.mean, axis=axes)
-        return mean, np.sqrt(np.sum(weight * (self.spread**2 + (self.mean - mean)**2), axis=axes))
+        away = self.mean - mean
+        between = away[..., :, None] * away[..., None, :]
+        return mean, np.sum(weight[..., None] * (self.covariance + between), axis=axes)
+
+
+def drawn(mean: Array, covariance: Array) -> Array:
+    """Return DRAWS of normal coordinates (P, DRAWS), the same whenever they are asked for."""
+    return np.random.default_rng(SEED).multivariate_normal(mean, covariance, DRAWS, method="eigh").T
 
 
 @dataclass(frozen=True)
@@ -93,7 +101,7 @@ class Discrepancy:
         own, forms = len(fit.z), FORMS[:1] if blank else FORMS
         wanted = np.eye(every.shape[1] - 1)[:, :own]
         table = np.empty((len(forms), len(SIZES), len(SIZES)))
-        mean, spread = (np.empty((*table.shape, own)) for _ in range(2))
+        mean, covariance = np.empty((*table.shape, own)), np.empty((*table.shape, own, own))
         for k, tau in enumerate(SIZES):
             kept = 1.0 / (1.0 + np.square(tau * size))
             gram = inside.T @ (kept[:, None] * inside) + outside
@@ -106,8 +114,8 @@ class Discrepancy:
                 table[i, j, k] = -0.5 * (gram[0, 0] - pulled @ solved[:, 0] - float(np.log(kept).sum())) - float(
                     np.log(np.diag(root[0])).sum())
                 mean[i, j, k] = solved[:own, 0]
-                spread[i, j, k] = np.sqrt(np.diag(solved[:own, 1:]))
-        return Evidence(table=table, mean=mean, spread=spread)
+                covariance[i, j, k] = solved[:own, 1:]
+        return Evidence(table=table, mean=mean, covariance=covariance)
 
 
 def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:

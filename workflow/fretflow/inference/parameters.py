@@ -50,6 +50,10 @@ class Coordinate:
         value = self.sign * (math.exp(inner) if self.logarithmic else inner)
         return min(max(value, self.lowest), self.highest)
 
+    def values(self, z: Array) -> Array:
+        """Return the parameter at coordinates z (n,)."""
+        return np.array([self.value(float(one)) for one in z])
+
     def place(self, value: float) -> float:
         """Return the coordinate of a parameter's value, within `FARTHEST`."""
         inner = self.sign * value

@@ -7,15 +7,18 @@ import math
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.provenance import commit, own_version
-from fretflow.core.records import quantity, record
+from fretflow.core.records import quantity, record, to_dataset
 from fretflow.core.store import write_whole
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -88,6 +91,8 @@ class Estimate:
     high: float
     unit: str
     meaning: str = ""
+    draws: Array = quantity("SI", "(n,), of the posterior; row for row the same draw in all parameters",
+                            default_factory=lambda: np.zeros(0))
 
 
 @record
@@ -122,6 +127,17 @@ class Comparison:
     after_displacement: Array = quantity("m", "(N,), with the named effects")
     after_force: Array = quantity("N", "(N,)")
     time: Array | None = quantity("s", "(N,)", default=None)
+
+
+@record
+class Evolution:
+    """What is read off each loop as the cycles go on: measured, before and after; nan where a loop does not show it."""
+
+    cycles: Array = quantity("1", "(n,)")
+    friction_limit: Array = quantity("N", "(3, n)")
+    tangential_stiffness: Array = quantity("N/m", "(3, n)")
+    dissipated_energy: Array = quantity("J", "(3, n), of a cycle")
+    sliding_distance: Array = quantity("m", "(3, n)")
 
 
 @record
@@ -202,6 +218,7 @@ class Diagnosis:
     separating_measurement: str
     smallest_visible: Mapping[str, float]  # effect: share of its plausible range that would have been seen
     comparisons: tuple[Comparison, ...] = ()
+    evolution: Evolution | None = None
     residual_maps: tuple[ResidualMap, ...] = ()
     wear_map: WearMap | None = None
     wear_tests: WearTests | None = None
@@ -256,15 +273,33 @@ class Diagnosis:
         page: Path = provided(FIGURES, "report")(Path(path), self)
         return page
 
-    def plot(self) -> Any:
-        """Return a `matplotlib.figure.Figure` of the loops: measured, by the baseline and with the named effects.
+    def plot(self, what: str = "loops") -> Any:
+        """Return a `matplotlib.figure.Figure` of what was measured, by the baseline and with the named effects.
+
+        Parameters
+        ----------
+        what : str
+            ``loops``; ``evolution``, what is read off them over the cycles; ``parameters``, the posterior in pairs;
+            ``wear``, the worn depth and its differences.
 
         Raises
         ------
+        InputError
+            If there is no such figure, or nothing to draw on it.
         PlatformError
             If no package that draws is installed.
         """
-        return provided(FIGURES, "diagnosis")(self)
+        return provided(FIGURES, "diagnosis")(self, what)
+
+    @property
+    def posterior(self) -> xr.Dataset:
+        """Return draws of the parameters, dimensions (chain, draw), as ArviZ names them.
+
+        ``arviz.InferenceData(posterior=found.posterior)`` goes on with them, and so does ``arviz.from_netcdf`` with
+        what ``to_netcdf(file, group="posterior", engine="h5netcdf")`` writes.
+        """
+        return to_dataset({one.name: (("chain", "draw"), one.draws[None], one.unit) for one in self.parameters
+                           if len(one.draws)}, {})
 
 
 def _plain(value: float) -> float | None:

@@ -146,12 +146,19 @@ def without_friction(readings: RecordedReadings) -> RecordedReadings:
 
 def _read(loops: LoopSet, k: int, x: Array, force: Array, load: float) -> LoopReadings:
     try:
-        return _reading(x, force, load)
+        return read_noisy_loop(x, force, load)
     except InputError as error:
         raise UnreliableRecordingError(f"cycle {loops.cycles[k]}: {error}") from error
 
 
-def _reading(x: Array, force: Array, load: float) -> LoopReadings:
+def read_noisy_loop(x: Array, force: Array, load: float = np.nan) -> LoopReadings:
+    """Return what a loop (N,) in m and N shows, its parts told by smooth copies; `load` in N, nan if not known.
+
+    Raises
+    ------
+    InputError
+        If it is no loop.
+    """
     guide = HysteresisLoop(displacement=_smooth_motion(x), force=smoothed(force))
     return read_loop(HysteresisLoop(displacement=x, force=force), load if np.isfinite(load) else None, guide)
 
@@ -180,8 +187,9 @@ def _noise(loops: LoopSet, means: dict[str, Array], kept: NDArray[np.int64], loa
         draws = []
         for _ in range(DRAWS // 2 if noisy else 0):
             noise = [s * rng.standard_normal(len(mean)) for mean, s in zip(smooth, size, strict=True)]
-            draws += [_reading(smooth[0] + turn * noise[0], smooth[1] + turn * noise[1], load[k]) for turn in (1, -1)]
-        base = _reading(smooth[0], smooth[1], load[k])
+            draws += [read_noisy_loop(smooth[0] + turn * noise[0], smooth[1] + turn * noise[1], load[k])
+                      for turn in (1, -1)]
+        base = read_noisy_loop(smooth[0], smooth[1], load[k])
         for name in POWERS:
             column = _column(draws, name)
             there = column[np.isfinite(column)]

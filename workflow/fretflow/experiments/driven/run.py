@@ -17,7 +17,7 @@ from fretflow.experiments.driven.data import DrivenData, driven_data
 from fretflow.experiments.driven.experiment import DrivenExperiment
 from fretflow.experiments.driven.location import detect, locate, residual_law
 from fretflow.experiments.driven.noise import effective, measured_noise, white_noise
-from fretflow.experiments.driven.views import case_text, comparisons, next_measurement, residual_maps
+from fretflow.experiments.driven.views import case_text, comparisons, evolved, next_measurement, residual_maps
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.inference.experiment import Point
@@ -67,7 +67,8 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         held_out=held_out(experiment, looked.baseline, fit), residual_law=law,
         separating_measurement=separating(found.sets or [()]) if law is None else next_measurement(law),
         smallest_visible=visible(looked) if found.verdict is Verdict.NONE else {},
-        comparisons=comparisons(data, before, after), residual_maps=residual_maps(data, noise, before, after),
+        comparisons=comparisons(data, before, after), evolution=evolved(data, before, after),
+        residual_maps=residual_maps(data, noise, before, after),
         notes=_notes(recording, data, experiment), after_model=after_model(found.verdict, found.after),
         case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "",
         seconds=time.monotonic() - began, fast=fast)

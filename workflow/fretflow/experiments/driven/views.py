@@ -9,8 +9,9 @@ from fretflow.effects.catalogue import tables
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
+from fretflow.experiments.evolution import evolution
 from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN
-from fretflow.inference.verdict import Comparison, ResidualLaw, ResidualMap
+from fretflow.inference.verdict import Comparison, Evolution, ResidualLaw, ResidualMap
 from fretflow.recordings.kinds.joints import LUMPED
 
 
@@ -41,6 +42,15 @@ def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparis
             after_displacement=x, before_force=before[own], after_force=after[own],
             time=data.motion.time[own] if data.kind is LUMPED and data.timed else None))
     return tuple(found)
+
+
+def evolved(data: DrivenData, before: Array, after: Array) -> Evolution | None:
+    """Return what is read off all cycles, predicted forces (N,) beside; None of a lumped force, which holds inertia."""
+    if data.kind is LUMPED:
+        return None
+    own = {one.number: data.samples_of(one) for one in data.cycles}
+    return evolution(list(own), [tuple((data.motion.displacement[at], force[at]) for force in (
+        data.force, before, after)) for at in own.values()])
 
 
 def residual_maps(data: DrivenData, noise: Noise, before: Array, after: Array) -> tuple[ResidualMap, ...]:

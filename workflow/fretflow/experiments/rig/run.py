@@ -37,7 +37,7 @@ from fretflow.experiments.rig.setup import (
     model_of,
 )
 from fretflow.experiments.rig.tangent import neighbours
-from fretflow.experiments.rig.views import comparisons, held_out_error, residual_maps, wear_map
+from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
@@ -137,16 +137,17 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    mean, spread = looked.evidence(found.after).coordinates(looked.prior(found.after))
+    mean, covariance = looked.evidence(found.after).coordinates(looked.prior(found.after))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=words.sentence(found, remainder, location, law), detection=detection,
-        location=location, parameters=estimates(experiment.rig, after.parameters, mean, spread),
+        location=location, parameters=estimates(experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
+        evolution=evolved(observation, unseen.before, unseen.after),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, experiment.rig, Point(after.parameters, mean)) if named else "",

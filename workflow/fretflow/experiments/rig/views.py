@@ -7,9 +7,10 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.experiments.evolution import evolution
 from fretflow.experiments.rig.observation import ABSOLUTE, Array, Observation, Piece
 from fretflow.inference.experiment import Covariance
-from fretflow.inference.verdict import Comparison, ResidualMap, WearMap
+from fretflow.inference.verdict import Comparison, Evolution, ResidualMap, WearMap
 from fretflow.structure.sensors import band_limited
 
 MOST_SHOWN = 8  # cycle counts
@@ -69,6 +70,14 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
             label=label, held_out=label in held_out, displacement=x, force=force, before_displacement=x_before,
             before_force=force_before, after_displacement=x_after, after_force=force_after))
     return tuple(found)
+
+
+def evolved(observation: Observation, before: Array, after: Array) -> Evolution | None:
+    """Return what is read off the loops of all cycle counts; predictions are (M,)."""
+    loops = [pieces for pieces in loop_pieces(observation).values() if pieces[JUDGED[0]].block == "loops"]
+    return evolution([pieces[JUDGED[0]].cycles for pieces in loops], [
+        tuple((vector[pieces[JUDGED[0]].place], vector[pieces[JUDGED[1]].place])
+              for vector in (observation.values, before, after)) for pieces in loops])
 
 
 def residual_maps(observation: Observation, covariance: Covariance, before: Array, after: Array

@@ -11,6 +11,7 @@ from fretflow.case.config import Case
 from fretflow.effects.catalogue import catalogue, tables
 from fretflow.experiments.rig.experiment import hypothesis
 from fretflow.experiments.rig.model import RigModel
+from fretflow.inference.evidence import drawn
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import Found
@@ -105,32 +106,33 @@ def next_measurement(law: ResidualLaw) -> str:
             "recorded.")
 
 
-def estimates(rig: RigModel, space: Parameters, mean: Array, spread: Array) -> tuple[Estimate, ...]:
-    """Return the baseline's parameters and those of effects, of coordinates with a mean and a spread (size,)."""
-    made = [_estimate(rig, coordinate, float(z), HALF * float(sd))
-            for coordinate, z, sd in zip(space.coordinates, mean, spread, strict=True)]
+def estimates(rig: RigModel, space: Parameters, mean: Array, covariance: Array) -> tuple[Estimate, ...]:
+    """Return the baseline's parameters and those of effects, of coordinates with a mean (size,) and covariance."""
+    made = [_estimate(rig, coordinate, float(z), HALF * float(sd), draws) for coordinate, z, sd, draws in zip(
+        space.coordinates, mean, np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True)]
     return tuple(one for one in made if one is not None)
 
 
-def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float) -> Estimate | None:
+def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate | None:
     ends = sorted(coordinate.value(z + way * half) for way in (-1.0, 1.0))
-    value = coordinate.value(z)
+    value, draws = coordinate.value(z), coordinate.values(draws)
     if coordinate.effect:
         kind = catalogue()[coordinate.effect]
         prior = kind.priors()[coordinate.field]
         turn = 2.0 * np.pi  # width of the range of an angle
         if prior.high - prior.low == turn:
             turns = turn * np.round(value / turn)
-            value, ends = value - turns, [end - turns for end in ends]
+            value, ends, draws = value - turns, [end - turns for end in ends], draws - turns
         unit = next(entry.unit for entry in entries(kind()) if entry.key == coordinate.field)
         return Estimate(name=coordinate.name, value=value, low=ends[0], high=ends[1], unit=unit or "1",
-                        meaning=kind.model_fields[coordinate.field].description or "")
+                        meaning=kind.model_fields[coordinate.field].description or "", draws=draws)
     if coordinate.field not in BASELINE:
         return None
     name, unit, meaning = BASELINE[coordinate.field]
     size = {"friction": float(np.mean(rig.problem.friction_coefficient)), "wear": rig.wear_coefficient,
             "mass": float(rig_of(rig.problem.structure).rig.moving_mass)}[coordinate.field]
-    return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning)
+    return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning,
+                    draws=size * draws)
 
 
 def case_text(case: Case, rig: RigModel, point: Point) -> str:

@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.structure.experiment import StructureExperiment
+from fretflow.inference.evidence import drawn
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import WIDTH
 from fretflow.inference.posterior import Found, decide, smallest_visible
@@ -97,7 +98,8 @@ def _detect(found: Search) -> Detection:
 def _estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     fit = found.fits[names]
-    _, spread = found.evidence(names).coordinates(found.prior(names))
+    _, covariance = found.evidence(names).coordinates(found.prior(names))
+    spread, draws = np.sqrt(np.diag(covariance)), drawn(fit.z, covariance)
     units = {"bolt_load": "N", "friction_coefficient": "1", "modal_damping": "1"}
     made = []
     for k, one in enumerate(fit.parameters.coordinates):
@@ -108,7 +110,8 @@ def _estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
         made.append(Estimate(
             name=one.name if one.effect else f"structure.{one.field}", value=one.value(middle), low=ends[0],
             high=ends[1], unit=units.get(one.field, marks[0] if marks else "1"),
-            meaning=MEANINGS.get(one.field, "") if info is None else info.description or ""))
+            meaning=MEANINGS.get(one.field, "") if info is None else info.description or "",
+            draws=one.values(draws[k])))
     return tuple(made)
 
 

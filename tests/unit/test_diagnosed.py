@@ -1,0 +1,91 @@
+"""Figures of a diagnosis.
+
+What carries the weight: curves hold the record's numbers in the units of their labels, draws tell the interval that is
+stated, and regions hold the shares of a normal distribution that they claim.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from fretflow.core.errors import InputError
+from fretflow.inference.evidence import DRAWS, drawn
+from fretflow.inference.parameters import Coordinate
+from fretflow.inference.search import HALF
+from fretflow_post import corner, style
+from fretflow_post.report import render_report
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def cases(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    import report_cases
+
+    return report_cases
+
+
+def test_readings_over_the_cycles_are_drawn_in_their_units(cases):
+    found = cases.named()
+    axes = {one.get_ylabel(): one for one in found.plot("evolution").axes}
+    assert list(axes) == ["friction limit (N)", "tangential stiffness (N/µm)", "energy of a cycle (mJ)",
+                          "sliding distance (µm)"]
+    for name, field, size in (("energy of a cycle (mJ)", "dissipated_energy", 1e-3),
+                              ("sliding distance (µm)", "sliding_distance", 1e-6)):
+        for line, values in zip(axes[name].lines, getattr(found.evolution, field), strict=True):
+            assert line.get_xdata() == pytest.approx(cases.CYCLES)
+            assert line.get_ydata() * size == pytest.approx(values)
+    page = render_report(found)
+    assert page.count("over the cycles\"") == 4
+
+
+def test_a_corner_has_each_parameter_and_each_pair_with_its_correlation(cases):
+    figure = cases.named().plot("parameters")
+    count = len(cases.PARAMETERS)
+    assert len(figure.axes) == count * (count + 1) // 2
+    draws = np.array([one.draws for one in cases.PARAMETERS])
+    told = [text.get_text() for text in figure.texts]
+    assert f"{np.corrcoef(draws)[0, 1]:.2f}" in told
+    assert len(set(told) & {f"{r:.2f}" for r in np.corrcoef(draws)[np.triu_indices(count, 1)]}) > 5
+
+
+def test_regions_hold_their_shares_of_a_normal_distribution():
+    """The outline of 90 % of a standard normal pair is a circle of radius sqrt(-2 ln 0.1)."""
+    x, y = np.random.default_rng(1).standard_normal((2, 4000))
+    with style.styled():
+        figure = style.new_figure("", "")
+        corner.plot_corner(figure, [("a.x", "1", x), ("a.y", "1", y)])
+    outer = figure.axes[1].collections[0].get_paths()[0]
+    away = np.hypot(*outer.vertices[outer.codes == 2].T)  # both outlines, of 90 % and of 50 %
+    radii = [np.sqrt(-2.0 * np.log(1.0 - share)) for share in corner.HELD]
+    off = np.min(np.abs(away[:, None] / radii - 1.0), axis=1)
+    assert np.median(off) < 0.05
+
+
+def test_draws_tell_the_stated_interval():
+    mean, covariance = np.array([0.3, -1.0]), np.array([[0.5, 0.3], [0.3, 0.4]])
+    draws = drawn(mean, covariance)
+    assert draws.shape == (2, DRAWS)
+    assert np.cov(draws) == pytest.approx(covariance, abs=0.08)
+    own = Coordinate("", "size", np.log(2.0), 0.2, True)
+    low, high = (own.value(mean[0] + way * HALF * np.sqrt(0.5)) for way in (-1.0, 1.0))
+    assert np.mean((own.values(draws[0]) > low) & (own.values(draws[0]) < high)) == pytest.approx(0.9, abs=0.03)
+
+
+def test_the_posterior_goes_to_a_file_that_keeps_names_draws_and_units(cases, tmp_path):
+    found = cases.named()
+    found.posterior.to_netcdf(tmp_path / "found.nc", group="posterior", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "found.nc", group="posterior", engine="h5netcdf") as read:
+        assert read.sizes == {"chain": 1, "draw": 500}
+        energy = read["friction-run-in.energy"]
+        assert energy.attrs["units"] == "J"
+        assert energy.values[0] == pytest.approx(found.parameters[2].draws)
+
+
+def test_what_is_not_there_is_said(cases):
+    with pytest.raises(InputError, match="'loop' is none of loops, evolution"):
+        cases.named().plot("loop")
+    with pytest.raises(InputError, match="no fitted parameters"):
+        cases.empty().plot("parameters")
