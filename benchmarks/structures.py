@@ -10,12 +10,8 @@ import sys
 import time
 from pathlib import Path
 
+import fretflow as ff
 import numpy as np
-from fretflow.contact.coulomb import Coulomb
-from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
-from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
-from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
-from fretflow.structure.reduction.contact_modes import reduce_structure
 
 POINTS = 23
 SIZES = (25, 61, 122, 241)
@@ -31,16 +27,16 @@ def main() -> None:
     asked = np.geomspace(2e-6, 1e-4, POINTS)
     for size in SIZES:
         begun = time.process_time()
-        structure = reduce_structure(lap_beam(size))
+        structure = ff.reduce_structure(lap_beam(size))
         reduced = time.process_time() - begun
         for words, springs in (("rigid", None), ("springs", np.full(3 * size, 2e-9 * size / 25.0))):
-            joint = BoltedJoint(structure=structure, law=Coulomb(0.45), bolt_load=6e3, springs=springs)
+            joint = ff.BoltedJoint(structure=structure, law=ff.Coulomb(0.45), bolt_load=6e3, springs=springs)
             mode = joint.linear_modes(1)[0]
-            quasi_static_backbone(joint, mode, asked[:1])  # compiled
+            ff.quasi_static_backbone(joint, mode, asked[:1])  # compiled
             begun = time.process_time()
-            static = quasi_static_backbone(joint, mode, asked)
+            static = ff.quasi_static_backbone(joint, mode, asked)
             middle = time.process_time()
-            periodic = follow_mode(joint, mode, np.sort(static.amplitude), tolerance=1e-4)
+            periodic = ff.follow_mode(joint, mode, np.sort(static.amplitude), tolerance=1e-4)
             end = time.process_time()
             order = np.argsort(static.amplitude)
             frequency = np.max(np.abs([one.frequency for one in periodic] / static.frequency[order] - 1.0))

@@ -9,8 +9,8 @@ mass, stiffness with the joint open, and which motion is that of the contact; an
 
 from itertools import pairwise
 
+import fretflow as ff
 import numpy as np
-from fretflow.structure.matrices import StructureMatrices
 
 YOUNG, DENSITY, WIDTH, HALF = 2e11, 7850.0, 25.4e-3, 6.35e-3  # SI; each half is 6.35 mm thick in the lap
 LENGTH, LAP, POINTS, ELEMENTS = 0.72, (0.30, 0.42), 25, 10
@@ -72,7 +72,7 @@ preload[lower + 1], preload[upper + 1] = 3.0 * bells / bells.sum(), -3.0 * bells
 
 tip = np.zeros(size)
 tip[1] = 1.0
-beam = StructureMatrices(
+beam = ff.StructureMatrices(
     mass=M, stiffness=K, contact_map=contact, areas=np.full(POINTS, WIDTH * (LAP[1] - LAP[0]) / POINTS),
     points=np.c_[places, np.zeros(POINTS), np.zeros(POINTS)], preload=preload, inputs={"tip": tip},
     outputs={"tip": tip})
@@ -81,15 +81,10 @@ print(f"{beam.size} DOF, {beam.contacts} contact points")
 # %%
 # Reduced to its contact and a few modes, tightened, and with friction: its first linear modes, about the preload.
 
-from fretflow.contact.coulomb import Coulomb
-from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
-from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
-from fretflow.structure.reduction.contact_modes import reduce_structure
-
-reduced = reduce_structure(beam)
+reduced = ff.reduce_structure(beam)
 asperities = np.full(3 * POINTS, 2e-9)  # m/N, springs in series with each point, so that many share what slides
-joints = {load: BoltedJoint(structure=reduced, law=Coulomb(friction_coefficient=np.array(0.4)), bolt_load=load,
-                            springs=asperities) for load in (4e3, 8e3)}
+joints = {load: ff.BoltedJoint(structure=reduced, law=ff.Coulomb(0.4), bolt_load=load, springs=asperities)
+          for load in (4e3, 8e3)}
 for load, joint in joints.items():
     print(f"bolts at {1e-3 * load:.0f} kN:", *(f"{mode.frequency:.1f} Hz" for mode in joint.linear_modes(2)))
 
@@ -102,7 +97,7 @@ import matplotlib.pyplot as plt
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5.5), sharex=True, layout="constrained")
 for load, joint in joints.items():
     mode = joint.linear_modes(1)[0]
-    found = quasi_static_backbone(joint, mode, np.geomspace(5e-6, 6e-5, 12) * load / 8e3)
+    found = ff.quasi_static_backbone(joint, mode, np.geomspace(5e-6, 6e-5, 12) * load / 8e3)
     swing = 1e6 * np.abs(found.outputs[:, 0])
     above.semilogx(swing, found.frequency, "o-", label=f"{1e-3 * load:.0f} kN a bolt")
     below.semilogx(swing, 100.0 * found.friction_damping, "o-")

@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from fretflow.recordings.kinds import read_recording as read_recording
     from fretflow.solvers.continuation.curve import ResponseCurve as ResponseCurve
     from fretflow.solvers.continuation.follow import continue_response as continue_response
+    from fretflow.solvers.nonlinear_modes.joint import BoltedJoint as BoltedJoint
+    from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode as follow_mode
+    from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone as quasi_static_backbone
     from fretflow.solvers.periodic import Harmonic as Harmonic
     from fretflow.solvers.periodic import NormalLoad as NormalLoad
     from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
@@ -45,7 +48,9 @@ if TYPE_CHECKING:
     from fretflow.structure.bodies import Bolt as Bolt
     from fretflow.structure.bodies import Material as Material
     from fretflow.structure.fem.bodies import structure_from_mesh as structure_from_mesh
+    from fretflow.structure.matrices import StructureMatrices as StructureMatrices
     from fretflow.structure.matrix_joint import Joint as Joint
+    from fretflow.structure.reduction.contact_modes import reduce_structure as reduce_structure
     from fretflow.structure.sensors import HysteresisLoop as HysteresisLoop
     from fretflow.wear.archard import Archard as Archard
 
@@ -69,22 +74,27 @@ _PUBLIC = {
     "recordings.kinds": ("read_recording",),
     "solvers.continuation.curve": ("ResponseCurve",),
     "solvers.continuation.follow": ("continue_response",),
+    "solvers.nonlinear_modes.joint": ("BoltedJoint",),
+    "solvers.nonlinear_modes.periodic_mode": ("follow_mode",),
+    "solvers.nonlinear_modes.quasi_static": ("quasi_static_backbone",),
     "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "solve_periodic"),
     "structure.bodies": ("Bolt", "Material"),
     "structure.fem.bodies": ("structure_from_mesh",),
+    "structure.matrices": ("StructureMatrices",),
     "structure.matrix_joint": ("Joint",),
+    "structure.reduction.contact_modes": ("reduce_structure",),
     "structure.sensors": ("HysteresisLoop",),
     "wear.archard": ("Archard",),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
-    "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "Case", "Coulomb", "Diagnosis", "Effect",
+    "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "BoltedJoint", "Case", "Coulomb", "Diagnosis", "Effect",
     "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings", "Material",
     "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError",
-    "ResponseCurve", "RunResults", "add_effects", "catalogue", "continue_response", "diagnose", "load_case",
-    "march_wear", "parameter", "read_loop", "read_recording", "run", "solve_periodic", "structure_from_mesh",
-    "units",
+    "ResponseCurve", "RunResults", "StructureMatrices", "add_effects", "catalogue", "continue_response", "diagnose",
+    "follow_mode", "load_case", "march_wear", "parameter", "quasi_static_backbone", "read_loop", "read_recording",
+    "reduce_structure", "run", "solve_periodic", "structure_from_mesh", "units",
 ]
 
 

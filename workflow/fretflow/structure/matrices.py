@@ -27,6 +27,20 @@ class StructureMatrices:
 
     Rows ``3 j .. 3 j + 2`` of the contact map Q are the relative displacement of point j: two tangential directions and
     the normal one, which is positive when the joint opens. A contact force f acts as ``Q^T f``.
+
+    Examples
+    --------
+    A mass of 2 kg on a spring, and beside it a slider of 10 N/mm that a bolt presses to the ground:
+
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> mass, stiffness = np.diag([2.0, 0.0, 0.0, 0.0]), np.diag([4e4, 1e4, 1e4, 1e4])  # kg, N/m
+    >>> stiffness[0, 1] = stiffness[1, 0] = -1e4
+    >>> rows = np.eye(4)
+    >>> slider = ff.StructureMatrices(mass=mass, stiffness=stiffness, contact_map=rows[1:], areas=np.array([1e-6]),
+    ...                               points=np.zeros((1, 3)), preload=-rows[3], outputs={"mass": rows[0]})
+    >>> slider.size, slider.contacts
+    (4, 1)
     """
 
     mass: Matrix = quantity("kg", "(n, n), dense or sparse")

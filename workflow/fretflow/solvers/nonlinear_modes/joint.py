@@ -82,6 +82,23 @@ class BoltedJoint:
     """A reduced structure, the friction of its faces, asperity springs in series, and the bolts' load.
 
     The bolts are tightened with the friction that holds later.
+
+    Examples
+    --------
+    The slider of `StructureMatrices`, pressed by 5 N:
+
+    >>> import fretflow as ff
+    >>> import numpy as np
+    >>> mass, stiffness = np.diag([2.0, 0.0, 0.0, 0.0]), np.diag([4e4, 1e4, 1e4, 1e4])  # kg, N/m
+    >>> stiffness[0, 1] = stiffness[1, 0] = -1e4
+    >>> rows = np.eye(4)
+    >>> slider = ff.StructureMatrices(mass=mass, stiffness=stiffness, contact_map=rows[1:], areas=np.array([1e-6]),
+    ...                               points=np.zeros((1, 3)), preload=-rows[3], outputs={"mass": rows[0]})
+    >>> joint = ff.BoltedJoint(structure=ff.reduce_structure(slider), law=ff.Coulomb(0.6), bolt_load=5.0)
+    >>> [round(mode.frequency, 2) for mode in joint.linear_modes(1)]  # Hz: 4e4 N/m on 2 kg
+    [22.51]
+    >>> round(joint.bolted_pressure / 1e6)  # MPa
+    5
     """
 
     structure: ReducedStructure

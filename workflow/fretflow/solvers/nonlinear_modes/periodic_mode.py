@@ -140,7 +140,12 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
 
 def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmonics: int = 4, samples: int = 128,
                 tolerance: float = 1e-6) -> tuple[PeriodicMode, ...]:
-    """Return the periodic motions at amplitudes (A,) in turn, each from the one before.
+    """Return the periodic motions at amplitudes (A,), m kg^0.5, in turn, each from the one before.
+
+    Returns
+    -------
+    tuple of PeriodicMode
+        Frequency (Hz), damping ratio, motion and contact at `samples` instants of a period.
 
     Raises
     ------
@@ -148,6 +153,12 @@ def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmoni
         If an amplitude is not positive.
     NonConvergenceError
         If one is not found.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> motions = ff.follow_mode(joint, joint.linear_modes(1)[0], [1e-5, 1e-4])  # doctest: +SKIP
+    >>> [motion.damping for motion in motions]  # doctest: +SKIP
     """
     found: list[PeriodicMode] = []
     for amplitude in amplitudes:

@@ -77,12 +77,24 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
                           steps: int = STEPS) -> ModalBackbone:
     """Return the backbone of `mode` about the modal `amplitudes` (A,), m kg^0.5; where it softens it reaches further.
 
+    Returns
+    -------
+    ModalBackbone
+        Frequency (Hz), damping ratio, energy of a cycle (J) and amplitude of each output (m), in the order asked for.
+
     Raises
     ------
     InputError
         If an amplitude is not positive.
     NonConvergenceError
         If the joint slides as a whole under the largest.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> mode = joint.linear_modes(1)[0]  # of a BoltedJoint  # doctest: +SKIP
+    >>> curve = ff.quasi_static_backbone(joint, mode, np.geomspace(1e-6, 1e-3, 13))  # doctest: +SKIP
+    >>> curve.frequency, curve.damping  # doctest: +SKIP
     """
     amplitudes = np.atleast_1d(np.asarray(amplitudes, dtype=float))
     if not (np.all(np.isfinite(amplitudes)) and np.all(amplitudes > 0.0)):

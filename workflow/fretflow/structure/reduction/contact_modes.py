@@ -71,12 +71,24 @@ class _Basis(NamedTuple):
 def reduce_structure(matrices: StructureMatrices, modes: int | None = None) -> ReducedStructure:
     """Reduce a structure to its contact and `modes` of the closed joint; by default all of a small one, 60 else.
 
+    Returns
+    -------
+    ReducedStructure
+        In SI; its `error` is what the reduction changes of the first frequencies with the joint open.
+
     Raises
     ------
     InputError
         If M or K is not definite where it must be, a part hangs loose, or the bolts' forces have no balance.
     NonConvergenceError
         If the modes of a large structure do not converge.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> reduced = ff.reduce_structure(ff.structure_from_mesh("beam.msh", steel, faces), 20)  # doctest: +SKIP
+    >>> reduced.error  # doctest: +SKIP
+    7e-06
     """
     free = matrices.size - 3 * matrices.contacts
     small = matrices.size <= DENSE
