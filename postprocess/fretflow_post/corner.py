@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 HELD = (0.9, 0.5)  # shares of the draws within the regions
 LONGEST = 3  # digits before or after the point of a tick's text
-GRID = 40  # points to a side at which a density is drawn
+GRID = 32  # points to a side at which a density is drawn
 ROUND_OFF = 1e-9  # relative: a parameter that varies less has no density
 
 
@@ -34,8 +34,8 @@ def plot_corner(figure: Figure, parameters: Sequence[tuple[str, str, Array]]) ->
         Name such as ``wear.coefficient``, SI unit and draws (n,) in SI of each; draws of one row belong together.
     """
     count, width = len(parameters), figure.get_size_inches()[0]
-    small = min(13.0, 60.0 / count + 3.0)
-    grid = figure.add_gridspec(count, count, left=1.1 / width, right=0.98, bottom=1.0 / width, top=1.0 - 1.2 / width,
+    small = min(13.0, 54.0 / count + 2.5)
+    grid = figure.add_gridspec(count, count, left=1.4 / width, right=0.98, bottom=1.3 / width, top=1.0 - 1.2 / width,
                                hspace=0.08, wspace=0.08)
     columns = [_readable(*one) for one in parameters]
     for row, (label, values) in enumerate(columns):
@@ -68,7 +68,7 @@ def _readable(name: str, si: str, draws: Array) -> tuple[str, Array]:
         unit, size = f"$10^{{{power}}}$ {pretty_unit(unit)}".rstrip(" 1"), size * 10.0**power
     of, _, own = name.rpartition(".")
     unit = pretty_unit(unit)
-    return f"{of}\n{parameter_words(own)}" + (f" ({unit})" if unit not in ("", "1") else ""), draws / size
+    return f"{of}\n{parameter_words(own)}" + (f"\n({unit})" if unit not in ("", "1") else ""), draws / size
 
 
 def _varies(values: Array) -> bool:
@@ -77,7 +77,7 @@ def _varies(values: Array) -> bool:
 
 def _marginal(axes: Axes, values: Array) -> None:
     low, middle, high = np.quantile(values, (0.5 - HELD[0] / 2.0, 0.5, 0.5 + HELD[0] / 2.0))
-    axes.hist(values, bins=30, color=style.SKY, edgecolor="white", linewidth=0.3)
+    axes.hist(values, bins=24, color=style.SKY, histtype="stepfilled")
     axes.axvline(middle, color=style.BLACK, linewidth=1.4)
     for end in (low, high):
         axes.axvline(end, color=style.BLACK, linewidth=1.1, linestyle="--")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from fretflow.core.errors import InputError
 from fretflow.core.units import pretty_unit, readable_unit
-from fretflow.inference.verdict import Diagnosis, Estimate, Evolution
+from fretflow.inference.verdict import Diagnosis, Estimate, Evolution, Verdict
 from fretflow.inference.words import VERDICT_WORDS, together
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.corner import plot_corner
+from fretflow_post.wear_maps import plot_wear_maps
 
 Array = NDArray[np.float64]
 
 MOST_LOOPS = 6  # more would be too small to compare
 READ = (("friction_limit", "friction limit", "N"), ("tangential_stiffness", "tangential stiffness", "N/m"),
         ("dissipated_energy", "energy of a cycle", "J"), ("sliding_distance", "sliding distance", "m"))
-LOOKS = (("measured", style.BLACK, "-", "o"), ("before", style.VERMILLION, "--", ""), ("after", style.BLUE, "-.", ""))
 
 
 def plot_diagnosis(diagnosis: Diagnosis, what: str = "loops") -> Figure:
@@ -62,7 +62,7 @@ def _loops(diagnosis: Diagnosis) -> Figure:
         axes = figure.add_subplot(grid[k // columns, k % columns])
         parts = (("measured", one.displacement, one.force), ("baseline", one.before_displacement, one.before_force),
                  (diagnosis.after_model or "after", one.after_displacement, one.after_force))
-        for (name, x, force), (_, colour, line, _) in zip(parts, LOOKS, strict=True):
+        for (name, x, force), (_, colour, line, _) in zip(parts, style.LOOKS, strict=True):
             axes.plot(np.append(x, x[0]) * 1e6, np.append(force, force[0]), color=colour, linestyle=line, label=name)
         axes.set(title=one.label + (", held out" if one.held_out else ""), xlabel="displacement (µm)",
                  ylabel="force (N)")
@@ -88,7 +88,7 @@ def _evolution(diagnosis: Diagnosis) -> Figure:
     grid = figure.add_gridspec(2, 2, left=0.08, right=0.97, bottom=0.08, top=0.86, hspace=0.3, wspace=0.22)
     for k, (name, unit, values) in enumerate(readings(diagnosis.evolution)):
         axes = figure.add_subplot(grid[k // 2, k % 2])
-        for (look, colour, line, mark), own in zip(LOOKS, values, strict=True):
+        for (look, colour, line, mark), own in zip(style.LOOKS, values, strict=True):
             axes.plot(diagnosis.evolution.cycles, own, color=colour, linestyle=line, marker=mark, label=look)
         axes.set(ylabel=f"{name} ({unit})", xlabel="cycles")
         _count_cycles(axes)
@@ -116,5 +116,14 @@ def _corner(diagnosis: Diagnosis) -> Figure:
         (one.name, one.unit, one.draws) for one in shown])
 
 
+def _wear(diagnosis: Diagnosis) -> Figure:
+    """Return the worn depth measured and predicted, what they differ by, and profiles."""
+    wear = diagnosis.wear_map
+    if wear is None or not np.isfinite(wear.measured).any():
+        raise _nothing("measured wear map")
+    after = diagnosis.verdict is not Verdict.NONE
+    return plot_wear_maps(_titled(diagnosis, "wear depth of both faces"), wear, after)
+
+
 FIGURES: dict[str, Callable[[Diagnosis], Figure]] = {
-    "loops": _loops, "evolution": _evolution, "parameters": _corner}
+    "loops": _loops, "evolution": _evolution, "parameters": _corner, "wear": _wear}

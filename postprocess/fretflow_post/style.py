@@ -26,6 +26,8 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7")
 CURVE_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 LINE_STYLES = ("-", "--", "-.", ":")
+# What was measured, and predicted before and after: name, colour, line, marker.
+LOOKS = (("measured", BLACK, "-", "o"), ("before", VERMILLION, "--", ""), ("after", BLUE, "-.", ""))
 UPPER_COLOUR, LOWER_COLOUR = "#9DC3E6", "#D9D9D9"
 CONTACT_COLOUR = VERMILLION
 EDGE_COLOUR = "#404040"

@@ -15,6 +15,7 @@ from fretflow.inference.parameters import Coordinate
 from fretflow.inference.search import HALF
 from fretflow_post import corner, style
 from fretflow_post.report import render_report
+from fretflow_post.wear_maps import profile
 
 HERE = Path(__file__).parent
 
@@ -89,3 +90,19 @@ def test_what_is_not_there_is_said(cases):
         cases.named().plot("loop")
     with pytest.raises(InputError, match="no fitted parameters"):
         cases.empty().plot("parameters")
+
+
+def test_wear_is_drawn_with_what_it_differs_by_and_its_profiles(cases):
+    """A depth of 3 + 2 x on a grid: means across are that line; across, at each x, nothing varies but what y adds."""
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(0.0, 1.0, 11), np.linspace(-1.0, 1.0, 21)))
+    places, mean, sd = profile(x, 3.0 + 2.0 * x + y)
+    assert places == pytest.approx(np.linspace(0.0, 1.0, 11))
+    assert mean == pytest.approx(3.0 + 2.0 * places)
+    assert sd == pytest.approx(np.std(np.linspace(-1.0, 1.0, 21)))
+    found = cases.named()
+    panels = {one.get_title(): one for one in found.plot("wear").axes}
+    assert {"measured", "before", "after", "measured − before", "measured − after"} < set(panels)
+    away = panels["measured − before"].images[0].get_array()
+    assert float(away.max()) * 1e-6 == pytest.approx(np.max(found.wear_map.measured - found.wear_map.before))
+    with pytest.raises(InputError, match="no measured wear map"):
+        cases.named("imposed-displacement").plot("wear")

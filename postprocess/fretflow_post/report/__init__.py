@@ -21,8 +21,9 @@ from markupsafe import Markup
 
 from fretflow_post.diagnosed import drawn_parameters, plot_diagnosis
 from fretflow_post.report.loops import evolution_views, loop_views
-from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view, wear_views
+from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view
 from fretflow_post.report.svg import figure_image
+from fretflow_post.report.wear import wear_views
 
 PAGE = Path(__file__).parent / "page"
 PROBABILITY_OF = {

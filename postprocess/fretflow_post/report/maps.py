@@ -1,4 +1,4 @@
-"""The report's maps: differences over loop and phase, wear over the contact; and the law read off the data."""
+"""The report's maps of differences over loop and phase, and the law read off the data."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import numpy as np
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, declared_priors
-from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearMap, WearTests
+from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearTests
 from fretflow.inference.words import channel_words, number
 from markupsafe import Markup
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fretflow_post import style
 from fretflow_post.report.loops import has_after
@@ -39,8 +38,6 @@ LARGEST_SHARE = 0.99  # of the differences before lies within the colours
 STRIP = 46.0  # pixels, height of the loop above a map
 LONGEST_NAME = 22  # letters of a row's name
 MOST_COLUMNS = 400  # of a map
-RASTER, EVERY = 210, 3  # pixels of a wear map along its longer side; every third is kept for the readout
-EVEN = 0.5  # of the largest depth: where no point is shallower, colours do not begin at zero
 NORMAL_90 = 1.645  # sd of half a 90 % interval
 RADIUS = 3.4  # pixels
 
@@ -137,76 +134,6 @@ def _draw_strip(chart: Chart, loop: Comparison, left: float) -> None:
         above.curve(sign, look, share, (values - middle) / reach)
         above.text(left - 14.0, TOP + (14.0 if sign == "x" else 32.0), sign, f"tick {look}-text")
     chart.parts += above.parts
-
-
-@dataclass(frozen=True)
-class WearViews:
-    """Wear depth measured and predicted on one scale, with mean and largest depth in words."""
-
-    panels: tuple[tuple[str, Markup, str], ...]  # name, map, words
-    scale: Markup
-    begins: str  # where the colours begin, if not at zero
-
-
-def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
-    """Return the wear maps, or None where nothing was measured."""
-    if wear is None or not np.isfinite(wear.measured).any():
-        return None
-    shown = [("measured", wear.measured), ("before", wear.before)] + ([("after", wear.after)] if after else [])
-    shown = [(name, values) for name, values in shown if np.isfinite(values).any()]
-    largest = max(float(np.nanmax(values)) for _, values in shown)
-    unit, size = readable_unit(largest, "m")
-    low = _lowest(min(float(np.nanmin(values)) for _, values in shown) / size, largest / size)
-    high = max(largest / size, low + 1e-12) if largest > 0.0 else low + 1.0
-    panels = tuple((name, _wear_map(wear, values / size, name, (low, high), pretty_unit(unit)),
-                    f"mean {number(float(np.nanmean(values)) / size)} {pretty_unit(unit)}, "
-                    f"deepest {number(float(np.nanmax(values)) / size)} {pretty_unit(unit)}")
-                   for name, values in shown)
-    return WearViews(panels, colour_bar(style.DEPTH_MAP, low, high, f"wear depth ({pretty_unit(unit)})"),
-                     f"{number(low)} {pretty_unit(unit)}" if low > 0.0 else "")
-
-
-def _lowest(least: float, largest: float) -> float:
-    """Return where the colours of depth begin: at zero, unless that would hide the shape of even wear."""
-    if least < EVEN * largest or not largest > least:
-        return min(0.0, least)
-    step = 10.0 ** np.floor(np.log10(largest - least))
-    return float(np.floor(least / step) * step)
-
-
-def _wear_map(wear: WearMap, depth: Array, name: str, limits: tuple[float, float], unit: str) -> Markup:
-    length_unit, size = readable_unit(float(np.nanmax(np.abs(np.r_[wear.x, wear.y]), initial=0.0)), "m")
-    x, y = wear.x / size, wear.y / size
-    raster, (left, right, low, high) = _raster(x, y, depth)
-    shape = (high - low) / (right - left)
-    width, inner = 330.0, 330.0 - 54.0 - RIGHT
-    height = float(np.clip(inner * shape, 40.0, 600.0)) + TOP + BOTTOM
-    printed = pretty_unit(length_unit)
-    chart = Chart(horizontal(f"x, sliding direction ({printed})", left, right, printed, width, 54.0),
-                  vertical(f"y ({printed})", low, high, printed, height), f"wear depth {name}", width, height)
-    box = (54.0, TOP, inner, height - TOP - BOTTOM)
-    chart.image(coloured(raster, style.DEPTH_MAP, *limits), box)
-    chart.values(raster[EVERY // 2::EVERY, EVERY // 2::EVERY], (limits[1] - limits[0]) / 1000.0, box, unit)
-    return chart.markup()
-
-
-def _raster(x: Array, y: Array, values: Array) -> tuple[Array, tuple[float, float, float, float]]:
-    """Return `values` at the nearest point, first row on top, and the edges (left, right, low, high) of the picture.
-
-    Pixels further from every point than the points are from each other stay empty.
-    """
-    points = np.column_stack((x, y))
-    tree = cKDTree(points)
-    apart = np.median(tree.query(points, k=2)[0][:, 1]) if len(points) > 1 else 1.0
-    left, right = float(x.min() - 0.5 * apart), float(x.max() + 0.5 * apart)
-    low, high = float(y.min() - 0.5 * apart), float(y.max() + 0.5 * apart)
-    pixel = max(right - left, high - low) / RASTER
-    across, up = (max(EVERY, round(reach / pixel)) for reach in (right - left, high - low))
-    centres = np.meshgrid(left + (np.arange(across) + 0.5) / across * (right - left),
-                          high - (np.arange(up) + 0.5) / up * (high - low))
-    distance, nearest = tree.query(np.column_stack([c.ravel() for c in centres]))
-    found = np.where(distance <= 1.5 * apart, values[nearest], np.nan)
-    return found.reshape(up, across), (left, right, low, high)
 
 
 def law_view(law: ResidualLaw | None) -> Markup | None:
