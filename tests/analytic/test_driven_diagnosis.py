@@ -9,13 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.core.errors import RecordingError, UnreliableRecordingError, UnsupportedRecordingError
-from fretflow.experiments.diagnose import diagnose
 from fretflow.experiments.driven.data import driven_data
 from fretflow.experiments.driven.noise import correlation_length, effective
 from fretflow.experiments.driven.run import diagnose_driven, searched
 from fretflow.experiments.independent import estimates
-from fretflow.experiments.rig.run import RigTools
 from fretflow.inference.verdict import Verdict
+from fretflow.pipeline.diagnose import diagnose
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.recordings.loopset import LoopSet, Series
 from fretflow.recordings.recording import Recording
@@ -198,9 +197,6 @@ def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
     assert widths[1] > 2.5 * widths[0]
 
 
-NO_TOOLS = RigTools(reduce=lambda case: None, pool=lambda function, arguments: [])  # only the rig needs them
-
-
 def test_recordings_without_a_model_are_refused(tmp_path):
     whole = made(lambda t, x, v: slid(x))
     lacking = replace(whole, series=replace(whole.series, channels={"displacement": whole.series.channels[
@@ -208,10 +204,10 @@ def test_recordings_without_a_model_are_refused(tmp_path):
     with pytest.raises(UnreliableRecordingError, match="displacement and force are both needed"):
         diagnose_driven(lacking, True, quiet)
     with pytest.raises(RecordingError, match="cannot be read"):
-        diagnose(tmp_path / "absent", True, quiet, NO_TOOLS)
+        diagnose(tmp_path)
 
 
 def test_a_kind_without_a_diagnosis_is_refused_and_not_taken_for_another():
     made_up = made(lambda t, x, v: slid(x), kind=replace(LUMPED, experiment=""))
     with pytest.raises(UnsupportedRecordingError, match=r"kind 'lumped' has no diagnosis; there is one of fre"):
-        diagnose(made_up, True, quiet, NO_TOOLS)
+        diagnose(made_up)

@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 from fretflow.cli import app
 from fretflow.core.errors import InputError
-from fretflow.experiments.diagnose import diagnose
-from fretflow.experiments.rig.run import RigTools
 from fretflow.inference.verdict import Verdict
+from fretflow.pipeline.diagnose import diagnose
 
 pytestmark = pytest.mark.real_data
 PUBLISHED = {"baseline.mass": 95.11, "baseline.damping": 203.5, "coulomb-friction.friction_limit": 20.39,
@@ -29,12 +28,9 @@ force = {{ column = "Ftr_kN", unit = "kN" }}
 """
 
 
-NO_TOOLS = RigTools(reduce=lambda case: None, pool=lambda function, arguments: [])  # only the rig needs them
-
-
 @cache
 def diagnosed(path: Path, fast: bool = False):
-    return diagnose(path, fast, lambda share, text: None, NO_TOOLS)
+    return diagnose(path, fast=fast)
 
 
 def test_the_drive_lacks_dry_friction_and_an_offset_of_the_published_size(recordings):
@@ -103,5 +99,5 @@ def test_the_command_writes_a_report_of_the_drive(recordings, tmp_path, capsys):
 
 
 def test_what_cannot_be_diagnosed_is_told_in_one_line(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
-        diagnose(tmp_path / "absent", True, lambda share, text: None, NO_TOOLS)
+    with pytest.raises(InputError, match="there is no such folder or file"):
+        diagnose(tmp_path / "absent")

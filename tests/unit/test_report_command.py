@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 from fretflow import cli
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.recordings import kinds
 from rich.console import Console
 
 HERE = Path(__file__).parent
@@ -36,16 +37,18 @@ def calls(monkeypatch, tmp_path):
     seen = []
 
     def prepare(answer):
-        def diagnose(path, fast, progress, tools):
+        def diagnose(recorded, fast, progress, tools):
             assert tools.pool(len, ["four"]) == [4]
             for share in (0.0, 0.4, 1.0):
                 progress(share, f"step {share}")
-            seen.append((path, fast))
+            seen.append((recorded.path, fast))
             if isinstance(answer, Exception):
                 raise answer
             return answer
 
-        monkeypatch.setitem(sys.modules, "fretflow.experiments.diagnose", SimpleNamespace(diagnose=diagnose))
+        kind = SimpleNamespace(experiment="stand_in:diagnose")
+        monkeypatch.setattr(kinds, "read_recording", lambda path: SimpleNamespace(path=path, kind=kind))
+        monkeypatch.setitem(sys.modules, "stand_in", SimpleNamespace(diagnose=diagnose))
         return seen
 
     return prepare

@@ -1,4 +1,4 @@
-"""The run command: cases in turn or at once, and what was found in the end."""
+"""The run command: cases in turn or at once, and what was found in the end; the render command: its pictures again."""
 
 from __future__ import annotations
 
@@ -223,3 +223,16 @@ def _micrometres(value: float) -> str:
 
 def _cubic_millimetres(value: float) -> str:
     return f"{value * 1e9:.4g} mm³"
+
+
+def render(run: Path, /) -> None:
+    """Draw the pictures of a run again, off-screen, as far as its stages are complete.
+
+    Parameters
+    ----------
+    run
+        result folder of a case, for example runs/test1
+    """
+    from fretflow.pipeline.stages import render_run
+
+    show_files(render_run(run), "files")

@@ -10,10 +10,11 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from fretflow.case.config import validate_case
-from fretflow.core.errors import ConfigError, InputError, StoreError
+from fretflow.core.errors import ConfigError, InputError, StoreError, UnsupportedRecordingError
 from fretflow.recordings.schema import FILE, name_of
 
 if TYPE_CHECKING:
@@ -65,17 +66,24 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     >>> found.verdict, found.effects, found.probability  # doctest: +SKIP
     >>> found.to_html("report.html")  # doctest: +SKIP
     """
-    from fretflow.experiments.diagnose import diagnose as experiment
     from fretflow.experiments.rig.run import RigTools
     from fretflow.pipeline.ensemble import LocalPool
+    from fretflow.recordings.kinds import kinds, read_recording
 
     given = Path(recording) if isinstance(recording, str) else recording
     if isinstance(given, Path) and not given.exists():
         raise InputError(f"{given}: there is no such folder or file; give a folder with a {FILE}")
+    tell = progress or (lambda share, text: None)
     with tempfile.TemporaryDirectory() as scratch, LocalPool(len(os.sched_getaffinity(0))) as pool:
         models = kept_models(Path(scratch) if home is None else home)
-        found = experiment(given, fast, progress or (lambda share, text: None),
-                           RigTools(lambda case: reduced_problem(case, models), pool))
+        tell(0.0, "reading")
+        recorded = read_recording(given) if isinstance(given, Path) else given
+        if not recorded.kind.experiment:
+            known = sorted(kind.id for kind in kinds().values() if kind.experiment)
+            raise UnsupportedRecordingError(f"{recorded.path}: test.kind {recorded.kind.id!r} has no diagnosis; there "
+                                            f"is one of {', '.join(known)}")
+        found: Diagnosis = resolve_name(recorded.kind.experiment)(
+            recorded, fast, tell, RigTools(lambda case: reduced_problem(case, models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
     return replace(found, case_file=runnable(found, name))
 
