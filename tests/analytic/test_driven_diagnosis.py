@@ -197,6 +197,12 @@ def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
     assert widths[1] > 2.5 * widths[0]
 
 
+def test_a_screening_and_a_whole_search_agree_on_how_many_samples_are_alike():
+    data = driven_data(made(EFFECTS["sensor-drift"]))
+    fast, full = (searched(data, each, quiet).experiment.shared for each in (True, False))
+    assert fast == pytest.approx(full, rel=1e-3)
+
+
 def test_recordings_without_a_model_are_refused(tmp_path):
     whole = made(lambda t, x, v: slid(x))
     lacking = replace(whole, series=replace(whole.series, channels={"displacement": whole.series.channels[

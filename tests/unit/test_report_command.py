@@ -79,7 +79,7 @@ def test_what_is_printed_in_short(cases, calls, capsys):
     shown = " ".join(capsys.readouterr().out.split())
     for text in ("Missing physics named.", "friction-run-in 96 % 97 %", found.location.text,
                  "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after", found.notes[0],
-                 found.separating_measurement, "p < 10⁻¹²"):
+                 found.separating_measurement, "p < 10⁻¹⁵"):
         assert text in shown
     assert "velocity-dependent-friction" not in shown, "only five are shown"
     assert "step" not in shown, "the bar is for terminals"

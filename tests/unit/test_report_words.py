@@ -57,7 +57,7 @@ def test_percent(share, text):
     assert words.percent(share) == text
 
 
-@pytest.mark.parametrize(("p", "text"), [(0.041, "0.041"), (3.2e-7, "3·10⁻⁷"), (0.0, "< 10⁻¹²"), (math.nan, "–")])
+@pytest.mark.parametrize(("p", "text"), [(0.041, "0.041"), (3.2e-7, "3·10⁻⁷"), (0.0, "< 10⁻¹⁵"), (math.nan, "–")])
 def test_p_value(p, text):
     assert words.p_value(p) == text
 

@@ -10,6 +10,7 @@ of the likelihood: C. C. Holmes, S. G. Walker, Biometrika 104 (2017) 497-503)::
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
@@ -23,7 +24,7 @@ from fretflow.inference.parameters import Array, Coordinate
 from fretflow.inference.search import HALF, Names, Search, basis
 from fretflow.inference.verdict import Estimate
 
-PATIENCE = 60  # steps of a fit that has all the time it needs
+FREEDOM = 5  # squares from which a standard deviation is known to a third, 1 / sqrt(2 n)
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -146,14 +147,13 @@ def visible(looked: IndependentSearch) -> dict[str, float]:
 
 def at_rest(fitter: Fitter, point: Point) -> Fit:
     """Return the most probable parameters from a point, to round-off of what could be told of them."""
-    found = fitter.fit(point, None, PATIENCE)
-    for _ in range(PATIENCE):
+    found = fitter.fit(point, None)
+    while True:
         step = np.linalg.solve(found.information, found.whitened_jacobian.T @ found.residual - found.z)
         after = fitter.at(Point(found.parameters, found.z + step), None)
-        if not after.objective < found.objective:
-            break
+        if not after.objective < found.objective * (1.0 - sys.float_info.epsilon):
+            return found
         found = after
-    return found
 
 
 def in_turn(function: Callable[[T], R], arguments: Sequence[T]) -> list[R]:

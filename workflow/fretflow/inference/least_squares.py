@@ -6,6 +6,7 @@ Gauss-Newton. A step that makes the fit worse is damped (D. W. Marquardt, J. Soc
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,13 +14,14 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.experiment import Covariance, Experiment, Point, Prediction, jacobian
-from fretflow.inference.parameters import FARTHEST, Array, Parameters
+from fretflow.inference.parameters import FARTHEST, WIDTH, Array, Parameters
 
-LONGEST = 1.5  # step of a coordinate at once: half of the interval between the ends of its range
 # Fall of the objective that is not worth another prediction: a factor e in probability, "not worth more than a bare
 # mention" (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795).
 ENOUGH = 2.0
-DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until one improves the fit
+# Of a step, tried in turn by Marquardt's factor of ten until one improves the fit: from one that leaves the step as it
+# is to one that leaves a hundredth of it.
+DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +83,8 @@ class Fitter:
     experiment: Experiment
     covariance: Covariance
 
-    def fit(self, point: Point, near: Prediction | None, iterations: int) -> Fit:
-        """Return the most probable parameters from a start, by so many steps at most.
+    def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize) -> Fit:
+        """Return the most probable parameters from a start, by so many steps at most; each is worth `ENOUGH`.
 
         Raises
         ------
@@ -130,7 +132,7 @@ class Fitter:
 def _step(now: Fit, damping: float = 0.0) -> Array:
     """Return the Gauss-Newton step, damped by Marquardt's rule.
 
-    No coordinate goes further than `LONGEST`, and none beyond its limit.
+    No coordinate goes further than half of its range at once, and none beyond its limit.
     """
     curved = now.information * (1.0 + damping * np.eye(len(now.z)))
     slope = now.whitened_jacobian.T @ now.residual - now.z
@@ -142,7 +144,7 @@ def _step(now: Fit, damping: float = 0.0) -> Array:
             break
         step = np.zeros(len(step))
         step[own] = np.linalg.solve(curved[np.ix_(own, own)], slope[own])
-        step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+        step *= min(1.0, 0.5 * WIDTH / max(float(np.abs(step).max()), 1e-300))
         beyond = free & (np.abs(now.z + step) > FARTHEST) & (np.abs(now.z) >= FARTHEST)
         if not beyond.any():
             break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -18,11 +19,8 @@ from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, Verdict
 EVERYTHING = "the same test at another amplitude, another normal load and another frequency"
 BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 NOTHING = "–"
-CERTAIN = 0.9995  # a probability above it is written as more than 99.9 %
-FINENESS = 7.0  # of the last figure against an interval's half-width: rounding changes it by 7 % at most
-SMALLEST_P = 1e-12
 _LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
-_LEAST_POWER, _LARGEST_POWER = -4, 6  # of ten, of numbers that are written without one
+_PLAIN = range(-4, 7)  # powers of ten of numbers that are written without one, as C's %g does, and millions
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 VERDICT_WORDS = {
@@ -41,7 +39,7 @@ def number(value: float, resolution: float | None = None) -> str:
         return "0"
     power = math.floor(math.log10(abs(value)))
     resolution = resolution if resolution and math.isfinite(resolution) else 10.0 ** (power - 2)
-    if _LEAST_POWER <= power <= _LARGEST_POWER:
+    if power in _PLAIN:
         return _signed(f"{value:,.{_decimals(resolution)}f}")
     return _signed(f"{value / 10.0**power:.{_decimals(resolution / 10.0**power)}f}·10{str(power).translate(_RAISED)}")
 
@@ -58,9 +56,9 @@ def percent(share: float) -> str:
     """Return `share` of 1 in per cent; what is all but certain as a bound."""
     if not math.isfinite(share):
         return NOTHING
-    if CERTAIN <= share < 1.0:
+    if round(share, 3) == 1.0 > share:
         return "> 99.9 %"
-    if 0.0 < share < 1.0 - CERTAIN:
+    if round(share, 3) == 0.0 < share:
         return "< 0.1 %"
     digits = 1 if 0.0 < share < 0.0095 or 0.99 < share < 1.0 else 0
     return _signed(f"{100.0 * share:.{digits}f} %")
@@ -70,8 +68,8 @@ def p_value(p: float) -> str:
     """Return a p-value with two figures at most."""
     if not math.isfinite(p):
         return NOTHING
-    if p < SMALLEST_P:
-        return "< 10⁻¹²"
+    if p < sys.float_info.epsilon:  # what round-off leaves of 1 - p
+        return "< 10⁻¹⁵"
     if p < 1e-3:
         power = math.floor(math.log10(p))
         return f"{p / 10.0**power:.0f}·10{str(power).translate(_RAISED)}"
@@ -142,14 +140,14 @@ class Interval:
 
 
 def interval(estimate: Estimate) -> Interval:
-    """Return `estimate` rounded to a small part of its interval; a power of ten goes to the unit."""
+    """Return `estimate` to two figures of its interval (JCGM 100:2008, 7.2.6); a power of ten goes to the unit."""
     largest = max((abs(v) for v in (estimate.low, estimate.value, estimate.high) if math.isfinite(v)), default=0.0)
     unit, size = readable_unit(largest, estimate.unit)
     printed, power = pretty_unit(unit), math.floor(math.log10(largest / size)) if largest > 0.0 else 0
-    if not _LEAST_POWER <= power <= _LARGEST_POWER:
+    if power not in _PLAIN:
         printed, size = f"10{str(power).translate(_RAISED)} {printed}".rstrip(), size * 10.0**power
     half = 0.5 * (estimate.high - estimate.low)
-    step = half / size / FINENESS if half > 0.0 and math.isfinite(half) else None
+    step = 0.1 * half / size if half > 0.0 and math.isfinite(half) else None
     value, low, high = (number(v / size, step) for v in (estimate.value, estimate.low, estimate.high))
     known = step is not None and math.isfinite(estimate.value) and estimate.value != 0.0
     relative = f"± {abs(100.0 * half / estimate.value):.2g} %" if known else NOTHING

@@ -53,12 +53,6 @@ def smoothing_kernel(half_width: int) -> Array:
     return np.asarray(3.0 * (3 * m * m + 3 * m - 1 - 5 * j * j) / ((2 * m - 1) * (2 * m + 1) * (2 * m + 3)))
 
 
-def kink_bias(half_width: int) -> float:
-    """Return by how much smoothing shifts the sample at a kink, per change of slope a sample."""
-    j = np.arange(half_width + 1)
-    return float(j @ smoothing_kernel(half_width)[half_width:]) if half_width > 1 else 0.0
-
-
 def smoothed(values: Array, half_width: int | None = None) -> Array:
     """Return periodic signals (..., N) smoothed by local parabolas, by default over 1/32 of a period."""
     if half_width is None:

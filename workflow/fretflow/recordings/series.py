@@ -149,15 +149,19 @@ def _cuts(series: Series) -> Array:
     x = series.channels["displacement"]
     rough = p.upward_crossings(p.smoothed_record(x))
     if len(rough) < 2:
-        return np.array([0.0, len(x)]) if _closes(series) else rough
+        return np.array([0.0, len(x)]) if _is_loop(series) else rough
     return p.upward_crossings(p.without_trend(x, round(float(np.median(np.diff(rough))))))
 
 
-def _closes(series: Series) -> bool:
-    """Return whether the record as a whole is one loop: every channel of it ends near where it began."""
-    loop = [values for name, values in series.channels.items() if name in ("displacement", *FORCES)]
-    return series.rows >= SHORTEST and all(
-        abs(values[-1] - values[0]) < OPEN * np.ptp(values) for values in loop)
+def _is_loop(series: Series) -> bool:
+    """Return whether the record as a whole is one loop."""
+    return series.rows >= SHORTEST and closes(*(
+        values for name, values in series.channels.items() if name in ("displacement", *FORCES)))
+
+
+def closes(*channels: Array) -> bool:
+    """Return whether channels (T,) are a single loop: every one ends near where it began."""
+    return all(abs(values[-1] - values[0]) < OPEN * np.ptp(values) for values in channels)
 
 
 def _sampled(values: Array, cuts: Array, samples: int) -> Array:

@@ -45,12 +45,11 @@ class Equations(Protocol[State]):
 
 
 class NewtonResult(NamedTuple, Generic[State]):
-    """The root, its evaluation, the relative residual of each iterate and the GMRES iterations in all."""
+    """The root, its evaluation and the relative residual of each iterate."""
 
     unknowns: Vector
     state: State
     history: tuple[float, ...]
-    linear_iterations: int
 
 
 def gmres(apply: Operator, right: Vector, precondition: Operator, tolerance: float) -> tuple[Vector, int]:
@@ -118,7 +117,7 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
         With the residual history.
     """
     u, state = start, equations.evaluate(start)
-    history, linear = [float(np.linalg.norm(state.residual)) / scale], 0
+    history = [float(np.linalg.norm(state.residual)) / scale]
     while not history[-1] <= tolerance:
         if len(history) > max_iterations:
             raise NonConvergenceError(f"Newton: residual {history[-1]:.1e} after {max_iterations} iterations "
@@ -128,11 +127,10 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
                                       "start from a neighbouring solution", history)
         apply, precondition = equations.linearise(state)
         forcing = max(min(0.1, history[-1]), 0.3 * tolerance / history[-1])
-        flat, iterations = gmres(apply, -state.residual.ravel(), precondition, forcing)
-        linear += iterations
+        flat, _ = gmres(apply, -state.residual.ravel(), precondition, forcing)
         u, state = _line_search(equations, u, flat.reshape(u.shape), history[-1] * scale)
         history.append(float(np.linalg.norm(state.residual)) / scale)
-    return NewtonResult(u, state, tuple(history), linear)
+    return NewtonResult(u, state, tuple(history))
 
 
 def _line_search(equations: Equations[State], u: Vector, step: Vector,

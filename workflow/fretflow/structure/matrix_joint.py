@@ -48,7 +48,6 @@ from fretflow.structure.structure import (
 
 RIGID = 1e-9  # eigenvalue over the largest one below which a motion strains nothing
 UNSEEN = 1e-12  # relative motion of the contact by such a motion that is round-off
-MASSLESS = 1e-12  # of the largest entry of the mass
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.recording import Recording
+from fretflow.recordings.series import closes
 from fretflow.structure.motion import FEWEST, Motion, measure
 
 Array = NDArray[np.float64]
@@ -32,7 +33,6 @@ LEAST_OF_CYCLE = 100  # rows, of what is thinned: corners are then seen to a hun
 BACKWARDS = -0.05  # of the rectangle about a cycle: work that no friction gives back
 EQUAL = 0.02  # relative difference of amplitude and length of cycles that count as repeats
 STRETCHES = 12  # of a single cycle
-OPEN = 0.15  # of the range between the ends of a single loop
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _of_series(kind: RecordingKind, series: Series) -> DrivenData:
         x, force, usable, step = x[::group], force[::group], usable[::group], step * group
         notes.append(f"series: every row of {group} is used, as the record is longer than {MOST_ROWS:,} rows")
     cuts = _cuts(x)
-    if len(cuts) < 2 and kind is IMPOSED_DISPLACEMENT and _closes(x, force):
+    if len(cuts) < 2 and kind is IMPOSED_DISPLACEMENT and closes(x, force):
         closed = _closed(kind, [(1, x, force)], [step], series.time is not None, ())
         return replace(closed, notes=(*notes, *closed.notes))
     measured = measure(x, step)
@@ -251,10 +251,6 @@ def _cuts(x: Array) -> Array:
     if len(rough) < 2:
         return rough
     return p.upward_crossings(p.without_trend(x, round(float(np.median(np.diff(rough))))))
-
-
-def _closes(x: Array, force: Array) -> bool:
-    return all(abs(values[-1] - values[0]) < OPEN * np.ptp(values) for values in (x, force))
 
 
 def _cycles(cuts: Array, usable: Mask) -> tuple[Cycle, ...]:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from math import log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.case.config import Section
 from fretflow.core.errors import ConfigError, InputError
-from fretflow.core.units import Unit
+from fretflow.core.units import Unit, registry
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.driven import Baseline, DrivenJoint, LumpedBaseline, SliderBaseline
 from fretflow.effects.effect import Array, Prior, declared_priors, parameter_limits
@@ -30,9 +31,6 @@ from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.structure.motion import Motion
 
-# Powers of F, X and X / V in what goes with the size of a joint.
-DIMENSIONS = {"N": (1, 0, 0), "m": (0, 1, 0), "m/s": (0, 1, -1), "N/m": (1, -1, 0), "N*s/m": (1, -1, 1),
-              "kg": (1, -1, 2), "m/N": (-1, 1, 0), "N/m^3": (1, -3, 0)}
 BASELINES: Mapping[RecordingKind, type[Baseline]] = {one.kind: one for one in (SliderBaseline, LumpedBaseline)}
 
 
@@ -65,11 +63,19 @@ class Scale:
 
     def factor(self, unit: str) -> float:
         """Return how much larger a quantity in `unit` is than in a fretting rig."""
-        a, b, c = DIMENSIONS.get(unit, (0, 0, 0))
+        a, b, c = similarity(unit)
         return float((self.force / RIG.force)**a * (self.length / RIG.length)**b * (self.time / RIG.time)**c)
 
 
 RIG = Scale(50.0, 7e-6, 1.0 / (2.0 * float(np.pi) * 100.0))  # of test 1: 50 N over 7 um at 100 Hz
+
+
+@cache
+def similarity(unit: str) -> tuple[float, float, float]:
+    """Return the powers of F, X and X / V in what goes with the size of a joint; times alone are those of sensors."""
+    powers: Mapping[str, Any] = registry().Unit(unit).dimensionality
+    mass, length, time = (float(powers.get(f"[{name}]", 0)) for name in ("mass", "length", "time"))
+    return (mass, length - mass, time + 2.0 * mass) if mass or length else (0.0, 0.0, 0.0)
 
 
 def baseline_of(kind: RecordingKind) -> type[Baseline]:
@@ -157,7 +163,7 @@ class DrivenExperiment:
                     ) -> Coordinate:
         unit, (lowest, highest) = unit_of(section, field), parameter_limits(section, field)
         prior = self.scale.prior(stated, unit)
-        by_factor = prior.logarithmic or (prior.low > 0.0 and unit in DIMENSIONS)  # as is what similarity tells
+        by_factor = prior.logarithmic or (prior.low > 0.0 and any(similarity(unit)))  # as is what similarity tells
         low, high = (log(prior.low), log(prior.high)) if by_factor else (prior.low, prior.high)
         sign = signs.get(f"{part}.{field}", 1.0) if lowest < 0.0 <= prior.low else 1.0
         return Coordinate(part, field, 0.5 * (low + high), (high - low) / WIDTH, by_factor, lowest, highest, sign)

@@ -13,11 +13,11 @@ import numpy as np
 
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import Array, Cycle, DrivenData, Mask
+from fretflow.experiments.independent import FREEDOM
 from fretflow.inference.posterior import SEED
 from fretflow.structure.motion import measure, noise_floor
 
 LONGEST = 8  # part of a sequence beyond which correlations are not looked at: of so few pairs they are mostly chance
-DRAWS = 6  # of the motion's noise: its deviation is then known to a third
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[Array, Array, floa
     rng, n = np.random.default_rng(SEED), len(data.whole.displacement)
     plain = joint.predict(data.whole).measured[::data.every]
     changes = []
-    for _ in range(DRAWS):
+    for _ in range(FREEDOM + 1):
         noise = measure(data.displacement_noise * rng.standard_normal(n), data.whole.step, data.half_width).motion
         moved = replace(data.whole, **{name: getattr(data.whole, name) + getattr(noise, name) for name in (
             "displacement", "velocity", "acceleration")})

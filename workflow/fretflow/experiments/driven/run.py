@@ -87,7 +87,8 @@ def searched(data: DrivenData, fast: bool, progress: Progress) -> IndependentSea
     if shared > noise.correlation:  # what is alike in it the baseline may lack
         alone = _begun(DrivenExperiment(data, noise, shared, every), first, fast)
         begin_all(alone)
-        best = min(alone.fits.values(), key=lambda fit: fit.chi_squared)
+        best = min((alone.fitter.fit(fit.prediction.point, None) for fit in alone.fits.values()),
+                   key=lambda fit: fit.chi_squared)
         shared = max(noise.correlation, _alike(rough, best))
     found = _begun(DrivenExperiment(data, noise, shared, every), first, fast)
     search(found, lambda share, text: progress(0.2 + 0.65 * share, text))

@@ -11,6 +11,7 @@ from scipy import stats
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.effects.volume_law import CYCLES, FREQUENCY, POWER, PRESSURE, SLIDING
+from fretflow.experiments.independent import FREEDOM
 from fretflow.experiments.wear_series.scatter import POWERS, Tests, curve_square, power_designs
 from fretflow.recordings.kinds.wear_series import WearSeries
 from fretflow.recordings.notes import row_ranges, rows_in_words
@@ -20,7 +21,6 @@ Ids = NDArray[np.int64]
 
 VARIES = 1.2  # largest over smallest value of a condition that varies
 ALIKE = 1.3  # ratio of measured quantities (energy, power) between repeats
-FREEDOM = 5  # conditions, or degrees of freedom, from which a scatter is known to a third, 1 / sqrt(2 n)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
 from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.posterior import Found, decide
+from fretflow.inference.posterior import decide, detected
 from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
 from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Remainder, Verdict, WearTests
 from fretflow.inference.words import after_model, listed
@@ -62,7 +62,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     looked = begun(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
     search(looked, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
-    found = held_to(decide(looked), detection)
+    found = detected(decide(looked), detection)  # few tests do not tell their scatter well
     experiment, base, fit = experiment_of(looked), looked.baseline, looked.fits[found.after]
     unseen = held_out(experiment, base, fit)
     progress(0.95, "parameters and pictures")
@@ -90,20 +90,6 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
         notes=(*words.warnings(data, view), *_of_law(looked, fit, powers, rivals, parameters)),
         case_file=words.case_text(series.title, experiment, found.after, parameters) if found.effects else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
-
-
-def held_to(found: Found, detection: Detection) -> Found:
-    """Return the verdict, none where one coefficient passes the tests: few tests do not tell their scatter well.
-
-    These count degrees of freedom, the posterior takes the scatter as known. A p-value is worth at most
-    ``-1 / (e p ln p)`` (T. Sellke, M. J. Bayarri, J. O. Berger, Am. Stat. 55 (2001) 62-71).
-    """
-    p = detection.p_value
-    if p < FALSE_ALARMS or found.verdict is Verdict.NONE:
-        return found
-    worth = -np.e * p * np.log(p) if p < 1.0 / np.e else 1.0
-    return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
-                   probability=float(worth / (1.0 + worth)))
 
 
 def detect(data: WearData) -> Detection:
