@@ -83,9 +83,12 @@ def plot_responses(path: Path, responses: Sequence[ForcedResponse]) -> list[Path
         figure = style.new_figure(
             "Forced response of the moving mass",
             f"force of {style.figures(responses[0].excitation)} N at every frequency; first harmonic; "
-            f"marked: the resonances{_checked(responses)}", height=10.0)
-        upper = figure.add_axes((0.09, 0.37, 0.88, 0.51))
-        lower = figure.add_axes((0.09, 0.085, 0.88, 0.23), sharex=upper)
+            f"marked: the resonances{_checked(responses)}", height=10.0 if len(responses) == 1 else 12.6)
+        parts = (0.085, 0.23, 0.37, 0.51) if len(responses) == 1 else (0.07, 0.18, 0.52, 0.38)  # bottom, height of two
+        upper = figure.add_axes((0.11, parts[2], 0.86, parts[3]))
+        lower = figure.add_axes((0.11, parts[0], 0.86, parts[1]), sharex=upper)
+        if len(responses) > 1:
+            _draw_change(figure.add_axes((0.11, 0.29, 0.86, 0.18), sharex=upper), responses[0], responses[-1])
         for k, response in enumerate(responses):
             _draw_response(upper, lower, response, k)
         readable_log(upper.yaxis, (1.0, 2.0, 5.0))
@@ -113,6 +116,18 @@ def _draw_response(upper: Axes, lower: Axes, response: ForcedResponse, index: in
                        f"{style.figures(top)} µm/N")
     upper.plot(response.resonance, top, marker="o", markersize=10, color=colour)
     lower.plot(response.frequency, np.degrees(response.phase), color=colour, linestyle=line)
+
+
+def _draw_change(axes: Axes, first: ForcedResponse, last: ForcedResponse) -> None:
+    """Draw the later response minus the earlier one, at the frequencies that both were computed at."""
+    f, old, new = np.intersect1d(first.frequency, last.frequency, return_indices=True)
+    change = last.amplitude[new] / last.excitation - first.amplitude[old] / first.excitation
+    axes.axhline(0.0, color=style.EDGE_COLOUR, linewidth=1.0)
+    axes.plot(f, change * UM, color=style.PURPLE, marker="." if len(f) < 100 else "")
+    axes.set(ylabel="worn − unworn\n(µm/N)")
+    axes.yaxis.set_label_coords(-0.085, 0.5)
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.tick_params(labelbottom=False)
 
 
 def readable_log(axis: Axis, steps: tuple[float, ...]) -> None:

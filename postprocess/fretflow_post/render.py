@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from fretflow.case.config import Output
+from fretflow.core.errors import InputError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import read_record
 from fretflow.pipeline.results import SIDES, RunRecords
@@ -20,9 +21,13 @@ from numpy.typing import NDArray
 from fretflow_post import curves, faces, paraview, specimens, style
 from fretflow_post.contact_grid import state_shares
 from fretflow_post.offscreen import require_offscreen
+from fretflow_post.period import plot_period
 from fretflow_post.specimens import MeshedSpecimen
 
 PANELS = 4  # pairs of worn faces on one picture
+NAMES = ("specimens", "contact_closeup", "modes", "pressure", "stick_slip_unworn", "stick_slip_worn", "loops", "period",
+         "wear_depth", "wear_shape", "wear_volume", "response", "paraview")
+Draw = Callable[[Path], Path | list[Path]]
 
 
 @dataclass(frozen=True)
@@ -47,9 +52,9 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     folders
         Result folder by stage name: mesh, reduce, preload, solve, wear, response; missing ones are left out.
     out
-        Folder to write PNG pictures, CSV curves and the folder ``paraview`` to.
+        Folder to write pictures, CSV curves and the folder ``paraview`` to.
     output
-        The case's wishes: which cycle counts to show.
+        The case's wishes: which pictures in which formats, and which cycle counts to show.
 
     Returns
     -------
@@ -58,6 +63,8 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
 
     Raises
     ------
+    InputError
+        If a picture is asked for that there is not.
     PlatformError
         If nothing can draw without a display.
     StoreError
@@ -65,34 +72,56 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     """
     require_offscreen()
     run = DrawnRun(folders, output or Output())
+    wrong = [name for name in run.output.figures or () if name not in NAMES]
+    if wrong:
+        raise InputError(f"output.figures: {wrong[0]!r} is none of {', '.join(NAMES)}")
+    unknown = [name for name in run.output.figure_formats if name not in style.METADATA]
+    if unknown:
+        raise InputError(f"output.figure_formats: {unknown[0]!r} is none of {', '.join(style.METADATA)}")
     files: list[Path] = []
+    with style.saved_as(run.output.figure_formats):
+        for name, draw in _pictures(run):
+            if run.output.figures is None or name in run.output.figures:
+                found = draw(out / f"{name}.png")
+                files += [found] if isinstance(found, Path) else found
+    further = run.output.figure_formats[1:]
+    files += [file.with_suffix(f".{suffix}") for file in files for suffix in further
+              if file.suffix == f".{run.output.figure_formats[0]}"]
+    return sorted(files, key=lambda path: path.suffix[1:] not in style.METADATA)
+
+
+def _pictures(run: DrawnRun) -> Iterator[tuple[str, Draw]]:
+    """Yield the name of each picture that the complete stages allow, and what draws it."""
     if run.has("mesh"):
-        files += [specimens.plot_specimens(out / "specimens.png", *run.meshed),
-                  specimens.plot_contact_closeup(out / "contact_closeup.png", *run.meshed)]
+        yield "specimens", lambda path: specimens.plot_specimens(path, *run.meshed)
+        yield "contact_closeup", lambda path: specimens.plot_contact_closeup(path, *run.meshed)
     if run.has("reduce"):
-        files += curves.plot_modes(out / "modes.png", *run.reduced)
+        yield "modes", lambda path: curves.plot_modes(path, *run.reduced)
     if run.has("reduce", "solve"):
-        files += _contact_pictures(run, out)
+        yield from _contact_pictures(run)
     if run.has("reduce", "wear") and len(run.history.cycles) > 1:
-        files += _wear_pictures(run, out)
+        yield from _wear_pictures(run)
     if run.responses:
-        files += curves.plot_responses(out / "response.png", run.responses)
+        yield "response", lambda path: curves.plot_responses(path, run.responses)
     if run.has("mesh", "reduce", "solve"):
-        files += _paraview_files(run, out / "paraview")
-    return sorted(files, key=lambda path: path.suffix != ".png")
+        yield "paraview", lambda path: _paraview_files(run, path.with_suffix(""))
 
 
-def _contact_pictures(run: DrawnRun, out: Path) -> list[Path]:
-    """Draw pressure, stick and slip, and loops of the kept periods."""
+def _contact_pictures(run: DrawnRun) -> Iterator[tuple[str, Draw]]:
+    """Yield pressure, stick and slip, loops and the last of the kept periods."""
     first, last = min(run.periods), max(run.periods)
-    files = [faces.plot_pressure(out / "pressure.png", run.nodes, run.areas, _pressures(run))]
-    for cycles in sorted({first, last}):
-        name = "unworn" if cycles == 0 else "worn"
-        files.append(faces.plot_states(out / f"stick_slip_{name}.png", run.nodes, run.areas,
-                                       state_shares(run.periods[cycles]), style.when_words(cycles)))
+    yield "pressure", lambda path: faces.plot_pressure(path, run.nodes, run.areas, _pressures(run))
+    for name, cycles in {"unworn": first, "worn": last}.items():
+        if cycles or name == "unworn":
+            yield f"stick_slip_{name}", partial(_stick_slip, run, cycles)
     shown = sorted({first, last, *run.output.loop_cycles} & set(run.periods))
-    loops = [curves.loop_of(run.periods[cycles], run.areas, cycles) for cycles in shown]
-    return files + curves.plot_loops(out / "loops.png", loops)
+    yield "loops", lambda path: curves.plot_loops(path, [
+        curves.loop_of(run.periods[cycles], run.areas, cycles) for cycles in shown])
+    yield "period", lambda path: plot_period(path, run.nodes, run.areas, run.periods[last], style.when_words(last))
+
+
+def _stick_slip(run: DrawnRun, cycles: int, path: Path) -> Path:
+    return faces.plot_states(path, run.nodes, run.areas, state_shares(run.periods[cycles]), style.when_words(cycles))
 
 
 def _pressures(run: DrawnRun) -> list[faces.PressureMap]:
@@ -126,19 +155,22 @@ def shown_rows(history: WearHistory, asked: Sequence[int]) -> list[int]:
     return sorted(rows | {len(history.cycles) - 1})
 
 
-def _wear_pictures(run: DrawnRun, out: Path) -> list[Path]:
-    """Draw the worn faces, up to four times on one picture and all on one scale, and the volume."""
+def _wear_pictures(run: DrawnRun) -> Iterator[tuple[str, Draw]]:
+    """Yield the worn faces, up to four times on one picture and all on one scale, their shape and the volume."""
     rows = shown_rows(run.history, run.output.wear_map_cycles)
     profiles = np.stack([specimen.profile for specimen in run.reduced])
-    scale = faces.wear_scale(run.nodes, profiles, run.history, rows)
-    files = []
-    for page, start in enumerate(range(0, len(rows), PANELS)):
-        name = "wear_depth.png" if len(rows) <= PANELS else f"wear_depth_{page + 1}.png"
-        files.append(faces.plot_wear(out / name, run.nodes, profiles, run.history, rows[start:start + PANELS],
-                                     scale))
+
+    def depths(path: Path) -> list[Path]:
+        scale = faces.wear_scale(run.nodes, profiles, run.history, rows)
+        pages = range(0, len(rows), PANELS)
+        names = [path.name if len(pages) == 1 else f"{path.stem}_{page + 1}.png" for page in range(len(pages))]
+        return [faces.plot_wear(path.with_name(name), run.nodes, profiles, run.history, rows[start:start + PANELS],
+                                scale) for name, start in zip(names, pages, strict=True)]
+
+    yield "wear_depth", depths
     early = sorted({1, *rows})[:PANELS]
-    files.append(faces.plot_wear_shape(out / "wear_shape.png", run.nodes, run.areas, run.history, early))
-    return files + curves.plot_wear_volume(out / "wear_volume.png", run.history)
+    yield "wear_shape", lambda path: faces.plot_wear_shape(path, run.nodes, run.areas, run.history, early)
+    yield "wear_volume", lambda path: curves.plot_wear_volume(path, run.history)
 
 
 def _paraview_files(run: DrawnRun, out: Path) -> list[Path]:

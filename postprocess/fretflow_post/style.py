@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 import matplotlib.style
@@ -14,6 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 DPI = 100
+# What a file says of itself; no date, so that the same picture is the same file.
+METADATA: dict[str, dict[str, str | None]] = {
+    "png": {"Software": "fretflow"}, "svg": {"Creator": "fretflow", "Date": None},
+    "pdf": {"Creator": "fretflow", "CreationDate": None}}
+_FORMATS: ContextVar[tuple[str, ...]] = ContextVar("formats", default=("png",))
 WIDTH, HEIGHT = 16.0, 10.0  # inches, 1600 x 1000 pixels
 
 DEPTH_MAP = "viridis"
@@ -54,11 +61,23 @@ def new_figure(title: str, subtitle: str, width: float = WIDTH, height: float = 
     return figure
 
 
+@contextmanager
+def saved_as(formats: Sequence[str]) -> Iterator[None]:
+    """Have figures saved in `formats` of `METADATA` within this context, instead of as PNG alone."""
+    token = _FORMATS.set(tuple(formats))
+    try:
+        yield
+    finally:
+        _FORMATS.reset(token)
+
+
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write `figure` as PNG and return its path."""
+    """Write `figure` in each of the formats asked for and return the path of the first."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI, metadata={"Software": "fretflow"})
-    return path
+    formats = _FORMATS.get()
+    for suffix in formats:
+        figure.savefig(path.with_suffix(f".{suffix}"), dpi=DPI, metadata=METADATA[suffix])
+    return path.with_suffix(f".{formats[0]}")
 
 
 def colour_map(name: str) -> Colormap:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fretflow.case.config import Output
 from fretflow.contact.law import ContactState
-from fretflow.core.errors import StoreError
+from fretflow.core.errors import InputError, StoreError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
 from fretflow.pipeline.response import ForcedResponse
@@ -21,11 +21,12 @@ from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.history import WearHistory, WearStep
-from fretflow_post import faces, style
+from fretflow_post import faces, period, style
 from fretflow_post.offscreen import require_offscreen
 from fretflow_post.render import render_run, shown_rows
 from matplotlib.image import imread
 from matplotlib.text import Text
+from PIL import Image
 
 pytestmark = pytest.mark.render
 
@@ -238,7 +239,7 @@ def test_every_picture_of_a_run_is_there_and_not_blank(folders, tmp_path, figure
         "specimens.png", "contact_closeup.png", "modes.png", "pressure.png", "stick_slip_unworn.png",
         "stick_slip_worn.png", "loops.png", "wear_depth.png", "wear_shape.png", "wear_volume.png",
         "response.png"]
-    assert {"modes.csv", "loops.csv", "wear_volume.csv", "response.csv", "wear.pvd"} <= set(names)
+    assert {"modes.csv", "loops.csv", "wear_volume.csv", "response.csv", "wear.pvd", "period.gif"} <= set(names)
     assert {"upper_specimen.vtu", "lower_specimen.vtu"} <= set(names)
     assert all(path.stat().st_size > 0 for path in files)
     for path in files[:len(pictures)]:
@@ -286,7 +287,54 @@ def drawn_texts(figure):
 def test_an_unfinished_run_gives_what_it_has(folders, tmp_path):
     files = render_run({name: folders[name] for name in ("reduce", "solve")}, tmp_path)
     assert [path.name for path in files] == [
-        "modes.png", "pressure.png", "stick_slip_unworn.png", "loops.png", "modes.csv", "loops.csv"]
+        "modes.png", "pressure.png", "stick_slip_unworn.png", "loops.png", "modes.csv", "loops.csv",
+        "period.gif"]
+
+
+def test_pictures_and_formats_are_those_asked_for(folders, tmp_path):
+    files = render_run(folders, tmp_path, Output(figures=("loops", "wear_volume"), figure_formats=("svg", "pdf")))
+    assert [path.name for path in files] == ["loops.svg", "wear_volume.svg", "loops.pdf", "wear_volume.pdf",
+                                             "loops.csv", "wear_volume.csv"]
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in files}
+    begins = {"svg": b"<?xml", "pdf": b"%PDF", "csv": b"cycles"}
+    assert all(path.read_bytes().startswith(begins[path.suffix[1:]]) for path in files)
+    for wishes, words in (({"figures": ("loop",)}, "figures: 'loop' is none of specimens, "),
+                          ({"figure_formats": ("jpg",)}, "figure_formats: 'jpg' is none of png, svg, pdf")):
+        with pytest.raises(InputError, match=words):
+            render_run(folders, tmp_path, Output().model_copy(update=wishes))
+
+
+def test_a_period_moves_by_its_own_tractions(folders, tmp_path, monkeypatch):
+    """What is drawn of the tractions, over the nodes' areas, is the force where the dot stands on the loop."""
+    frames = {}
+
+    class Kept(period.FuncAnimation):
+        def __init__(self, figure, show, moments):
+            super().__init__(figure, show, moments)
+            frames.update(figure=figure, show=show, moments=moments)
+
+    monkeypatch.setattr(period, "FuncAnimation", Kept)
+    nodes, areas = contact()
+    solution = steady_period(nodes, areas)
+    solution = replace(solution, friction_force=-solution.friction_force)  # of the upper specimen on the lower one
+    path = period.plot_period(tmp_path / "period.png", nodes, areas, solution, "unworn")
+    with Image.open(path) as drawn:
+        assert drawn.n_frames == len(frames["moments"]) == 24
+    assert path.stat().st_size < 1_000_000
+    tractions, states, dot = frames["show"](frames["moments"][5])
+    shapes = [one.vertices[:4] for one in tractions.get_paths()]
+    sizes = [0.5 * abs(np.sum(x * np.roll(y, 1) - y * np.roll(x, 1))) for x, y in (shape.T for shape in shapes)]
+    assert np.sum(tractions.get_array() * sizes) == pytest.approx(dot.get_ydata()[0], rel=1e-9)
+    assert set(np.unique(states.get_array())) <= {0.0, 1.0, 2.0}
+
+
+def test_what_wear_changes_of_the_response_is_drawn(folders, tmp_path, figures):
+    render_run({"response": folders["response"]}, tmp_path)
+    change = next(axes for axes in figures["response.png"].axes if "unworn" in axes.get_ylabel())
+    f, drawn = change.lines[-1].get_data()
+    worn, new = (1.0 / np.abs(1.0 - (f / peak) ** 2 + 0.1j) / 53.0 for peak in (71.4, 71.0))
+    assert len(f) == 40
+    assert drawn == pytest.approx(worn - new, abs=1e-9)
 
 
 @pytest.mark.fem  # the record lives beside PETSc

@@ -50,7 +50,7 @@ class Entry:
         if isinstance(self.value, Enum):
             return str(self.value.value)
         if isinstance(self.value, tuple):
-            return ", ".join(f"{v:,}" for v in self.value) or "none"
+            return ", ".join(v if isinstance(v, str) else f"{v:,}" for v in self.value) or "none"
         return pretty_number(self.value) if isinstance(self.value, float) else str(self.value)
 
     @property

@@ -298,6 +298,10 @@ class Output(Section):
     wear_map_cycles: tuple[int, ...] = Field(
         (), description="cycle counts whose wear maps are kept; the end included"
     )
+    figures: tuple[str, ...] | None = Field(
+        None, description="pictures to draw, such as loops or wear_depth; all where not set")
+    figure_formats: tuple[Literal["png", "svg", "pdf"], ...] = Field(
+        ("png",), min_length=1, description="of each picture; animations are gif")
     frequency_response: FrequencyResponse = Field(default_factory=FrequencyResponse)
 
     @field_validator("loop_cycles", "wear_map_cycles")

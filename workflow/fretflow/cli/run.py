@@ -15,6 +15,7 @@ from fretflow.cli.terminal import (
     Json,
     Out,
     Progress,
+    Several,
     Terminal,
     describe,
     keep_json,
@@ -225,14 +226,18 @@ def _cubic_millimetres(value: float) -> str:
     return f"{value * 1e9:.4g} mm³"
 
 
-def render(run: Path, /) -> None:
+def render(run: Path, /, *, figures: Several = (), formats: Several = ()) -> None:
     """Draw the pictures of a run again, off-screen, as far as its stages are complete.
 
     Parameters
     ----------
     run
         result folder of a case, for example runs/test1
+    figures
+        pictures to draw, such as loops or wear_depth; all that its case asks for where not given
+    formats
+        png, svg, pdf
     """
     from fretflow.pipeline.stages import render_run
 
-    show_files(render_run(run), "files")
+    show_files(render_run(run, figures, formats), "files")

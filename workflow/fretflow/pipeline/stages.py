@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -204,16 +205,27 @@ RENDER = Stage("render", 1, lambda case: case.output, ("mesh", "reduce", "preloa
                _render)
 
 
-def render_run(home: Path) -> list[Path]:
+def render_run(home: Path, figures: Sequence[str] = (), formats: Sequence[str] = ()) -> list[Path]:
     """Draw the run in `home` again, into ``home/pictures``, as far as its stages are complete.
+
+    Parameters
+    ----------
+    home
+        Folder of the run.
+    figures, formats
+        Pictures by name, and their formats; the case's wishes where they are not given.
 
     Raises
     ------
+    InputError
+        If there is no such picture or format.
     StoreError
         If there is no run, or a result file is missing or damaged.
     """
-    files: list[Path] = provided(FIGURES, "run")(complete_stages(home), home / PICTURES,
-                                                 load_case(home / CASE_FILE).output)
+    asked = {name: tuple(given) for name, given in (("figures", figures), ("figure_formats", formats)) if given}
+    folders = complete_stages(home)
+    output = load_case(home / CASE_FILE).output.model_copy(update=asked)
+    files: list[Path] = provided(FIGURES, "run")(folders, home / PICTURES, output)
     return files
 
 
