@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fretflow.core.errors import NonConvergenceError as NonConvergenceError
     from fretflow.core.errors import RecordingError as RecordingError
     from fretflow.core.provenance import own_version
+    from fretflow.effects.bolted_cycle import BoltedCycle as BoltedCycle
     from fretflow.effects.catalogue import add_effects as add_effects
     from fretflow.effects.catalogue import catalogue as catalogue
     from fretflow.effects.cycle import march_wear as march_wear
@@ -63,6 +64,7 @@ _PUBLIC = {
     "contact.interface": ("Interface",),
     "core": ("units",),
     "core.errors": ("AuditError", "FretflowError", "InputError", "NonConvergenceError", "RecordingError"),
+    "effects.bolted_cycle": ("BoltedCycle",),
     "effects.catalogue": ("add_effects", "catalogue"),
     "effects.cycle": ("march_wear",),
     "effects.effect": ("ALL_KINDS", "Block", "Effect", "Motion", "parameter"),
@@ -89,9 +91,9 @@ _PUBLIC = {
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
-    "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "BoltedJoint", "Case", "Coulomb", "Diagnosis", "Effect",
-    "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings", "Material",
-    "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError",
+    "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "BoltedCycle", "BoltedJoint", "Case", "Coulomb", "Diagnosis",
+    "Effect", "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings",
+    "Material", "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError",
     "ResponseCurve", "RunResults", "StructureMatrices", "add_effects", "catalogue", "continue_response", "diagnose",
     "follow_mode", "load_case", "march_wear", "parameter", "quasi_static_backbone", "read_loop", "read_recording",
     "reduce_structure", "run", "solve_periodic", "structure_from_mesh", "units",

@@ -21,7 +21,7 @@ from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, Periodi
 from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals
 from fretflow.wear.archard import Archard
-from fretflow.wear.cycle import CycleResponse, summarise_cycle
+from fretflow.wear.cycle import CycleModel, CycleResponse, summarise_cycle
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
 from fretflow.wear.slow import SlowState
@@ -37,6 +37,7 @@ class PeriodicCycle:
     """
 
     state_type = PeriodicSolution
+    load_held = True
 
     def __init__(self, solver: PeriodicSolver, problem: PeriodicProblem, effects: Iterable[Effect] = ()) -> None:
         self.solver = solver
@@ -81,15 +82,15 @@ class PeriodicCycle:
         return self.model.problem(slow).interface.gap
 
 
-def march_wear(problem: PeriodicProblem, law: Archard, cycles: int, *, effects: Iterable[Effect] = (),
+def march_wear(problem: PeriodicProblem | CycleModel[Any], law: Archard, cycles: int, *, effects: Iterable[Effect] = (),
                solver: PeriodicSolver | None = None, folder: Path | str | None = None,
                progress: Callable[[int, int], None] | None = None, **settings: Any) -> WearHistory:
     """Wear the contact of a joint over millions of cycles: jumps, each followed by a new period.
 
     Parameters
     ----------
-    problem : PeriodicProblem
-        The unworn joint.
+    problem : PeriodicProblem or CycleModel
+        The unworn joint; a `BoltedCycle` is a bolted structure's.
     law : Archard
         Wear coefficient in m^2/N, and the upper face's share.
     cycles : int
@@ -132,7 +133,8 @@ def march_wear(problem: PeriodicProblem, law: Archard, cycles: int, *, effects: 
 
     asked = WearSettings(coefficient=law.coefficient, upper_share=law.upper_share, cycles=cycles,
                          **{"scheme": Wear().scheme, **settings})
-    model = PeriodicCycle(solver or QuasiStaticSolver(Solver(estimate_error=False)), problem, effects)
+    model: CycleModel[Any] = problem if not isinstance(problem, PeriodicProblem) else PeriodicCycle(
+        solver or QuasiStaticSolver(Solver(estimate_error=False)), problem, effects)
     return run_history(model, asked, None if folder is None else Path(folder), progress)
 
 

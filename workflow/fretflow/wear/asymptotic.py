@@ -81,6 +81,7 @@ def find_asymptotic_shape(model: CycleModel[S], coefficient: float, volume: floa
     for _ in range(max_rounds):
         path = _sliding_path(response, path)
         contact = _capped(flexibility, model.areas, coefficient, depth, path, response)
+        contact = contact if model.load_held else replace(contact, load=None)
         worn = depth > 0.0 if residuals else np.isfinite(contact.cap)
         solution = solve_capped_contact(contact, volume, worn, ~worn & (response.contact_share > 0.0))
         depth = solution.depth

@@ -7,8 +7,9 @@ indentation would be::
     gap_m = base_m + w_m + q + (F f)_m >= 0,   0 <= f_m <= r cap_m,   sum f = N
     gap_m > 0: f_m = 0 (open);   w_m > 0: f_m = r cap_m (worn);   else closed, w_m = 0
 
-which for a given r is a convex quadratic programme, and for a given volume has one r more to find. It is
-solved by changing the three sets until they hold.
+which for a given r is a convex quadratic programme, and for a given volume has one r more to find. Where the
+surroundings hold the faces instead of the load N, there is no q. It is solved by changing the three sets until they
+hold.
 """
 
 from __future__ import annotations
@@ -37,15 +38,15 @@ class CappedContact:
         Largest force per wear rate, ``a / (K_w s)``; inf at a node that sticks, which never wears.
     areas : ndarray, m^2
         Contact areas.
-    load : float, N
-        Normal load.
+    load : float or None, N
+        Normal load; None where the surroundings hold the faces, so that there is no vertical motion q either.
     """
 
     flexibility: NDArray[np.float64]
     base: NDArray[np.float64]
     cap: NDArray[np.float64]
     areas: NDArray[np.float64]
-    load: float
+    load: float | None
 
 
 @dataclass(frozen=True)
@@ -97,8 +98,9 @@ def _hold_sets(contact: CappedContact, cap: NDArray[np.float64], volume: float, 
     by_rate = flexibility[:, v] @ cap[v]
     matrix = np.zeros((c.size + 2, c.size + 2))
     matrix[:-2] = np.column_stack([flexibility[np.ix_(c, c)], np.ones(c.size), by_rate[c]])
-    matrix[-2] = np.r_[np.ones(c.size), 0.0, cap[v].sum()]
-    right = np.r_[-contact.base[c], contact.load, 0.0]
+    held = contact.load is not None
+    matrix[-2] = np.r_[np.ones(c.size), 0.0, cap[v].sum()] if held else np.r_[np.zeros(c.size), 1.0, 0.0]
+    right = np.r_[-contact.base[c], contact.load if held else 0.0, 0.0]
     if np.isfinite(volume) and v.size:
         matrix[-1] = -np.r_[areas[v] @ flexibility[np.ix_(v, c)], areas[v].sum(), areas[v] @ by_rate[v]]
         right[-1] = volume + areas[v] @ contact.base[v]

@@ -58,12 +58,20 @@ class CycleModel(Protocol[S]):
         """Return whether anything but the depth changes the period or the wear rate over cycles."""
         ...
 
+    @property
+    def load_held(self) -> bool:
+        """Return whether the normal load is held as faces wear, as by a weight; bolts let it go as they relax."""
+        ...
+
     def initial(self) -> SlowState:
         """Return the start of the test."""
         ...
 
     def normal_flexibility(self, slow: SlowState) -> NDArray[np.float64]:
-        """Return the static normal flexibility of the faces, back faces held, (nodes, nodes), m/N."""
+        """Return the static normal flexibility of the faces, (nodes, nodes), m/N.
+
+        Back faces are held where the load is, and otherwise as they are.
+        """
         ...
 
     def cycle(self, slow: SlowState, start: S | None) -> tuple[CycleResponse, S]:
@@ -111,6 +119,7 @@ class WearAlone:
 
     areas: NDArray[np.float64]
     has_laws = False
+    load_held = True
 
     def initial(self) -> SlowState:
         """Return the unworn joint."""

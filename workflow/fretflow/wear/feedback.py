@@ -10,6 +10,7 @@ s_m f_m / a_m`` has the Jacobian ``J = -diag(K_w s / a) C`` with the bracket C, 
 that its eigenvalues are real and not positive. Explicit Euler is stable while ``dN |J|_max < 2``, and free
 of overshoot up to half of it. For a uniform sliding pressure p this is a depth of ``2 p / k_max``, k_max
 the largest stiffness per area: about ``2 p h / E*`` on a mesh of element side h.
+Where the surroundings hold the faces instead of the load, C is S.
 
 Where the wear rate follows another law than Archard's, its slope by the pressure takes the place of K_w, node by node.
 """
@@ -35,6 +36,8 @@ class Feedback:
         Normal flexibility of the faces against each other.
     areas : ndarray, shape (nodes,), m^2
         Contact area of each node.
+    load_held : bool
+        Whether the normal load stays as it is.
 
     Raises
     ------
@@ -42,26 +45,29 @@ class Feedback:
         If the flexibility is not symmetric and positive definite.
     """
 
-    def __init__(self, flexibility: NDArray[np.float64], areas: NDArray[np.float64]) -> None:
+    def __init__(self, flexibility: NDArray[np.float64], areas: NDArray[np.float64],
+                 load_held: bool = True) -> None:
         scale = np.abs(flexibility).max()
         if not np.abs(flexibility - flexibility.T).max() <= 1e-6 * scale:
             raise InputError("normal_flexibility: is not symmetric; give the static flexibility of the joint")
         self.flexibility = 0.5 * (flexibility + flexibility.T)
-        self.areas = areas
+        self.areas, self.load_held = areas, load_held
 
     def unloading(self, closed: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return C = -df/dw (nodes, nodes), N/m, with the load held; zero at open nodes."""
+        """Return C = -df/dw (nodes, nodes), N/m; zero at open nodes."""
         result = np.zeros_like(self.flexibility)
         index = np.flatnonzero(closed)
-        if index.size < 2:  # a single node carries the load whatever its depth
+        if index.size < 1 + self.load_held:  # a single node carries a held load whatever its depth
             return result
         try:
             factor = cho_factor(self.flexibility[np.ix_(index, index)])
         except np.linalg.LinAlgError as error:
             raise InputError("normal_flexibility: is not positive definite; give the static one") from error
         stiffness = cho_solve(factor, np.eye(index.size))
-        sums = stiffness.sum(axis=0)
-        result[np.ix_(index, index)] = stiffness - np.outer(sums, sums) / sums.sum()
+        if self.load_held:
+            sums = stiffness.sum(axis=0)
+            stiffness = stiffness - np.outer(sums, sums) / sums.sum()
+        result[np.ix_(index, index)] = stiffness
         return result
 
     def rate_jacobian(self, coefficient: Coefficient, response: CycleResponse) -> NDArray[np.float64]:

@@ -54,7 +54,7 @@ class WearingJoint(Generic[S]):
 
     def feedback(self, now: WearStep) -> Feedback:
         """Return how the contact forces answer to wear."""
-        return Feedback(self.model.normal_flexibility(now.slow), self.model.areas)
+        return Feedback(self.model.normal_flexibility(now.slow), self.model.areas, self.model.load_held)
 
     def rate_slope(self, now: WearStep) -> Coefficient:
         """Return the coefficient of Archard's law, () or (nodes,), m^2/N, whose rate changes with pressure as ours."""

@@ -64,13 +64,19 @@ class _Shape:
     @classmethod
     def of(cls, joint: BoltedJoint, mode: LinearMode) -> _Shape:
         own = joint.structure
-        contact = own.boundary_mass @ mode.contact + own.coupling.T @ mode.modes
+        contact = shaped_load(joint, mode)
         modes = own.coupling @ mode.contact + mode.modes
         still = modes / own.eigenvalues
         rows = list(own.outputs.values())
         return cls(contact=contact, modes=modes, compliance=float(modes @ still),
                    outputs=np.array([row[0] for row in rows]).reshape(len(rows), -1),
                    output_modes=np.array([row[1] @ still for row in rows]))
+
+
+def shaped_load(joint: BoltedJoint, mode: LinearMode) -> Array:
+    """Return the load ``M phi`` (3 m,) of a mode on the relative displacement of the contact, kg^0.5."""
+    own = joint.structure
+    return np.asarray(own.boundary_mass @ mode.contact + own.coupling.T @ mode.modes)
 
 
 def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, loading: Loading = Loading.CYCLES,
