@@ -20,8 +20,9 @@ from fretflow.case.config import load_case
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.derivative import effect_direction
 from fretflow.effects.model import EffectModel
-from fretflow.pipeline.problem import make_problem, make_solver
+from fretflow.pipeline.problem import make_problem
 from fretflow.solvers.sensitivity import sensitivities
+from fretflow.solvers.solve import make_solver
 
 ROOT = Path(__file__).parents[1]
 SETS = (("velocity-dependent-friction", "contact-stiffness", "normal-load-coupling"),

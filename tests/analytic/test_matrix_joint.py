@@ -17,9 +17,10 @@ from fretflow.effects.cycle import march_wear
 from fretflow.solvers.audit import energy_balance
 from fretflow.solvers.continuation.follow import continue_response
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
-from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, solve_periodic
+from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.solve import solve_periodic
 from fretflow.solvers.time_integration import settle
 from fretflow.structure.matrix_joint import Joint
 from fretflow.wear.archard import Archard

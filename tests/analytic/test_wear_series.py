@@ -232,6 +232,6 @@ def test_intervals_cover():
     for seed in range(60):
         forms = fitted_forms(wear_data(series(100 + seed, power_density, count=24)))
         found = next(one for one in forms if one.law.powers == ("power density",))
-        exponent = estimates(found.looked, found.names)[1]
+        exponent = estimates(found.hypotheses, found.names)[1]
         covered.append(exponent.low < -0.3 < exponent.high)
     assert 47 <= sum(covered) <= 59

@@ -125,11 +125,11 @@ class Trial:
 
     def _diagnose(self, names: Sequence[str]) -> None:
         left = [name for name in names if not (self.out / "answers" / f"{name}.json").exists()]
-        done, begun = len(names) - len(left), time.monotonic()
+        done, started = len(names) - len(left), time.monotonic()
         with tempfile.TemporaryDirectory(prefix="cache-") as cache, ThreadPoolExecutor(self.jobs) as workers:
             tasks = [(self.out, name, tuple(self.command), self.settings.fast, Path(cache)) for name in left]
             for k, (name, seconds) in enumerate(each(workers, diagnose_one, tasks), 1):
-                ahead = (time.monotonic() - begun) / k * (len(left) - k)
+                ahead = (time.monotonic() - started) / k * (len(left) - k)
                 self.say(f"diagnosed {name} in {seconds:.0f} s ({done + k}/{len(names)}, {ahead / 60.0:.0f} min left)")
 
     def _score(self, names: Sequence[str]) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
 
     The folder `cache` keeps what does not depend on the recording.
     """
-    begun = time.monotonic()
+    started = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="recording-") as scratch:
         home = Path(scratch) / "home"
         home.mkdir()
@@ -199,7 +199,7 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
                 diagnosis = load(found)
             except (OSError, ValueError) as error:
                 failure = f"wrote no JSON: {error}"
-    seconds = time.monotonic() - begun
+    seconds = time.monotonic() - started
     save(out / "answers" / f"{name}.json", {"seconds": seconds, "failure": failure, "diagnosis": diagnosis})
     return seconds
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from fretflow.solvers.periodic import NormalLoad as NormalLoad
     from fretflow.solvers.periodic import PeriodicProblem as PeriodicProblem
     from fretflow.solvers.periodic import PeriodicSolution as PeriodicSolution
-    from fretflow.solvers.periodic import solve_periodic as solve_periodic
+    from fretflow.solvers.solve import solve_periodic as solve_periodic
     from fretflow.structure.bodies import Bolt as Bolt
     from fretflow.structure.bodies import Material as Material
     from fretflow.structure.fem.bodies import structure_from_mesh as structure_from_mesh
@@ -79,7 +79,8 @@ _PUBLIC = {
     "solvers.nonlinear_modes.joint": ("BoltedJoint",),
     "solvers.nonlinear_modes.periodic_mode": ("follow_mode",),
     "solvers.nonlinear_modes.quasi_static": ("quasi_static_backbone",),
-    "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "solve_periodic"),
+    "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution"),
+    "solvers.solve": ("solve_periodic",),
     "structure.bodies": ("Bolt", "Material"),
     "structure.fem.bodies": ("structure_from_mesh",),
     "structure.matrices": ("StructureMatrices",),

@@ -60,7 +60,7 @@ class IndependentExperiment(Experiment, Protocol):
     """An experiment from whose laws the rows differ independently."""
 
     @property
-    def courses(self) -> Array:
+    def modulations(self) -> Array:
         """Return what laws of another form follow (M, k), of unit variance in all."""
         ...
 
@@ -85,8 +85,8 @@ class IndependentSearch(Search):
         return IndependentDiscrepancy(own, own.covariance())
 
     def formed(self, names: Names) -> Array:
-        """Return what other forms of the laws of a fitted set change (M, any): signatures by shares as courses tell."""
-        return np.hstack([self.experiment.courses * one[:, None] for one in self.signatures(names).T])
+        """Return what other forms of the laws of a fitted set change (M, any): signatures, modulated."""
+        return np.hstack([self.experiment.modulations * one[:, None] for one in self.signatures(names).T])
 
     def evidence(self, names: Names, formed: bool = True) -> Evidence:
         """Return the evidence of a set, what the choice of its laws' forms costs taken off."""
@@ -114,32 +114,32 @@ class IndependentSearch(Search):
         return Fitter(self.experiment, self.experiment.measurement.covariance())
 
 
-def estimates(looked: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
+def estimates(hypotheses: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
-    mean, covariance = looked.evidence(names).coordinates(looked.any_size(names))
+    mean, covariance = hypotheses.evidence(names).coordinates(hypotheses.any_size(names))
     made = []
-    for coordinate, middle, sd, draws in zip(looked.fits[names].parameters.coordinates, mean,
+    for coordinate, middle, sd, draws in zip(hypotheses.fits[names].parameters.coordinates, mean,
                                              np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True):
         value, *ends = (coordinate.value(float(middle + way * HALF * sd)) for way in (0.0, -1.0, 1.0))
-        unit, meaning = looked.experiment.described(coordinate)
+        unit, meaning = hypotheses.experiment.described(coordinate)
         made.append(Estimate(name=coordinate.name, value=value, low=min(ends), high=max(ends), unit=unit,
                              meaning=meaning, draws=coordinate.values(draws)))
     return tuple(made)
 
 
-def visible(looked: IndependentSearch) -> dict[str, float]:
+def visible(hypotheses: IndependentSearch) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been as probable as none.
 
     There half the square of its signature's norm is the logarithm of how many effects there are; the signature is that
     of the stronger end of the ranges, taken as linear in the effect's size.
     """
-    experiment, base, found = looked.experiment, looked.baseline, {}
+    experiment, base, found = hypotheses.experiment, hypotheses.baseline, {}
     least, rest = np.sqrt(2.0 * np.log(max(len(experiment.candidates()), 2))), basis(base.whitened_jacobian)
     for name in experiment.candidates():
         own, size = experiment.parameters([name]), 0.0
         for way in (-HALF, HALF):
             z = np.r_[base.z, np.full(own.size - len(base.z), way)]
-            change = looked.fitter.covariance.whiten(experiment.predict(Point(own, z)).values - base.predicted)
+            change = hypotheses.fitter.covariance.whiten(experiment.predict(Point(own, z)).values - base.predicted)
             size = max(size, float(np.linalg.norm(change - rest @ (rest.T @ change))))
         found[name] = least / size if size > least else 1.0
     return found

@@ -1,4 +1,4 @@
-"""From the reduced specimens and the case to the periodic problem and its solver."""
+"""From the reduced specimens and the case to the periodic problem."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core.store import read_record
 from fretflow.effects.catalogue import parse_effects
 from fretflow.effects.model import EffectModel
-from fretflow.solvers.dlft.solver import DlftSolver
-from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, PeriodicSolver
-from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.joint import JointModel, RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -60,11 +58,3 @@ def make_rig(rig: config.Rig) -> LumpedRig:
     return LumpedRig.from_modes(
         rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency, rig.damping_ratio
     )
-
-
-def make_solver(settings: config.Solver, estimate_error: bool = False) -> PeriodicSolver:
-    """Return the solver that `settings` ask for; only a single period is worth an estimate of its error."""
-    settings = settings.model_copy(update={"estimate_error": estimate_error and settings.estimate_error})
-    if settings.method is PeriodicMethod.DLFT:
-        return DlftSolver(settings)
-    return QuasiStaticSolver(settings)

@@ -15,7 +15,7 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.effects.cycle import true_signals
 from fretflow.effects.model import EffectModel
-from fretflow.pipeline.problem import make_model, make_solver
+from fretflow.pipeline.problem import make_model
 from fretflow.pipeline.response_curves import sweep_of
 from fretflow.pipeline.stage import CHECKPOINTS, Figures, Stage, StageContext
 from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_loop
@@ -23,6 +23,7 @@ from fretflow.solvers.continuation.curve import SweepDirection, channel_index
 from fretflow.solvers.continuation.follow import respond
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.solvers.quasi_static.backbone import BackboneSolver, knows
+from fretflow.solvers.solve import make_solver
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 

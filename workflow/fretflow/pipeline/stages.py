@@ -146,8 +146,9 @@ def _solve_slice(case: Case) -> list[object]:
 
 def _solve(context: StageContext) -> Figures:
     """Write ``solution.h5`` (PeriodicSolution)."""
-    from fretflow.pipeline.problem import make_model, make_solver
+    from fretflow.pipeline.problem import make_model
     from fretflow.solvers.quasi_static.solver import sliding_distance
+    from fretflow.solvers.solve import make_solver
 
     context.progress(0.0, "finding the steady period")
     model = make_model(context.case, context.inputs["reduce"])
@@ -177,7 +178,8 @@ def _wear(context: StageContext) -> Figures:
     """Write ``history.h5`` (WearHistory) and, in ``checkpoints``, the period at each asked cycle count."""
     from fretflow.effects.catalogue import parse_effects
     from fretflow.effects.cycle import march_wear
-    from fretflow.pipeline.problem import make_problem, make_solver
+    from fretflow.pipeline.problem import make_problem
+    from fretflow.solvers.solve import make_solver
     from fretflow.wear.archard import Archard
 
     case = context.case

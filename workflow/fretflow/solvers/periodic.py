@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
@@ -292,71 +291,6 @@ class PeriodicSolution:
         if name not in self.outputs:
             raise InputError(f"output {name!r}: unknown; choose one of {', '.join(self.outputs)}")
         return self.outputs[name]
-
-
-def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, start: PeriodicSolution | None = None,
-                   **settings: Any) -> PeriodicSolution:
-    """Find the steady period of a joint under its excitation.
-
-    Parameters
-    ----------
-    problem : PeriodicProblem
-        Structure, interface, law and loads.
-    method : str
-        "quasi-static": internal coordinates by harmonics, the contact true in time; or "dlft": all by few harmonics, as
-        in the paper, with all the mass.
-    start : PeriodicSolution, optional
-        A neighbouring period to start from.
-    settings
-        Of the section ``[solver]`` of case files: harmonics, samples, tolerance, max_iterations, penalty,
-        estimate_error (here False by default).
-
-    Returns
-    -------
-    PeriodicSolution
-        Displacements in m and forces in N of every contact node and sample, and the named outputs in m.
-
-    Raises
-    ------
-    InputError
-        If there is no such method or setting, or the method does not know what the problem holds.
-    NonConvergenceError
-        With the residual history.
-    AuditError
-        If the period breaks the contact law.
-
-    Notes
-    -----
-    DLFT: Tubita, Fantetti, Blanc, Thouverez (2021), after Nacivet et al., J. Sound Vib. 265 (2003) 201-219. The
-    massless boundary of the other method: C. D. Monjaraz Tec, J. Gross, M. Krack, Comput. Struct. 260 (2022) 106698.
-
-    Examples
-    --------
-    A mass of 1 kg on a spring of 1 N/um, dragging a contact point of 0.1 kg that 100 N press on the ground:
-
-    >>> import fretflow as ff
-    >>> import numpy as np
-    >>> k = np.diag([2e6, 1e6, 1e6, 1e6])
-    >>> k[0, 1] = k[1, 0] = -1e6
-    >>> joint = ff.Joint.from_matrices(k, np.diag([1.0, 0.1, 0.1, 0.1]), contact_map=np.eye(4)[1:], observe={"tip": 0},
-    ...                                modal_damping=0.02)
-    >>> face = ff.Interface(np.zeros((1, 2)), np.array([1e-4]), np.zeros(1))
-    >>> problem = ff.PeriodicProblem(joint, face, ff.Coulomb(0.3), ff.Harmonic(100.0, {"tip": 90.0}),
-    ...                              preload=ff.NormalLoad(100.0))
-    >>> period = ff.solve_periodic(problem, harmonics=15, samples=128)
-    >>> round(1e3 * period.dissipated_energy, 2)  # mJ
-    8.73
-    """
-    from fretflow.solvers.dlft.solver import DlftSolver
-    from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-
-    try:
-        chosen = Solver(**{"method": method, "estimate_error": False, **settings})
-    except ValueError as error:
-        reasons = "; ".join(str(one["msg"]) for one in getattr(error, "errors", list)())
-        raise InputError(f"solve_periodic: {reasons or error}") from error
-    solver = DlftSolver(chosen) if chosen.method is PeriodicMethod.DLFT else QuasiStaticSolver(chosen)
-    return solver.solve(problem, start)
 
 
 class PeriodicSolver(Protocol):

@@ -35,10 +35,10 @@ class Checkpoints(Generic[S]):
                 leftover.unlink()
         except OSError as error:
             raise StoreError(f"{folder}: cannot be written ({error}); choose another --out") from error
-        begun = folder / "settings.h5"
-        if not begun.is_file():
-            write_record(begun, settings)
-        elif read_record(begun, WearSettings) != settings:
+        settings_file = folder / "settings.h5"
+        if not settings_file.is_file():
+            write_record(settings_file, settings)
+        elif read_record(settings_file, WearSettings) != settings:
             raise StoreError(f"{folder}: was begun with other settings; remove it or choose another --out")
 
     def steps(self) -> list[WearStep]:

@@ -23,7 +23,7 @@ MAX_EXTRAPOLATION = 2.0
 SAME_TANGENT = 1e-4  # relative; far from the accuracy that Newton needs of a tangent
 
 
-class Course(NamedTuple):
+class Forcing(NamedTuple):
     """What a period is under: the pull ``R q + P i`` (N, 3 n) and the factor on friction (N,).
 
     Derivatives by p parameters: `directions` (N, d, p) of the coordinates, `factor_slope` (N, p).
@@ -87,7 +87,7 @@ def _same(a: Array, b: Array) -> bool:
 
 
 @compiled
-def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: PeriodHistory, slope: Array,
+def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: PeriodHistory, slope: Array,
           guess: PeriodHistory, last: PeriodHistory, last_tangent: Array, limits: tuple[float, float],
           found: PeriodHistory, tangent: Array) -> tuple[int, Array]:
     """March one period of N samples with its tangent.
@@ -114,26 +114,26 @@ def march(c: Contact, factors: tuple[Factor, Factor], course: Course, start: Per
         there is none, -1 - j if sample j was not found. The derivative of the last sample marched.
     """
     samples, n = found.state.shape
-    d, p = course.directions.shape[1:]
+    d, p = forcing.directions.shape[1:]
     none, unpressed = np.empty((0, p)), np.empty((0, p))
     moved, widened, direct = np.empty((3 * n, p)), np.empty((n, p)), np.empty((d, p))
     slope = slope.copy()
     before, b, earlier, e = start, 0, start, 0
     for j in range(samples):
-        _guess(guess, found, j, course.pull, before, b, earlier, e)
-        previous, factor = before.displacement[b], course.friction_factor[j]
-        pulls = (course.pull[j - 1], course.pull[j])
+        _guess(guess, found, j, forcing.pull, before, b, earlier, e)
+        previous, factor = before.displacement[b], forcing.friction_factor[j]
+        pulls = (forcing.pull[j - 1], forcing.pull[j])
         if not find_in_parts(c, factors[0], pulls, factor, previous, found, j, limits[0]):
             return -1 - j, slope
         if p:
             for i in range(n):
                 for k in range(p):
-                    widened[i, k] = c.friction[i] * course.factor_slope[j, k]
-            change = (course.directions[j], widened, none)
+                    widened[i, k] = c.friction[i] * forcing.factor_slope[j, k]
+            change = (forcing.directions[j], widened, none)
             differentiate(c, factors[1], factor, previous, found, j, slope, change, moved, unpressed)
             slope, moved = moved, slope
             multiply(c.felt, slope, tangent[j])
-            multiply(c.felt_coupling, course.directions[j], direct)
+            multiply(c.felt_coupling, forcing.directions[j], direct)
             for i in range(d):
                 for k in range(p):
                     tangent[j, i, k] -= direct[i, k]

@@ -130,7 +130,7 @@ class DrivenExperiment:
             cycles=np.full(count, np.nan), condition=np.zeros(count, np.int64), held_out=data.held_out[rows])
 
     @property
-    def courses(self) -> Array:
+    def modulations(self) -> Array:
         """Return waves over the phase, which goes round once in each stroke: other forms too are alike in both."""
         return harmonics(self.measurement.phase, MODULATING)
 

@@ -43,10 +43,10 @@ def locate(data: DrivenData, noise: Noise, left: Array, block: str) -> Location:
     cuts += [("cycles", one.label, used & np.isin(np.arange(len(used)), data.samples_of(one))) for one in cycles]
     cuts = [one for one in cuts if one[2].any()]
     parity = dict(_parities(data, left))
-    looked = len(cuts) + len(parity)
+    count = len(cuts) + len(parity)
     total = max(float(np.sum(left[used]**2)) - used.sum() * noise.sd**2, 1e-300)
     places = [Place(cut=cut, where=where, share=_share(left[mask], noise, total),
-                    p_value=min(1.0, looked * _p(left[mask], noise))) for cut, where, mask in cuts]
+                    p_value=min(1.0, count * _p(left[mask], noise))) for cut, where, mask in cuts]
     strength = sum(parity.values()) or 1.0
     places += [Place(cut="parity", where=name, share=size / strength, p_value=places[0].p_value)
                for name, size in parity.items()]

@@ -45,17 +45,17 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
     began = time.monotonic()
     data = driven_data(recording)
     progress(0.05, "baseline and noise")
-    looked = searched(data, fast, progress)
-    found = decide(looked)
+    hypotheses = searched(data, fast, progress)
+    found = decide(hypotheses)
     progress(0.9, "parameters and pictures")
-    experiment, fit = own_experiment(looked), looked.fits[found.after]
-    before, after = (experiment.force(one) for one in (looked.baseline, fit))
+    experiment, fit = own_experiment(hypotheses), hypotheses.fits[found.after]
+    before, after = (experiment.force(one) for one in (hypotheses.baseline, fit))
     noise, named = experiment.noise, found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     block = blocks_of(found.effects) or ("rig" if data.kind is LUMPED else "contact law")
     location = locate(data, noise, data.force - before, "" if found.verdict is Verdict.NONE else block)
     law = residual_law(data, noise, data.force - before) if found.verdict is Verdict.UNKNOWN else None
     remainder = Remainder(
-        share=1.0 - looked.explained(found.after) if found.after else 1.0,
+        share=1.0 - hypotheses.explained(found.after) if found.after else 1.0,
         times_noise=float(np.sqrt(np.mean((data.force - after)[data.used]**2))) / noise.sd,
         where=locate(data, noise, data.force - after, block).phase)
     return Diagnosis(
@@ -63,10 +63,10 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=sentence(found, remainder, location, law), detection=detect(data, noise, data.force - before),
         location=location, remainder=remainder,
-        parameters=estimates(looked, found.after),
-        held_out=held_out(experiment, looked.baseline, fit), residual_law=law,
+        parameters=estimates(hypotheses, found.after),
+        held_out=held_out(experiment, hypotheses.baseline, fit), residual_law=law,
         separating_measurement=separating(found.sets or [()]) if law is None else next_measurement(law),
-        smallest_visible=visible(looked) if found.verdict is Verdict.NONE else {},
+        smallest_visible=visible(hypotheses) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(data, before, after), evolution=evolved(data, before, after),
         residual_maps=residual_maps(data, noise, before, after),
         notes=_notes(recording, data, experiment), after_model=after_model(found.verdict, found.after),
@@ -85,12 +85,12 @@ def searched(data: DrivenData, fast: bool, progress: Progress) -> IndependentSea
     noise = measured_noise(data, rough.joint(first.prediction.point))
     shared, every = max(noise.correlation, _alike(rough, first)), max(1, int(data.used.sum()) // ROWS)
     if shared > noise.correlation:  # what is alike in it the baseline may lack
-        alone = _begun(DrivenExperiment(data, noise, shared, every), first, fast)
+        alone = _start_search(DrivenExperiment(data, noise, shared, every), first, fast)
         begin_all(alone)
         best = min((alone.fitter.fit(fit.prediction.point, None) for fit in alone.fits.values()),
                    key=lambda fit: fit.chi_squared)
         shared = max(noise.correlation, _alike(rough, best))
-    found = _begun(DrivenExperiment(data, noise, shared, every), first, fast)
+    found = _start_search(DrivenExperiment(data, noise, shared, every), first, fast)
     search(found, lambda share, text: progress(0.2 + 0.65 * share, text))
     return found
 
@@ -101,7 +101,7 @@ def _alike(experiment: DrivenExperiment, fit: Fit) -> float:
     return float(data.used.sum()) / effective(data.force - experiment.force(fit), data.used)
 
 
-def _begun(experiment: DrivenExperiment, first: Fit, fast: bool) -> IndependentSearch:
+def _start_search(experiment: DrivenExperiment, first: Fit, fast: bool) -> IndependentSearch:
     found = IndependentSearch(experiment, in_turn, FAST if fast else FULL)
     found.fits[frozenset()] = refitted(experiment, first.prediction.point)
     found.stated = found.fitter.at(Point(first.parameters, np.zeros(len(first.z))), None)
@@ -124,9 +124,9 @@ def fitted(data: DrivenData, effects: Sequence[str]) -> Fit:
     return min(ends, key=lambda fit: fit.objective)
 
 
-def own_experiment(looked: IndependentSearch) -> DrivenExperiment:
+def own_experiment(hypotheses: IndependentSearch) -> DrivenExperiment:
     """Return the experiment of a search among joints."""
-    found: DrivenExperiment = looked.experiment  # type: ignore[assignment]
+    found: DrivenExperiment = hypotheses.experiment  # type: ignore[assignment]
     return found
 
 

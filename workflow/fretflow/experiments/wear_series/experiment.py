@@ -47,7 +47,7 @@ class WearSeriesExperiment:
                           / tests.scale)
 
     @property
-    def courses(self) -> Array:
+    def modulations(self) -> Array:
         """Return the logarithms of what varies, and of the energy: a law of another form bends over one of them."""
         tests = self.data.tests
         logs = np.stack([np.log(x) for x in (*(tests.states[name] for name in tests.varied), tests.energy)], axis=1)

@@ -37,7 +37,7 @@ class Form:
     """A law that an effect may have, fitted alone, and its log evidence with a discrepancy beside it."""
 
     law: VolumeLaw
-    looked: IndependentSearch
+    hypotheses: IndependentSearch
     worth: float
 
     @property
@@ -59,17 +59,17 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     progress(0.2, "tests of one coefficient")
     detection = detect(data)
     forms = fitted_forms(data)
-    looked = begun(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
-    search(looked, lambda share, text: progress(0.3 + 0.5 * share, text))
+    hypotheses = start_search(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
+    search(hypotheses, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
-    found = detected(decide(looked), detection)  # few tests do not tell their scatter well
-    experiment, base, fit = experiment_of(looked), looked.baseline, looked.fits[found.after]
+    found = detected(decide(hypotheses), detection)  # few tests do not tell their scatter well
+    experiment, base, fit = experiment_of(hypotheses), hypotheses.baseline, hypotheses.fits[found.after]
     unseen = held_out(experiment, base, fit)
     progress(0.95, "parameters and pictures")
     unknown, none = found.verdict is Verdict.UNKNOWN, found.verdict is Verdict.NONE
     before, after = (experiment.volumes(one.prediction.point) for one in (base, fit))
     law = residual_law(data, before) if unknown else None
-    parameters = estimates(looked, frozenset() if unknown else found.after)
+    parameters = estimates(hypotheses, frozenset() if unknown else found.after)
     view = _view(data, before, after)
     location = locate(data, before)
     if none:
@@ -77,7 +77,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     powers = tuple(name for one in found.after for name in experiment.forms[one].powers)
     rivals = [one for one in forms if one.names == found.after and powers and not set(powers) <= set(one.law.powers)
               and one.worth > forms[0].worth - NEGLIGIBLE]
-    remainder = Remainder(share=1.0 - looked.explained(found.after) if found.after else 1.0,
+    remainder = Remainder(share=1.0 - hypotheses.explained(found.after) if found.after else 1.0,
                           times_noise=float(np.sqrt(fit.chi_squared / experiment.measurement.expected)), where="")
     return Diagnosis(
         title=series.title, recording=str(series.path), kind=series.kind.id, verdict=found.verdict,
@@ -86,8 +86,8 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
         parameters=parameters, held_out=unseen, remainder=remainder,
         separating_measurement=words.next_measurement(found.sets, data, powers, [one.law for one in rivals], law),
         residual_law=law, wear_tests=view,
-        smallest_visible=visible(looked) if none else {},
-        notes=(*words.warnings(data, view), *_of_law(looked, fit, powers, rivals, parameters)),
+        smallest_visible=visible(hypotheses) if none else {},
+        notes=(*words.warnings(data, view), *_of_law(hypotheses, fit, powers, rivals, parameters)),
         case_file=words.case_text(series.title, experiment, found.after, parameters) if found.effects else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
 
@@ -105,19 +105,19 @@ def fitted_forms(data: WearData) -> tuple[Form, ...]:
     found = []
     for laws in volume_laws(data.tests).values():
         for law in laws:
-            looked = begun(data, {law.effect: law}, True)
-            own = looked.experiment.parameters([law.effect])
-            if not looked.experiment.together([law.effect]):
+            hypotheses = start_search(data, {law.effect: law}, True)
+            own = hypotheses.experiment.parameters([law.effect])
+            if not hypotheses.experiment.together([law.effect]):
                 continue
-            starts = [np.r_[looked.baseline.z, np.full(own.size - 1, way)] for way in (-HALF, 0.0, HALF)]
-            looked.keep(at_rest(looked.fitter, Point(own, start)) for start in starts)
+            starts = [np.r_[hypotheses.baseline.z, np.full(own.size - 1, way)] for way in (-HALF, 0.0, HALF)]
+            hypotheses.keep(at_rest(hypotheses.fitter, Point(own, start)) for start in starts)
             names = frozenset({law.effect})
-            worth = looked.evidence(names).averaged(looked.any_size(names))
-            found.append(Form(law, looked, worth))
+            worth = hypotheses.evidence(names).averaged(hypotheses.any_size(names))
+            found.append(Form(law, hypotheses, worth))
     return tuple(sorted(found, key=lambda one: -one.worth))
 
 
-def begun(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> IndependentSearch:
+def start_search(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> IndependentSearch:
     """Return a search with the baseline fitted."""
     counts = {name: len(laws) for name, laws in volume_laws(data.tests).items()}
     found = IndependentSearch(WearSeriesExperiment(data, forms, counts), in_turn, FAST if fast else FULL)
@@ -126,9 +126,9 @@ def begun(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> Independen
     return found
 
 
-def experiment_of(looked: IndependentSearch) -> WearSeriesExperiment:
+def experiment_of(hypotheses: IndependentSearch) -> WearSeriesExperiment:
     """Return the experiment of a search among laws of wear."""
-    found: WearSeriesExperiment = looked.experiment  # type: ignore[assignment]
+    found: WearSeriesExperiment = hypotheses.experiment  # type: ignore[assignment]
     return found
 
 
@@ -148,15 +148,15 @@ def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
                         "together", before=sizes[0], after=sizes[-1], floor=1.0)
 
 
-def _of_law(looked: IndependentSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
+def _of_law(hypotheses: IndependentSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
             made: Sequence[Estimate]) -> list[str]:
     """Return what limits a named law: rivals, exponents out of range, another growth of the scatter."""
     notes = [f"powers of {listed(one.law.powers)} instead of {listed(powers)} explain "
-             f"{100.0 * one.looked.explained(one.names):.0f} %, about as well" for one in rivals]
+             f"{100.0 * one.hypotheses.explained(one.names):.0f} %, about as well" for one in rivals]
     notes += words.beyond(made)
     known = {one.name: one for one in made if one.name.endswith("_exponent")}
     for power, told in ((0.0, "in proportion to the volume"), (1.0, "not at all with the volume")) if known else ():
-        share, other = other_scatter(looked, fit, power)
+        share, other = other_scatter(hypotheses, fit, power)
         values = {one.name: one.value(float(z)) for one, z in zip(other.parameters.coordinates, other.z, strict=True)}
         if share < 0.5 or any(not one.low <= values[name] <= one.high for name, one in known.items()):
             exponents = ", ".join(f"{name.rpartition('.')[2].replace('_', ' ')} {values[name]:.2f}" for name in known)
@@ -165,12 +165,12 @@ def _of_law(looked: IndependentSearch, fit: Fit, powers: tuple[str, ...], rivals
     return notes
 
 
-def other_scatter(looked: IndependentSearch, fit: Fit, power: float) -> tuple[float, Fit]:
+def other_scatter(hypotheses: IndependentSearch, fit: Fit, power: float) -> tuple[float, Fit]:
     """Return the share of all squares that a law removes, and its fit, if scatter grew with another `power`."""
-    experiment = experiment_of(looked)
+    experiment = experiment_of(hypotheses)
     other = replace(experiment, data=replace(experiment.data, tests=replace(experiment.data.tests, power=power)))
     before, after = (at_rest(Fitter(other, other.measurement.covariance()), one.prediction.point)
-                     for one in (looked.baseline, fit))
+                     for one in (hypotheses.baseline, fit))
     return 1.0 - after.chi_squared / before.chi_squared, after
 
 

@@ -67,13 +67,13 @@ def ring_down(joint: BoltedJoint, mode: LinearMode, amplitude: float, periods: i
     displacement = np.zeros((count, rest.slid.shape[1]))
     y[0] = still + amplitude * shape / np.linalg.norm(shape)
     before, now = y[0], y[0]
-    begun = True
+    starting = True
     for k in range(count):
         found = massless.follow(now[None], found)
         y[k], displacement[k] = now, found.displacement[0]
         pull = massless.eigenvalues * (massless.pulled(found)[0] - now)
-        if begun:  # from rest: half a step's acceleration
-            before, now, begun = now, now + 0.5 * step**2 * pull, False
+        if starting:  # from rest: half a step's acceleration
+            before, now, starting = now, now + 0.5 * step**2 * pull, False
             continue
         # damping by central differences: (y+ - y-) / (2 dt)
         before, now = now, (2.0 * now - before * (1.0 - 0.5 * step * loss) + step**2 * pull) / (1.0 + 0.5 * step * loss)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import Coulomb
-from fretflow.contact.kernels.march import Course, march
+from fretflow.contact.kernels.march import Forcing, march
 from fretflow.contact.kernels.sample import empty_period
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core.errors import InputError, NonConvergenceError
@@ -261,7 +261,7 @@ class ContactMarch:
         run = self._pass(position, directions, before, slope, guess)
         for period in range(1, MAX_PERIODS):
             drift = self._drift(run, before, slope)
-            waits = period <= NEWTON_AFTER and not self._lingers(run, before)
+            waits = period <= NEWTON_AFTER and not self._derivatives_lag(run, before)
             shot = not waits and drift < HELPS * last and self._has_monodromy(run, before)
             if shot:
                 before, slope = self._shooting_step(run, before, slope, MAY_PERSIST)
@@ -296,7 +296,7 @@ class ContactMarch:
         slopes = self.surroundings.factor_slope(factor, directions)
         none = empty_period(0, system.size, position.shape[1])
         until, after = march(
-            system.data, self.solver.factors, Course(*map(plain, (pull, factor.factor, directions, slopes))),
+            system.data, self.solver.factors, Forcing(*map(plain, (pull, factor.factor, directions, slopes))),
             start.alone(), plain(slope), none if guess is None else guess, none if last is None else last.history,
             tangent[:0] if last is None else last.tangent, (self.solver.tolerance, self.repeat), found, tangent)
         if until < 0:
@@ -335,7 +335,7 @@ class ContactMarch:
         displacement[at] += change[:, -1]
         return SampleState(displacement, run.end.force, run.end.state), slope
 
-    def _lingers(self, run: _Pass, before: SampleState) -> bool:
+    def _derivatives_lag(self, run: _Pass, before: SampleState) -> bool:
         """Tell whether derivatives are all that has yet to repeat, and that slowly because some node always sticks."""
         repeats = np.abs(run.end.force - before.force).max() < self.repeat
         return bool(run.slope.shape[1] and repeats and not _forgets(run))
