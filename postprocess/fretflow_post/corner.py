@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.words import parameter_words
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 from scipy.stats import gaussian_kde
 
@@ -17,7 +19,9 @@ from fretflow_post import style
 
 Array = NDArray[np.float64]
 
+DECADES = 10.0  # ends of a 90 % interval that are further apart, relatively, are drawn by their logarithm
 HELD = (0.9, 0.5)  # shares of the draws within the regions
+LETTERS = 15  # of a line of a label
 LONGEST = 3  # digits before or after the point of a tick's text
 GRID = 32  # points to a side at which a density is drawn
 ROUND_OFF = 1e-9  # relative: a parameter that varies less has no density
@@ -38,13 +42,18 @@ def plot_corner(figure: Figure, parameters: Sequence[tuple[str, str, Array]]) ->
     grid = figure.add_gridspec(count, count, left=1.4 / width, right=0.98, bottom=1.3 / width, top=1.0 - 1.2 / width,
                                hspace=0.08, wspace=0.08)
     columns = [_readable(*one) for one in parameters]
+    wide = [bool(np.all(values > 0.0) and np.quantile(values, 0.95) > DECADES * np.quantile(values, 0.05))
+            for _, values in columns]
+    columns = [(label, np.log10(values) if far else values) for (label, values), far in zip(columns, wide, strict=True)]
     for row, (label, values) in enumerate(columns):
         for column in range(row + 1):
             axes = figure.add_subplot(grid[row, column])
             axes.grid(False)
-            for axis, outer, text in ((axes.xaxis, row == count - 1, columns[column][0]),
-                                      (axes.yaxis, column == 0 < row, label)):
-                axis.set_major_locator(MaxNLocator(3, prune="both"))
+            for axis, outer, text, far in ((axes.xaxis, row == count - 1, columns[column][0], wide[column]),
+                                           (axes.yaxis, column == 0 < row, label, wide[row])):
+                axis.set_major_locator(MaxNLocator(3, prune=None if far else "both", integer=far))
+                if far:
+                    axis.set_major_formatter(FuncFormatter(lambda power, _: f"$10^{{{power:g}}}$"))
                 axis.set_tick_params(labelsize=small - 2.0, labelrotation=30.0 if axis is axes.xaxis else 0.0)
                 if outer:
                     axis.set_label_text(text, fontsize=small)
@@ -60,6 +69,12 @@ def plot_corner(figure: Figure, parameters: Sequence[tuple[str, str, Array]]) ->
     return figure
 
 
+def write_corner(path: Path, title: str, subtitle: str, parameters: Sequence[tuple[str, str, Array]]) -> Path:
+    """Write the corner plot of `parameters`, as of `plot_corner`, to the PNG `path` and return it."""
+    with style.styled():
+        return style.save_figure(plot_corner(style.new_figure(title, subtitle, 12.0, 12.0), parameters), path)
+
+
 def _readable(name: str, si: str, draws: Array) -> tuple[str, Array]:
     middle = float(np.median(np.abs(draws)))
     unit, size = readable_unit(middle, si)
@@ -68,7 +83,8 @@ def _readable(name: str, si: str, draws: Array) -> tuple[str, Array]:
         unit, size = f"$10^{{{power}}}$ {pretty_unit(unit)}".rstrip(" 1"), size * 10.0**power
     of, _, own = name.rpartition(".")
     unit = pretty_unit(unit)
-    return f"{of}\n{parameter_words(own)}" + (f"\n({unit})" if unit not in ("", "1") else ""), draws / size
+    lines = (of, fill(parameter_words(own), LETTERS), *((f"({unit})",) if unit not in ("", "1") else ()))
+    return "\n".join(lines), draws / size
 
 
 def _varies(values: Array) -> bool:

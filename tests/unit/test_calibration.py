@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 from fretflow import cli
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import load_case, validate_case
@@ -203,6 +204,19 @@ def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
 def a_case(cycles=1000, name="small", **measured):
     return validate_case({"format": "fretflow-case/1", "name": name, "measured": measured,
                           "test": {"excitation_amplitude": "53 N", "cycles": cycles}})
+
+
+def test_the_posterior_is_drawn_and_kept_as_draws(tmp_path):
+    """The draws' spread of logarithms is the posterior's; what no data touch keeps its prior factor."""
+    prior = LogNormalPrior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),
+                           factor=np.array(list(PRIOR_FACTORS.values())))
+    rig = identify(lambda p: p[2:3], prior, Data(names=("mode",), value=np.array([41.0]), relative_sd=np.array([0.01])))
+    table, picture = calibrate._posterior(tmp_path, rig)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    with xr.open_dataset(table, group="posterior", engine="h5netcdf") as found:
+        assert found.in_phase_frequency.attrs["units"] == "Hz"
+        assert float(np.log(found.in_phase_frequency).std()) == pytest.approx(0.01, rel=0.1)
+        assert float(np.log(found.damping_ratio).std()) == pytest.approx(np.log(10.0), rel=0.1)
 
 
 def test_a_calibrated_case_is_a_case_file_with_the_new_values(tmp_path):

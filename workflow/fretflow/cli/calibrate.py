@@ -19,8 +19,8 @@ def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs"), json: Json =
     Masses, springs (by the two modes) and damping follow from in_phase_frequency, out_of_phase_frequency and the
     sliding_distance of every case given, the wear coefficient from worn_volume; each with a 95 % interval and whether
     the data determine it. Standard deviations that are not given are assumed: 5 % of a distance or a volume, 1 % of a
-    mode. Cases that are calibrated together are of one joint. Writes OUT/NAME-calibrated.toml for each case and
-    OUT/calibration.json.
+    mode. Cases that are calibrated together are of one joint. Writes OUT/NAME-calibrated.toml for each case,
+    OUT/calibration.json, and the posterior as OUT/calibration.png and, for ArviZ, calibration.nc.
 
     Parameters
     ----------

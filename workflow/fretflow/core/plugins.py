@@ -15,6 +15,7 @@ Of ``fretflow.figures``, where a file is a path that is written and returned:
 - ``run``: ``(folders, folder, output) -> files``, all pictures of a run's stages;
 - ``results``: ``(RunResults) -> Figure``, a run at a glance;
 - ``report``: ``(file, Diagnosis) -> file``, its page; ``diagnosis``: ``(Diagnosis, what) -> Figure``;
+- ``corner``: ``(file, title, subtitle, parameters) -> file``, draws of each and in pairs;
 - ``loops``: ``(file, title, LoopSet, RecordedReadings, index) -> files``;
 - ``modes``: ``(file, upper, lower) -> files``; ``response``: ``(file, curves) -> files``;
 - ``effect``: ``(file, id, Effect) -> file``.
