@@ -42,7 +42,7 @@ def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequenc
     add("map", "wear_depth", counts[-1], None, len(POINTS), depth_sd, "wear map")
     floor = np.concatenate(sizes)
     return Observation(values=np.zeros(len(floor)), variance=floor**2, noise=np.ones(len(floor)),
-                       modes=np.zeros((len(floor), 0)), floor=floor, pieces=tuple(pieces), solved=SOLVED,
+                       modes=np.zeros((len(floor), 0)), floor=floor, pieces=tuple(pieces),
                        harmonics=HARMONICS, aligned_to="excitation", conditions=tuple(conditions), points=POINTS)
 
 

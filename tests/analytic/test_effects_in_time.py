@@ -95,6 +95,8 @@ CASES = {
     "load": (LoadDependentFriction(exponent=0.25).changed(reference_pressure=100e6),
              {"friction": lambda x, v, way: 0.6**-0.25}),
     "direction": (DirectionalFriction(difference=0.08), {"friction": lambda x, v, way: 1.0 + 0.08 * way}),
+    "direction, the mean at rest": (DirectionalFriction(difference=0.08, rest=0.0), {
+        "friction": lambda x, v, way: 1.0 + 0.08 * (way if way * v > 0.0 else 0.0)}),
     "coupling": (NormalLoadCoupling().changed(slope=1e6), {"friction": lambda x, v, way: 1.0 + 1e6 * x / N}),
     "support": (SupportNonlinearity().changed(stiffness=1e15), {"support": lambda x: 1e15 * x**3}),
     "drive": (ExcitationDistortion(second=0.2, second_phase=1.0, third=0.1, third_phase=-0.5),

@@ -90,6 +90,9 @@ class Waves:
     def finer(self) -> None:
         """Return nothing."""
 
+    def corrected(self, prediction: Prediction) -> None:
+        """Return nothing."""
+
 
 def cosine() -> Array:
     """Return the baseline's loops."""

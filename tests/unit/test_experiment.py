@@ -49,6 +49,9 @@ class Line:
     def finer(self) -> None:
         """Return nothing: there are no numerical errors."""
 
+    def corrected(self, prediction: Prediction) -> None:
+        """Return nothing."""
+
 
 def line() -> Line:
     """Return the experiment; what it measured plays no part."""

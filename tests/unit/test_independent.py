@@ -63,6 +63,9 @@ class Linear:
     def finer(self) -> None:
         """Return nothing."""
 
+    def corrected(self, prediction: Prediction) -> None:
+        """Return nothing."""
+
 
 def linear(weight: float = 1.0, cost: float = 0.0, modes: int = 0) -> Linear:
     """Return a noisy line with a slope of 1.5 and errors that rows share."""

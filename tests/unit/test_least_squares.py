@@ -47,6 +47,9 @@ class Valley:
         """Return the same with smaller ripples."""
         return replace(self, tolerance=self.finest) if self.tolerance > self.finest else None
 
+    def corrected(self, prediction: Prediction) -> None:
+        """Return nothing."""
+
 
 def found(valley: Valley) -> Fit:
     """Return the fit from the other side of the valley, by 60 steps at most."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.experiments.rig.observation import observe, resampled
+from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
 from fretflow.experiments.rig.setup import (
     case_of,
     depth_error,
@@ -88,13 +88,14 @@ def test_what_cannot_be_predicted_from_is_named(field: str) -> None:
 
 
 def test_errors_of_the_coarse_model_are_extrapolated_loop_by_loop() -> None:
-    """Of an error c / N twice the samples leave half, so that twice the difference is added; modes are a piece each."""
+    """What twice the samples change is added, a third of it staying as an error; modes are a piece each."""
     pieces: Any = [SimpleNamespace(place=slice(0, 3)), SimpleNamespace(place=slice(3, 5))]
     plain, denser = np.full(5, 10.0), np.full(5, 10.0) - 1.0
     seen: Any = SimpleNamespace(pieces=pieces, rows=lambda block: np.zeros(5, dtype=bool))
     correction, modes = errors_of(seen, plain, denser, plain)
-    assert correction == pytest.approx(np.full(5, -2.0))
+    assert correction == pytest.approx(np.full(5, -1.0))
     assert np.count_nonzero(modes, axis=0).tolist() == [0, 3, 0, 2]
+    assert modes.sum(axis=1) == pytest.approx(np.full(5, -1.0 / 3.0))
 
 
 def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
@@ -130,8 +131,8 @@ def test_loops_of_any_number_of_samples_are_seen_in_the_same_harmonics(measured:
         return sum(cosines[k] * np.cos(k * at) + sines[k] * np.sin(k * at) for k in range(13))
 
     phase = start + 2.0 * np.pi * np.arange(measured) / measured
-    found = resampled(wave(phase)[None], phase, 50)
-    assert found[0] == pytest.approx(wave(2.0 * np.pi * np.arange(50) / 50), abs=1e-12)
+    found = from_zero(wave(phase)[None], phase)
+    assert found[0] == pytest.approx(wave(2.0 * np.pi * np.arange(measured) / measured), abs=1e-12)
 
 
 def thinned(every: int) -> Recording:
@@ -144,10 +145,27 @@ def thinned(every: int) -> Recording:
 
 def test_too_few_samples_of_a_period_are_refused() -> None:
     """Fifty tell twelve harmonics; of forty too many fold into those that are compared."""
-    few = observe(thinned(8), 50)
-    assert (few.solved, few.harmonics) == (50, 12)
+    assert observe(thinned(8)).harmonics == HARMONICS
     with pytest.raises(UnreliableRecordingError, match=r"40 samples a period are too few .* record 48 or more"):
-        observe(thinned(10), 50)
+        observe(thinned(10))
+
+
+def test_noise_falls_with_the_samples_that_are_recorded() -> None:
+    """Each harmonic is read off all samples: with eight times as many, white noise has an eighth of the variance."""
+    rng = np.random.default_rng(5)
+    seen = recorded()
+    assert seen.loops is not None
+    every = {name: np.repeat(values, 3, axis=1) + 0.1 * values.max() * rng.standard_normal(
+        (len(COUNTS), 3, SAMPLES)) for name, values in seen.loops.channels.items()}
+
+    def variance(step: int) -> float:
+        loops = replace(seen.loops, phase=seen.loops.phase[::step],  # type: ignore[union-attr]
+                        channels={name: values[..., ::step] for name, values in every.items()})
+        found = observe(replace(seen, loops=loops))
+        repeated = found.variance * found.noise  # without what timing is off by
+        return float(np.mean(repeated[found.rows(channel="friction_force")]))
+
+    assert variance(8) / variance(1) == pytest.approx(8.0, rel=0.3)
 
 
 def noisy(force: float) -> Recording:
@@ -179,10 +197,10 @@ def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> No
         assert plain.loops is not None
         off = 1e-6 * rng.standard_normal((len(COUNTS), 3, 1)) * way
         channels = {**plain.loops.channels, "displacement": plain.loops.channels["displacement"] + off}
-        return observe(replace(plain, loops=replace(plain.loops, channels=channels)), 50)
+        return observe(replace(plain, loops=replace(plain.loops, channels=channels)))
 
     follows, beats = np.sign(np.sin(phase - 0.6)), np.sin(2.0 * phase)
-    for way, share in ((follows, 0.2), (beats, 0.85)):  # noise of 50 samples has 0.2 of its power in five harmonics
+    for way, share in ((follows, 10.0 / SAMPLES), (beats, 0.85)):  # of white noise ten in so many lie in five harmonics
         seen = scattered(way)
         assert seen.smooth_share > 0.7
         slope = np.zeros(len(seen.values))

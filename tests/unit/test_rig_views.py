@@ -39,7 +39,7 @@ def observation(values=None):
     return Observation(
         values=np.concatenate([*parts, [1e-6, 2e-6, 3e-6]]) if values is None else values,
         variance=floor**2 / REPEATS, noise=np.ones(len(floor)), modes=np.zeros((len(floor), 0)), floor=floor,
-        pieces=tuple(pieces), solved=2 * SAMPLES, harmonics=SAMPLES // 2, aligned_to="excitation",
+        pieces=tuple(pieces), harmonics=SAMPLES // 2, aligned_to="excitation",
         conditions=(SweepCondition(id=0, normal_load="50 N"), SweepCondition(id=1, normal_load="60 N")),
         points=1e-3 * np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 1.0]]))
 

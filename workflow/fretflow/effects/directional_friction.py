@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.case.config import Case
+from fretflow.contact.law import FactorAndSlopes
 from fretflow.effects.effect import (
     ALL_KINDS,
     OTHER_LOAD,
@@ -22,18 +23,35 @@ from fretflow.effects.effect import (
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
+ASPERITIES = 1e-7  # m, that asperities give way before they slide: with less in a period's radian nothing goes any way
+
+
+@dataclass(frozen=True)
+class _DirectionOfMotion:
+    """``1 + d v / sqrt(v^2 + v_0^2)`` of the moving specimen's speed."""
+
+    difference: float
+    smallest: float
+
+    def __call__(self, position: Array, velocity: Array) -> FactorAndSlopes:
+        size = np.hypot(velocity, self.smallest)
+        return FactorAndSlopes(1.0 + self.difference * velocity / size, np.zeros_like(position),
+                               self.difference * self.smallest**2 / size**3)
+
 
 class DirectionalFriction(Effect):
     """Friction ``mu (1 + d)`` where the upper face slides to positive x, ``mu (1 - d)`` to negative x.
 
-    In between the limit follows the direction of the friction force t, ``mu (1 - d t_x)``.
+    A face at rest goes no way. Its limit has a share r of the difference, by the direction of the friction force t:
+    ``mu (1 - r d t_x)``. It follows that force with r = 1, and is mu itself, the mean of both ways, with r = 0.
     """
 
     id: ClassVar[str] = "directional-friction"
     title: ClassVar[str] = "friction that differs with the direction of sliding"
     block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "mu (1 - d t_x), t the direction of the friction force"
-    formula: ClassVar[str] = r"\mu\,(1 - d\,t_x), \qquad \boldsymbol{t} \text{ the direction of the friction force}"
+    equation: ClassVar[str] = "mu (1 + d sign v), at rest mu (1 - r d t_x), t the direction of the friction force"
+    formula: ClassVar[str] = (r"\mu\,(1 + d\,\mathrm{sign}\,v), \quad \text{at rest}\ \mu\,(1 - r\,d\,t_x), "
+                              r"\quad \boldsymbol{t} \text{ the direction of the friction force}")
     source: ClassVar[str] = "A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset disc"
     told_by: ClassVar[str] = OTHER_LOAD
     observables: ClassVar[tuple[str, ...]] = ("mean of the friction force", "even harmonics")
@@ -41,6 +59,8 @@ class DirectionalFriction(Effect):
 
     difference: float = parameter(0.05, "d: half the difference between both directions, over their mean", 0.01, 0.1,
                                   gt=-1.0, lt=1.0, logarithmic=False)
+    rest: float = parameter(1.0, "r: share of the difference that is left at rest", 0.0, 1.0, ge=-1.0, le=1.0,
+                            logarithmic=False)
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:
@@ -48,8 +68,13 @@ class DirectionalFriction(Effect):
         return cls(difference=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
-        """Let friction follow the direction."""
-        return replace(problem, law=replace(problem.law, asymmetry=problem.law.asymmetry + self.difference))
+        """Let friction follow the direction: of motion and of force with parts that add up in sliding."""
+        by_force, by_motion = (0.5 * (1.0 + way * self.rest) * self.difference for way in (1.0, -1.0))
+        law = replace(problem.law, asymmetry=problem.law.asymmetry + by_force)
+        if by_motion:
+            law = replace(law, motion_factors=(*law.motion_factors,
+                                               _DirectionOfMotion(by_motion, problem.omega * ASPERITIES)))
+        return replace(problem, law=law)
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factors for sliding to positive and to negative x."""

@@ -138,6 +138,10 @@ class Experiment(Protocol):
         """Return the same with smaller numerical errors, for fits that these bring to a halt; None if there is none."""
         ...
 
+    def corrected(self, prediction: Prediction) -> Experiment | None:
+        """Return the same with its numerical errors at a prediction put right; None where nothing finer tells them."""
+        ...
+
 
 def differences(experiment: Experiment, prediction: Prediction, points: Sequence[Point]) -> Array:
     """Return the changes (M, V) from a prediction to hypotheses, each predicted; nan where one has no solution."""

@@ -126,6 +126,7 @@ class Search:
     fitters: dict[Names, Fitter] = field(default_factory=dict)
     starts: list[Start] = field(default_factory=list)
     stated: Fit | None = None  # the baseline as it was stated
+    settled: set[Names] = field(default_factory=set)  # whose numerical errors were put right at their own fits
     _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _evidence: dict[Names, tuple[Fit, bool, Evidence]] = field(default_factory=dict)
 
@@ -284,8 +285,9 @@ def search(found: Search, progress: Progress) -> None:
     """Fit all sets of effects that may explain the measurement."""
     progress(0.0, "beginning every effect")
     begin_all(found)
-    progress(0.4, "fitting the most promising")
+    progress(0.35, "fitting the most promising")
     to_rest(found, 1)
+    correct(found, [0, 1])
     progress(0.6, "what could act beside them")
     bases = found.best(1)[:found.effort.bases]
     found.sign(bases)
@@ -295,15 +297,50 @@ def search(found: Search, progress: Progress) -> None:
         # one of the two may have brought the other out of a bad start
         found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
     to_rest(found, 1)
+    progress(0.85, "what the model's numbers leave out at the best")
+    correct(found, [1, 2])
+
+
+def correct(found: Search, of: Sequence[int]) -> None:
+    """Put the numerical errors of the leading sets of some sizes right at their own fits, and of those that lead then.
+
+    What a set explains by the errors of a coarse model is no longer explained, and another leads. Sets that are less
+    probable than smaller ones need none.
+    """
+    for _ in range(2):
+        leading = [names for size in of for names in found.best(size)[:found.effort.bases]
+                   if names not in found.settled and all(
+                       found.log_evidence(names, False) > found.log_evidence(one, False)
+                       for less in range(size) for one in found.best(less)[:1])]
+        if not leading:
+            break
+        put_right = found.pool(correct_task, [(found.fitter, found.fits[names]) for names in leading])
+        found.settled.update(leading)
+        found.fitters.update({names: own for names, own in zip(leading, put_right, strict=True) if own is not None})
+        again = found.pool(fit_task, [
+            Task(own, found.fits[names].prediction.point, found.fits[names].prediction, found.effort.last_steps)
+            for names, own in zip(leading, put_right, strict=True) if own is not None])
+        found.fits.update({fit.effects: fit for fit in again if fit is not None})
+
+
+def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
+    """Return a fitter with the numerical errors put right at a fit; None where nothing finer tells them."""
+    fitter, fit = asked
+    experiment = fitter.experiment.corrected(fit.prediction)
+    return None if experiment is None else replace(fitter, experiment=experiment)
 
 
 def to_rest(found: Search, size: int) -> None:
-    """Fit the sets of a size on until those that may matter have come to rest."""
+    """Fit the leading sets of a size on until they have come to rest.
+
+    Of single effects the first few whatever their distance: how probable one is shows at rest only.
+    """
     for _ in range(2):
-        open_ = [names for names in found.promising(found.best(size)) if not found.fits[names].converged]
+        sets = found.best(size) if size == 1 else found.promising(found.best(size))
+        open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
         if not open_:
             break
-        found.continue_fits(open_[:2 * found.effort.bases], found.effort.last_steps // 2)
+        found.continue_fits(open_, found.effort.last_steps // 2)
 
 
 @dataclass(frozen=True)
@@ -462,6 +499,7 @@ def beside(found: Search, names: Names) -> list[Task]:
         known = {one.name: z for own in (alone, fit) for one, z in zip(own.parameters.coordinates, own.z, strict=True)}
         z = np.array([known[one.name] for one in space.coordinates])
         middle = np.where(space.own(name), 0.0, z)
+        found.fitters.setdefault(names | {name}, found.fitter_of(names))
         tasks += [Task(found.fitter_of(names), Point(space, own), fit.prediction, found.effort.last_steps // 2)
                   for own in ((z, middle) if found.effort.starts > 1 else (z,))]
     return tasks

@@ -200,3 +200,7 @@ class DrivenExperiment:
     def finer(self) -> Experiment | None:
         """Return nothing: the march is exact."""
         return None
+
+    def corrected(self, prediction: Prediction) -> Experiment | None:
+        """Return nothing, as `finer`."""
+        return None

@@ -14,6 +14,7 @@ from fretflow.effects.effect import in_sensors_alone
 from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.experiments.rig.phases import Strokes
+from fretflow.experiments.rig.setup import errors_of
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
@@ -33,6 +34,7 @@ class RigExperiment:
     correction: Array
     code_error: Array  # (M, any), modes of what is not known of the correction
     held_out: frozenset[str] = frozenset()  # labels of loops
+    checks: tuple[RigModel, RigModel] | None = None  # on a finer mesh, and with more samples
 
     @cached_property
     def measurement(self) -> Measurement:
@@ -86,6 +88,17 @@ class RigExperiment:
         if self.rig.wear_tolerance <= FINE:
             return None
         return replace(self, rig=replace(self.rig, wear_tolerance=FINE))
+
+    def corrected(self, prediction: Prediction) -> Experiment | None:
+        """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail."""
+        if self.checks is None:
+            return None
+        try:
+            finer, denser = (one.predict(one.simulate(hypothesis(prediction.point))) for one in self.checks)
+        except NonConvergenceError:
+            return None
+        coarse = prediction.values - self.correction
+        return replace(self, correction=errors_of(self.rig.observation, finer, denser, coarse)[0])
 
 
 def hypothesis(point: Point) -> Hypothesis:

@@ -29,9 +29,8 @@ CHANNELS = ("displacement", "friction_force", "excitation", "normal_force", "app
 NEEDED = ("displacement", "friction_force")
 ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
 GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
-LARGEST_SAMPLES = 100  # of a loop
-LEAST_SAMPLES = 48
-PER_HARMONIC = 4  # samples of a loop for each harmonic that is compared
+HARMONICS = 12  # of a loop that are compared
+LEAST_SAMPLES = 4 * HARMONICS  # of a loop: what lies above half of their frequency folds into these harmonics
 # A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
 # size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
 LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002, "normal_force": 0.003,
@@ -81,7 +80,6 @@ class Observation:
     modes: Array = quantity("SI", "(M, B), of errors that samples share")
     floor: Array = quantity("SI", "(M,), sd of a single repeat")
     pieces: tuple[Piece, ...]
-    solved: int  # samples of a period that the model is solved with
     harmonics: int  # of a loop
     aligned_to: str  # channel whose fundamental's maximum is phase zero
     conditions: tuple[SweepCondition, ...]
@@ -168,8 +166,8 @@ class _Stack:
         return slice(start, start + len(values))
 
 
-def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
-    """Return the vector of a recording of the rig, its loops looked at with at most so many samples.
+def observe(recording: Recording) -> Observation:
+    """Return the vector of a recording of the rig.
 
     Raises
     ------
@@ -179,10 +177,10 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     if recording.loops is None:
         raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
     stack = _Stack([], [], [], [], [], [], [], [])
-    samples = _common_samples(recording, most)
-    sizes = _add_loops(stack, recording.loops, samples, None, {})
+    _check_samples(recording)
+    sizes = _add_loops(stack, recording.loops, None, {})
     if recording.sweep is not None:
-        _add_loops(stack, recording.sweep.loops, samples,
+        _add_loops(stack, recording.sweep.loops,
                    condition_labels(recording.sweep.conditions, recording.test), sizes)
     last = int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
@@ -200,45 +198,34 @@ def observe(recording: Recording, most: int = LARGEST_SAMPLES) -> Observation:
     return Observation(
         values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
         noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
-        pieces=tuple(stack.pieces), solved=samples, harmonics=samples // PER_HARMONIC,
+        pieces=tuple(stack.pieces), harmonics=HARMONICS,
         aligned_to=recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
         smooth_share=max(stack.smooth, default=0.0), repeats=tuple(stack.repeats))
 
 
-def _common_samples(recording: Recording, most: int) -> int:
-    """Return the samples of a period that all loops are looked at with, at most so many.
+def _check_samples(recording: Recording) -> None:
+    """Check that all loops have the samples that their harmonics need.
 
     Raises
     ------
     UnreliableRecordingError
-        If there are too few: what lies above half of their frequency folds into the harmonics that are compared.
+        If there are too few.
     """
     sweep = None if recording.sweep is None else recording.sweep.loops
     measured = min(len(loops.phase) for loops in (recording.loops, sweep) if loops is not None)
     if measured < LEAST_SAMPLES:
         raise UnreliableRecordingError(f"{recording.path}: {measured} samples a period are too few to tell the physics "
                                        f"of a rig by; record {LEAST_SAMPLES} or more")
-    return min(measured, most)
 
 
-def resampled(loops: Array, phase: Array, samples: int) -> Array:
-    """Return loops (..., N), measured at equidistant `phase`, at `samples` of them from zero, N or fewer.
-
-    Loops of a multiple are straight between samples; the Fourier series of others is read at a multiple of about N.
-    """
-    measured = len(phase)
-    if measured % samples == 0:
-        if abs(phase[0]) < 1e-9:
-            return loops[..., ::measured // samples]
-        wanted = 2.0 * np.pi * np.arange(samples) / samples
-        rows = [np.interp(wanted, phase, row, period=2.0 * np.pi) for row in loops.reshape(-1, measured)]
-        return np.stack(rows).reshape(*loops.shape[:-1], samples)
-    every = round(measured / samples)
-    order = np.arange((measured - 1) // 2 + 1)  # the last one of an even number has no phase
+def from_zero(loops: Array, phase: Array) -> Array:
+    """Return loops (..., N), measured at equidistant `phase` (N,) in rad, by their Fourier series at N from zero."""
+    if abs(phase[0]) < 1e-9:
+        return loops
+    order = np.arange((len(phase) - 1) // 2 + 1)  # the last one of an even number has no phase
     lines = np.fft.rfft(loops)[..., :len(order)] * np.exp(-1j * order * phase[0])
-    kept = lines[..., :(every * samples - 1) // 2 + 1]
-    return np.asarray(np.fft.irfft(kept, every * samples) * (every * samples / measured))[..., ::every]
+    return np.asarray(np.fft.irfft(lines, len(phase)))
 
 
 def count_label(cycles: int) -> str:
@@ -259,8 +246,8 @@ def condition_labels(conditions: Iterable[SweepCondition], test: RecordedTest) -
     return found
 
 
-def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[int, str] | None,
-               sizes: Mapping[str, float]) -> dict[str, float]:
+def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | None, sizes: Mapping[str, float]
+               ) -> dict[str, float]:
     """Add loops to the vector; return the sizes of all channels so far, `sizes` those of loops before.
 
     A sensor's zero is one for all loops, those of the test and those at other conditions after it.
@@ -274,8 +261,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, looked: int, conditions: Mapping[i
         raise UnreliableRecordingError(f"{block}: displacement and friction_force are needed; name their columns")
     for name in names:
         channel = "friction_force" if name == "force" else name
-        values = resampled(loops.channels[name], loops.phase, looked)
-        spread = _spread(values, looked // PER_HARMONIC)
+        values = from_zero(loops.channels[name], loops.phase)
+        spread = _spread(values)
         samples, size = spread.mean.shape[1], _size(channel, spread.mean)
         least, known, places = DIGITIZING * size, np.flatnonzero(loops.repeats), []
         for k in known:
@@ -318,9 +305,9 @@ def _size(channel: str, means: Array) -> float:
     return 0.5 * float(np.nanmax(np.ptp(means, axis=-1)))
 
 
-def _spread(values: Array, harmonics: int) -> Repeatability:
+def _spread(values: Array) -> Repeatability:
     """Return what repeats say; without repeats, the noise is taken from what the samples do from one to the next."""
-    there, limited = np.isfinite(values).all(axis=2), band_limited(values, harmonics)
+    there, limited = np.isfinite(values).all(axis=2), band_limited(values, HARMONICS)
     if np.any(there.sum(axis=1) > 1):  # the floor, and how smooth differences are, go by all that a sample holds
         whole = repeatability(values)
         floor = np.full(limited.shape[2], np.sqrt(np.mean(whole.repeat_sd**2)))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fretflow.case.config import Case, Reduction
-from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.errors import FretflowError
 from fretflow.experiments.rig import words
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
 from fretflow.experiments.rig.held_out import FALSE_ALARMS, HeldOutPrediction, detect, held_out
@@ -42,15 +42,14 @@ from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide, detected, held_to, smallest_visible
-from fretflow.inference.search import FAST, FULL, Pool, Search, Task, fit_task, search, start_search
+from fretflow.inference.search import FAST, FULL, Pool, Search, search, start_search
 from fretflow.inference.verdict import Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
-SAMPLES = 50  # of a period, at most; each loop's error by it is in the covariance
 STEEPER = 1.01  # friction, to see how loops follow it
-FULL_PERIODS = 4  # times the samples, on the mesh that confirms
+FULL_PERIODS = 2  # times the samples, on the mesh that confirms
 
 
 @dataclass(frozen=True)
@@ -90,12 +89,10 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     wrong = faults(recording, case)
     if wrong:
         return faulty(recording, wrong, fast, time.monotonic() - began)
-    experiment, first, checks = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
+    experiment, first = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
     looked = start_search(experiment, first, FAST if fast else FULL, tools.pool)
-    search(looked, lambda share, text: progress(0.2 + 0.55 * share, text))
-    progress(0.75, "what the mesh leaves out at the best")
-    corrected(looked, checks)
+    search(looked, lambda share, text: progress(0.2 + 0.65 * share, text))
     before = _plainly(experiment, looked.baseline)
     detection = detect(experiment.rig.observation, before)
     found = detected(plausible(decide(looked), looked, experiment), detection)
@@ -178,50 +175,10 @@ def _remainder(experiment: RigExperiment, looked: Search, found: Found, after: F
                      where=where)
 
 
-def corrected(looked: Search, checks: Sequence[RigModel]) -> None:
-    """Correct the sets that may be named by what the coarse mesh leaves out at their own fits.
-
-    The correction at the baseline says little of a hypothesis with strong effects.
-    """
-    sets = [names for size in (1, 2) for names in looked.promising(looked.best(size))[:looked.effort.bases]]
-    asked = [_Corrected(looked.fits[names], looked.fitter, checks) for names in sets]
-    fitters = looked.pool(corrected_task, asked)
-    looked.fitters.update({names: own for names, own in zip(sets, fitters, strict=True) if own is not None})
-    again = [names for names in sets if names in looked.fitters]
-    found = looked.pool(fit_task, [Task(looked.fitters[names], looked.fits[names].prediction.point,
-                                        looked.fits[names].prediction, looked.effort.last_steps) for names in again])
-    for names, fit in zip(again, found, strict=True):
-        if fit is not None and fit.objective < looked.fits[names].objective:
-            looked.fits[names] = fit
-        else:  # what the correction extrapolates is beyond it
-            del looked.fitters[names]
-
-
-@dataclass(frozen=True)
-class _Corrected:
-    fit: Fit
-    fitter: Fitter
-    checks: Sequence[RigModel]
-
-
-def corrected_task(asked: _Corrected) -> Fitter | None:
-    """Return a fitter with what the coarse mesh leaves out at a fitted hypothesis; None where finer ones fail."""
-    experiment = asked.fitter.experiment
-    if not isinstance(experiment, RigExperiment):
-        return None
-    try:
-        finer, denser = (model.predict(model.simulate(hypothesis(asked.fit.prediction.point)))
-                         for model in asked.checks)
-    except NonConvergenceError:
-        return None
-    correction, _ = errors_of(experiment.rig.observation, finer, denser, asked.fit.predicted - experiment.correction)
-    return replace(asked.fitter, experiment=replace(experiment, correction=correction))
-
-
 def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, progress: Progress
-                  ) -> tuple[RigExperiment, Prediction, tuple[RigModel, RigModel]]:
-    """Return a recording under the engine, its first prediction, and the models that tell what its mesh leaves out."""
-    observation = observe(recording, SAMPLES)
+                  ) -> tuple[RigExperiment, Prediction]:
+    """Return a recording under the engine and its first prediction."""
+    observation = observe(recording)
     # the contact follows its static stiffness; the specimens' own modes are not looked at
     plain = {"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}
     coarse, fine = (tools.reduce(case_of(recording, elements, f"{elements}-elements").model_copy(update=plain))
@@ -240,9 +197,9 @@ def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, 
         np.nan_to_num(slope))
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
-    made = RigExperiment(model, correction, modes)
+    made = RigExperiment(model, correction, modes, checks=(finer, denser))
     space = made.parameters(())
-    return made, Prediction(Point(space, np.zeros(space.size)), plainly + correction, first), (finer, denser)
+    return made, Prediction(Point(space, np.zeros(space.size)), plainly + correction, first)
 
 
 def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: RigTools) -> str:

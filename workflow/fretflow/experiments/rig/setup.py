@@ -33,8 +33,10 @@ EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 # gone with the next mesh. Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square
 # left elsewhere, most of it at the edges. That share of it stays as an error of each point.
 DEPTH_EXTRAPOLATED, DEPTH_ERROR = 1.0, 1.1
-# The march is of first order in the samples: twice as many halve the error.
-RICHARDSON, SAMPLING_ERROR = 2.0, 0.7
+SAMPLES = 100  # of a period
+# Kinks of the force fall at random between samples, so that errors are of second order, but not of a sign of their own:
+# the difference to twice as many is taken for the error, of which it leaves a third.
+SAMPLING_ERROR = 1.0 / 3.0
 
 
 def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recorded") -> Case:
@@ -117,7 +119,7 @@ def model_of(recording: Recording, observation: Observation, problem: PeriodicPr
     if loops.displacement_of is None:
         raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of is not given")
     return RigModel(problem=problem, wear_coefficient=wear, observation=observation,
-                    displacement_of=loops.displacement_of, samples=observation.solved,
+                    displacement_of=loops.displacement_of, samples=SAMPLES,
                     total_cycles=recording.test.cycles or int(loops.cycles[-1]))
 
 
@@ -177,7 +179,7 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
         modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
         modes[piece.place, 2 * column + 1] = SAMPLING_ERROR * sampled[piece.place]
     known = np.where(observation.rows(block="map"), DEPTH_EXTRAPOLATED, EXTRAPOLATED)
-    return known * mesh + RICHARDSON * sampled, modes
+    return known * mesh + sampled, modes
 
 
 def depth_error(observation: Observation, finer: Array, plain: Array) -> Array:

@@ -370,6 +370,10 @@ class StructureExperiment:
         """Return nothing: smaller steps are a matter of `code_error`."""
         return None
 
+    def corrected(self, prediction: Prediction) -> Experiment | None:
+        """Return nothing, as `finer`."""
+        return None
+
 
 def _along(place: Array, values: Array, at: Array) -> Array:
     """Return values (L,) over rising places interpolated at others; outside they go on in a straight line."""

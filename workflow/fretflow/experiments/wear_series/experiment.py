@@ -102,6 +102,10 @@ class WearSeriesExperiment:
         """Return nothing: laws are closed forms."""
         return None
 
+    def corrected(self, prediction: Prediction) -> Experiment | None:
+        """Return nothing, as `finer`."""
+        return None
+
     def described(self, coordinate: Coordinate) -> tuple[str, str]:
         """Return the unit and the meaning of a parameter."""
         if coordinate.effect:
