@@ -7,11 +7,15 @@ turned about y, so that the faces of the lap have the same nodes.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fretflow.core.errors import MeshError
 from fretflow.core.records import quantity, record
+from fretflow.core.units import parse_quantity
 from numpy.typing import NDArray
 
 from fretflow_meshes.gmsh_files import HEXAHEDRON, QUADRILATERAL, Group, write_groups
@@ -48,6 +52,26 @@ class LapBeam:
     layers: int = 1  # of elements in each half of the lap
     rings: tuple[int, int] = (1, 1)  # under the washer, and from there to the edge
     stretch: float = 3.0  # of the elements of the bars over those of the lap, along x
+
+    @classmethod
+    def of(cls, table: Mapping[str, Any]) -> LapBeam:
+        """Return the beam of a case file's table: lengths are text with a unit, the rest numbers.
+
+        Raises
+        ------
+        MeshError
+            Naming a key that is unknown, or its value.
+        """
+        known = {f.name: f.metadata.get("unit") for f in fields(cls)}
+        if unknown := set(table) - set(known):
+            raise MeshError(f"lap_beam: has no {min(unknown)!r}; it has {', '.join(known)}")
+        try:
+            given: dict[str, Any] = {name: parse_quantity(value, "m") if known[name] else
+                                     tuple(value) if isinstance(value, list) else value
+                                     for name, value in table.items()}
+            return cls(**given)
+        except (TypeError, ValueError) as error:
+            raise MeshError(f"lap_beam: {error}") from error
 
     def check(self) -> None:
         """Check that bolts and washers have room.
@@ -159,6 +183,13 @@ class LapBeam:
         hole, washer, edge = (middle + 0.5 * self.hole * circle, middle + 0.5 * self.washer * circle,
                               middle + np.vstack(sides))
         return [(_annulus(hole, washer, self.rings[0]), True), (_annulus(washer, edge, self.rings[1]), False)]
+
+
+def write_lap_beam(table: Mapping[str, Any], path: Path) -> tuple[tuple[str, str], ...]:
+    """Write the mesh of a case file's lap beam and return the faces under head and nut of each bolt."""
+    beam = LapBeam.of(table)
+    beam.write(path)
+    return tuple((f"head {k}", f"nut {k}") for k in range(1, beam.bolts + 1))
 
 
 def _annulus(inner: Array, outer: Array, rings: int) -> tuple[Array, Indices]:

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from fretflow.effects.effect import Motion as Motion
     from fretflow.effects.effect import parameter as parameter
     from fretflow.inference.verdict import Diagnosis as Diagnosis
+    from fretflow.pipeline.bolted import JointStudy as JointStudy
+    from fretflow.pipeline.bolted import study_joint as study_joint
     from fretflow.pipeline.diagnose import diagnose as diagnose
     from fretflow.pipeline.results import RunResults as RunResults
     from fretflow.pipeline.run import run as run
@@ -69,6 +71,7 @@ _PUBLIC = {
     "effects.cycle": ("march_wear",),
     "effects.effect": ("ALL_KINDS", "Block", "Effect", "Motion", "parameter"),
     "inference.verdict": ("Diagnosis",),
+    "pipeline.bolted": ("JointStudy", "study_joint"),
     "pipeline.diagnose": ("diagnose",),
     "pipeline.results": ("RunResults",),
     "pipeline.run": ("run",),
@@ -93,11 +96,12 @@ _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "BoltedCycle", "BoltedJoint", "Case", "Coulomb", "Diagnosis",
-    "Effect", "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "LoopReadings",
-    "Material", "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution", "RecordingError",
-    "ResponseCurve", "RunResults", "StructureMatrices", "add_effects", "catalogue", "continue_response", "diagnose",
-    "follow_mode", "load_case", "march_wear", "parameter", "quasi_static_backbone", "read_loop", "read_recording",
-    "reduce_structure", "run", "solve_periodic", "structure_from_mesh", "units",
+    "Effect", "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "JointStudy",
+    "LoopReadings", "Material", "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution",
+    "RecordingError", "ResponseCurve", "RunResults", "StructureMatrices", "add_effects", "catalogue",
+    "continue_response", "diagnose", "follow_mode", "load_case", "march_wear", "parameter", "quasi_static_backbone",
+    "read_loop", "read_recording", "reduce_structure", "run", "solve_periodic", "structure_from_mesh", "study_joint",
+    "units",
 ]
 
 

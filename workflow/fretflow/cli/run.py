@@ -28,6 +28,7 @@ from fretflow.core.errors import EnsembleError, StoreError
 from fretflow.pipeline.ranks import started_rank
 
 if TYPE_CHECKING:
+    from fretflow.case.bolted import BoltedCase
     from fretflow.case.config import Case
     from fretflow.pipeline.comparison import CaseComparison
     from fretflow.pipeline.ensemble import Workers
@@ -43,7 +44,7 @@ def run(
     case: Path, /, *cases: Path, until: str | None = None, out: Out = Path("runs"), force: Force = False,
     jobs: int = 1, executor: str = "local", json: Json = None,
 ) -> None:
-    """Run all stages of one or more cases: mesh, reduce, preload, solve, wear, response, render.
+    """Run all stages of one or more cases: mesh, reduce, preload, solve, wear, response, render; or bolted structures.
 
     Complete stages are reused and an interrupted one goes on where it stopped. Several cases end with one table
     of what was found beside what each case says was measured; a case that fails does not stop the others, and
@@ -63,11 +64,17 @@ def run(
         where cases run: local processes; mpi, the ranks of `mpirun -n N fretflow run ...`, of which one leads;
         or dask=ADDRESS of a scheduler whose workers see the same files
     """
+    from fretflow.case.bolted import load_bolted_case
     from fretflow.pipeline.ensemble import Workers
     from fretflow.pipeline.run import check_names
     from fretflow.pipeline.stage import SUMMARY_FILE
 
-    parsed = [load(path) for path in (case, *cases)]
+    bolted = {path: own for path in (case, *cases) if (own := load_bolted_case(path)) is not None}
+    for own in bolted.values():
+        _run_bolted(own, out)
+    if len(bolted) == 1 + len(cases):
+        return
+    parsed = [load(path) for path in (case, *cases) if path not in bolted]
     check_names(parsed)
     workers = Workers.parse(executor, jobs)
     if workers.in_turn:
@@ -77,6 +84,20 @@ def run(
     if json is not None and workers.leads:
         found = [(one.name, out / one.name / SUMMARY_FILE) for one in parsed]
         keep_json(json, {name: loads(file.read_text(encoding="utf-8")) for name, file in found})
+
+
+def _run_bolted(case: BoltedCase, out: Path) -> None:
+    """Run a case of a bolted structure and show its figures."""
+    from fretflow.pipeline.bolted import run_bolted
+
+    with Progress() as progress:
+        progress.begin("structure")
+        study = run_bolted(case, out, lambda share, text: progress.advance("structure", share, text))
+    view = new_table(study.title, "figure", "found")
+    for name, value in study.figures.items():
+        view.add_row(name, f"{value:.6g}")
+    Terminal().print(view)
+    show_files(sorted((out / case.name).iterdir()), "pictures and curves")
 
 
 @dataclass(frozen=True)

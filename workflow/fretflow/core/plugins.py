@@ -8,10 +8,13 @@ its ``pyproject.toml``, and nothing here imports it by name::
 
 Of ``fretflow.meshes``:
 
-- ``specimens``: ``(case, folder) -> (upper, lower)``, both `MeshSummary`; the meshes are written to `folder`.
+- ``specimens``: ``(case, folder) -> (upper, lower)``, both `MeshSummary`; the meshes are written to `folder`;
+- ``lap-beam``: ``(table, path) -> pairs``, a bolted lap beam is written to `path`; the faces under head and nut;
+- ``surfaces``: ``(path) -> (points, bodies, faces)``, m and the corners (k, 4) of each body's boundary and named face.
 
 Of ``fretflow.figures``, where a file is a path that is written and returned:
 
+- ``bolted``: ``(JointStudy, folder) -> files``;
 - ``run``: ``(folders, folder, output) -> files``, all pictures of a run's stages;
 - ``results``: ``(RunResults) -> Figure``, a run at a glance;
 - ``report``: ``(file, Diagnosis) -> file``, its page; ``diagnosis``: ``(Diagnosis, what) -> Figure``;

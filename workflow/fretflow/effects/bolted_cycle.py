@@ -70,13 +70,15 @@ class BoltedCycle(WearAlone):
     def cycle(self, slow: SlowState, start: StaticHistory | None) -> tuple[CycleResponse, StaticHistory]:
         """Return what the second of two cycles of load does to the worn faces, and where it ends."""
         worn = replace(self.joint, gap=self.gap(slow))
-        phase = np.pi * np.arange(1, 4 * STEPS + 1) / STEPS
-        loads = worn.bolts + np.sin(phase)[:, None] * self._swing
-        found = worn.follow(loads, worn.preloaded if start is None else worn.follow(worn.bolts[None], start))
-        last, before = found.last(2 * STEPS), found.slid[2 * STEPS - 1]
-        slid, force = (values.reshape(len(values), -1, 3) for values in (last.slid, last.force))
-        steps = np.diff(np.concatenate([before.reshape(1, -1, 3), slid])[:, :, :2], axis=0)
-        closed = last.state != SEPARATION
-        response = summarise_cycle(slid, force, np.where(closed, np.hypot(*np.moveaxis(steps, 2, 0)), 0.0), closed,
-                                   worn.clearance, self.areas)
+        found = self.swing(worn, None if start is None else worn.follow(worn.bolts[None], start))
+        slid, force = (values.reshape(len(values), -1, 3) for values in (found.slid, found.force))
+        steps, closed = np.diff(slid[:, :, :2], axis=0), found.state[1:] != SEPARATION
+        response = summarise_cycle(slid[1:], force[1:], np.where(closed, np.hypot(*np.moveaxis(steps, 2, 0)), 0.0),
+                                   closed, worn.clearance, self.areas)
         return response, found.last(1)
+
+    def swing(self, joint: BoltedJoint, start: StaticHistory | None = None) -> StaticHistory:
+        """Return the second of two cycles of load on `joint`, its start included, from `start` or the preload on."""
+        phase = np.pi * np.arange(1, 4 * STEPS + 1) / STEPS
+        loads = joint.bolts + np.sin(phase)[:, None] * self._swing
+        return joint.follow(loads, joint.preloaded if start is None else start).last(2 * STEPS + 1)

@@ -1,0 +1,75 @@
+"""Case files of bolted structures: the example is read, what cannot be is one line, and a run keeps what it says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.case.bolted import load_bolted_case
+from fretflow.core.errors import ConfigError, MeshError
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLE = (EXAMPLES / "bolted_beam.toml").read_text(encoding="utf-8")
+
+
+def changed(folder, old, new):
+    """Return the example's file with a part replaced."""
+    assert EXAMPLE.count(old) == 1
+    file = folder / "case.toml"
+    file.write_text(EXAMPLE.replace(old, new), encoding="utf-8")
+    return file
+
+
+def test_the_example_is_read_in_si():
+    case = load_bolted_case(EXAMPLES / "bolted_beam.toml")
+    assert case.joint.bolt_load == 8e3
+    assert case.backbone.largest == pytest.approx(600e-6)
+    assert case.structure.sensors["tip"].along == (0.0, 0.0, 1.0)
+    assert load_bolted_case(EXAMPLES / "quick.toml") is None
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('bolt_load = "8 kN"', 'bolt_load = "8 mm"', "joint.bolt_load: .*wrong dimension"),
+    ('smallest = "10 um"', 'smallest = "0 um"', "backbone.smallest: .*positive"),
+    ('smallest = "10 um"', 'smallest = "10 mm"', "backbone: .*largest must be above smallest"),
+    ("friction_coefficient = 0.6", "", "joint.friction_coefficient: is required"),
+    ('mass = "30 g" }', 'mass = "30 g", torque = 1 }', "structure.bolts.0.torque: unknown key"),
+    ("lap_beam = {", 'mesh = "absent.msh"\nlap_beam = {', "structure: .*one of mesh and lap_beam"),
+])
+def test_what_cannot_be_is_one_line(tmp_path, old, new, said):
+    with pytest.raises(ConfigError, match=said) as error:
+        load_bolted_case(changed(tmp_path, old, new))
+    assert "\n" not in str(error.value)
+
+
+def test_a_lap_beam_of_unknown_keys_is_refused():
+    from fretflow_meshes import LapBeam
+
+    assert LapBeam.of({"length": "400 mm", "lap": "10 cm", "bolts": 2}).length == pytest.approx(0.4)
+    with pytest.raises(MeshError, match="lap_beam: has no 'holes'; it has length"):
+        LapBeam.of({"holes": 3})
+    with pytest.raises(MeshError, match=r"lap_beam: .*wrong dimension"):
+        LapBeam.of({"length": "3 kg"})
+
+
+@pytest.mark.fem
+@pytest.mark.render
+def test_a_run_keeps_figures_curves_and_pictures(tmp_path):
+    from fretflow.pipeline.bolted import run_bolted
+
+    (tmp_path / "measured.csv").write_text("amplitude_m,frequency_Hz,damping_ratio\n1e-5,90,1e-3\n1e-4,89,2e-3\n")
+    text = EXAMPLE.replace("across = 4", "across = 2, bolts = 1").replace('lap = "120 mm"', 'lap = "60 mm"')
+    text = text.partition("[response]")[0] + 'points = 4\nperiodic = 1\nmeasured = "measured.csv"\n'
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    study = run_bolted(load_bolted_case(tmp_path / "case.toml"), tmp_path / "runs")
+    home = tmp_path / "runs" / "bolted-beam"
+    figures = json.loads((home / "summary.json").read_text(encoding="utf-8"))
+    assert figures["linear_frequency_Hz"] == pytest.approx(study.mode.frequency)
+    kept = np.genfromtxt(home / "backbone.csv", delimiter=",", names=True)
+    assert kept["frequency_Hz"] == pytest.approx(study.curve.frequency)
+    assert all((home / f"{name}.png").stat().st_size > 20_000 for name in ("structure", "contact", "curves"))
+    assert study.measured.shape == (3, 2)
+    # the facets that are drawn are the interface's own
+    assert len(study.states) == study.joint.structure.contacts
