@@ -24,21 +24,25 @@ def write_effects() -> None:
 
 def effect_page(name: str, kind: Any) -> str:
     """Return the page of one effect."""
+    from fretflow.effects.catalogue import catalogue
     from fretflow.effects.effect import ALL_KINDS
+    from fretflow.inference.words import EVERYTHING
 
+    known = catalogue()
     where = "all kinds of recordings" if kind.kinds == ALL_KINDS else "recordings of " + ", ".join(
         f"`{each}`" for each in sorted(kind.kinds))
     facts = [f"Changes the **{kind.block}**; known in {where}.",
              *(["Recordings that lack time tell nothing of it."] if kind.needs_time else [])]
     equation = f"$$\n{kind.formula}\n$$" if kind.formula else f"`{kind.equation}`"
-    confirm = [f"- {escape(kind.told_by.rstrip(','))}"] if kind.told_by else []
-    confirm += [f"- from [{other}]({other}.md): {escape(how.rstrip(','))}" for other, how in kind.told_from.items()]
+    told_from = {**kind.told_from, **{other: known[other].told_from[name] for other in known
+                                      if name in known[other].told_from}}
+    confirm = [f"- {escape((kind.told_by or EVERYTHING).rstrip(','))}"]
+    confirm += [f"- from [{other}]({other}.md): {escape(how.rstrip(','))}" for other, how in told_from.items()]
     pieces = [f"# {name}", f"*{escape(kind.title)}*", prose(kind.__doc__), equation, " ".join(facts),
               f"```{{image}} {name}.svg\n:alt: what {name} does\n```",
               "## Parameters", parameter_table(kind), "In a case file:", example_of(name, kind),
-              "## What shows it", "\n".join(f"- {escape(each)}" for each in kind.observables)]
-    if confirm or kind.confirmed_by:
-        pieces += ["## What would confirm it", escape(kind.confirmed_by), "\n".join(confirm)]
+              "## What shows it", "\n".join(f"- {escape(each)}" for each in kind.observables),
+              "## What would confirm it", escape(kind.confirmed_by), "\n".join(confirm)]
     if kind.excludes:
         pieces += ["## Not together with",
                    "\n".join(f"- [{other}]({other}.md): {escape(why)}" for other, why in kind.excludes.items())]

@@ -65,6 +65,12 @@ for one in found.parameters:
 found.plot()
 
 # %%
+# What is read off the loops, cycle by cycle, and the posterior of the parameters: play and stiffness are known together
+# better than each alone.
+
+[found.plot("evolution"), found.plot("parameters")]
+
+# %%
 # The report holds all of it on one page, the JSON the same as numbers.
 
 found.to_html("runs/report.html")

@@ -39,7 +39,7 @@ def plot_corner(figure: Figure, parameters: Sequence[tuple[str, str, Array]]) ->
     """
     count, width = len(parameters), figure.get_size_inches()[0]
     small = min(13.0, 54.0 / count + 2.5)
-    grid = figure.add_gridspec(count, count, left=1.4 / width, right=0.98, bottom=1.3 / width, top=1.0 - 1.2 / width,
+    grid = figure.add_gridspec(count, count, left=1.4 / width, right=0.98, bottom=1.6 / width, top=1.0 - 1.2 / width,
                                hspace=0.08, wspace=0.08)
     columns = [_readable(*one) for one in parameters]
     wide = [bool(np.all(values > 0.0) and np.quantile(values, 0.95) > DECADES * np.quantile(values, 0.05))
