@@ -102,7 +102,8 @@ def test_the_catalogue_holds_every_effect_that_was_asked_for():
         load-dependent-friction directional-friction normal-load-coupling normal-load-drift scar-edge initial-gap
         wear-coefficient-evolution wear-threshold wear-power-law sensor-path-compliance sensor-inertia channel-delay
         sensor-drift excitation-distortion extra-mode parallel-stiffness viscous support-nonlinearity backlash
-        coulomb-friction force-offset distributed-micro-slip joint-damping bolt-load-spread bending-gap""".split()
+        coulomb-friction force-offset distributed-micro-slip joint-damping bolt-load-spread bending-gap
+        oxygen-limited-wear""".split()
     assert sorted(catalogue()) == sorted(asked)
 
 

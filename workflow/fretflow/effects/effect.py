@@ -253,6 +253,15 @@ class Effect(Section):
         """Return the share of a jump's wear that opens the gap, () or (nodes,); a debris layer keeps some closed."""
         return 1.0
 
+    def layer(self, slow: SlowState) -> Array | float:
+        """Return the thickness of what lies between the faces, () or (nodes,), m."""
+        return 0.0
+
+    @classmethod
+    def worn_range(cls, field: str, prior: Prior, depth: float, cycles: float) -> Prior:
+        """Return the range of a parameter where the faces of a line contact wore by `depth` (m) in `cycles`."""
+        return prior
+
     # Over a series of wear tests
 
     @classmethod

@@ -33,7 +33,7 @@ from fretflow.case.config import Case
 from fretflow.contact.interface import Interface
 from fretflow.core import units as u
 from fretflow.core.errors import AuditError
-from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
+from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Prior, Sketch, parameter
 from fretflow.effects.volume_law import LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.compliant import with_springs
@@ -156,6 +156,16 @@ class ThirdBody(Effect):
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return how far the layer lets the metals wear each other."""
         return np.asarray(np.exp(-slow.memory[LAYER] / self.separating_thickness))
+
+    def layer(self, slow: SlowState) -> Array:
+        """Return the thickness of the layer."""
+        return np.asarray(slow.memory[LAYER])
+
+    @classmethod
+    def worn_range(cls, field: str, prior: Prior, depth: float, cycles: float) -> Prior:
+        """Return layers that separate from a tenth to ten times the worn depth, and stay 0.01 to 100 times the test."""
+        size, reach = {"separating_thickness": (depth, 10.0), "residence": (cycles, 100.0)}.get(field, (0.0, 1.0))
+        return replace(prior, low=size / reach, high=size * reach, logarithmic=True) if size else prior
 
     @classmethod
     def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:

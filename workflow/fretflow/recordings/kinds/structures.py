@@ -27,19 +27,25 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
 from fretflow.core.files import read_toml
 from fretflow.core.records import quantity, record
-from fretflow.recordings.channels import split_heading
 from fretflow.recordings.kinds import FILE, RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
-from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.kinds.structure_columns import (
+    StructureColumn,
+    number,
+    positive_range,
+    read_column,
+    stated_sd,
+)
+from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.structure_files import read_structure
-from fretflow.recordings.readers.tables import Table, read_table
+from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.schema import FORMAT
 from fretflow.structure.matrices import StructureMatrices
 
@@ -63,45 +69,12 @@ class Control(StrEnum):
     RESPONSE = "response"
 
 
-def _parsed(value: object, unit: str) -> float:
-    """Return a number with its unit, or in per cent where it counts."""
-    if unit != "1":
-        return u.parse_quantity(value, unit)
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    text = str(value).strip()
-    try:
-        return 0.01 * float(text[:-1]) if text.endswith("%") else float(text)
-    except ValueError as error:
-        raise ValueError(f'{value!r} is no number; write it as 0.01 or "1 %"') from error
-
-
-def _number(unit: str) -> BeforeValidator:
-    """Return what reads a number; nothing stays nothing."""
-    return BeforeValidator(lambda value: None if value is None else _parsed(value, unit))
-
-
-def _range(unit: str) -> BeforeValidator:
-    """Return what reads a range: a pair, or a table of low and high."""
-    def parse(value: object) -> tuple[float, float]:
-        pair = [value.get("low"), value.get("high")] if isinstance(value, dict) else value
-        if not isinstance(pair, list | tuple) or len(pair) != 2:
-            example = '["1 kN", "20 kN"]' if unit == "N" else "[0.1, 0.9]"
-            raise ValueError(f"{value!r} is no range; give its two ends, such as {example}")
-        low, high = (_parsed(end, unit) for end in pair)
-        if not 0.0 < low < high:
-            raise ValueError(f"{value!r}: the lower end must be positive and below the upper one")
-        return low, high
-
-    return BeforeValidator(parse)
-
-
 class UnknownRanges(Section):
     """What is to be found, each within a range."""
 
-    bolt_load: Annotated[tuple[float, float] | None, _range("N")] = None
-    modal_damping: Annotated[tuple[float, float] | None, _range("1")] = None
-    friction_coefficient: Annotated[tuple[float, float] | None, _range("1")] = None
+    bolt_load: Annotated[tuple[float, float] | None, positive_range("N")] = None
+    modal_damping: Annotated[tuple[float, float] | None, positive_range("1")] = None
+    friction_coefficient: Annotated[tuple[float, float] | None, positive_range("1")] = None
 
 
 class StructureSection(Section):
@@ -110,9 +83,9 @@ class StructureSection(Section):
     matrices: str | None = Field(None, description="file of its matrices, from the folder of recording.toml")
     mesh: str | None = Field(None, description="file of its mesh")
     material: str | dict[str, Any] | None = None
-    bolt_load: Annotated[float | None, _number("N")] = Field(None, gt=0.0)
-    modal_damping: Annotated[float | None, _number("1")] = Field(None, ge=0.0, lt=1.0)
-    friction_coefficient: Annotated[float | None, _number("1")] = Field(None, gt=0.0)
+    bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0)
+    modal_damping: Annotated[float | None, number("1")] = Field(None, ge=0.0, lt=1.0)
+    friction_coefficient: Annotated[float | None, number("1")] = Field(None, gt=0.0)
     unknown: UnknownRanges = Field(default_factory=UnknownRanges)
 
     @model_validator(mode="after")
@@ -123,15 +96,6 @@ class StructureSection(Section):
             if getattr(self, name) is not None and getattr(self.unknown, name) is not None:
                 raise ValueError(f"{name}: is given both a value and, in structure.unknown, a range")
         return self
-
-
-class StructureColumn(Section):
-    """A column of a file: its heading or place, unit, and errors."""
-
-    column: str | int
-    unit: str = ""
-    sd: str | float | None = None
-    calibration_sd: float = Field(0.0, ge=0.0, lt=1.0)
 
 
 class BackboneBlock(Section):
@@ -310,55 +274,6 @@ def _load(toml: Path) -> StructureFile:
         raise ConfigError(f"{toml}: {field}: {reason(first, clearer, StructureFile)}{more}") from error
 
 
-def _size(block: str, name: str, unit: str, choices: tuple[str, ...]) -> tuple[float, str]:
-    """Return the size of `unit` in SI, and which of the SI units in `choices` it is one of."""
-    if "1" in choices and unit in ("", "1", "%"):
-        return (0.01 if unit == "%" else 1.0), "1"
-    if not unit:
-        raise ConfigError(f"{block}.{name}.unit: is required, for example {choices[0]!r}")
-    for si in choices:
-        if si == "1":
-            continue
-        try:
-            return u.parse_quantity(f"1 {unit}", si), si
-        except ValueError:
-            continue
-    raise ConfigError(f"{block}.{name}.unit: {unit!r} is no unit like {' or '.join(choices)}")
-
-
-def _column(table: Table, block: str, name: str, spec: StructureColumn, choices: tuple[str, ...]
-            ) -> tuple[Array, str]:
-    """Return a column in SI and the SI unit it is in; none of its numbers may be missing."""
-    heading, values = table.column(spec.column)
-    size, si = _size(block, name, spec.unit, choices)
-    stated = table.units.get(heading) or split_heading(heading)[1]
-    if stated and stated != spec.unit:
-        try:
-            other = _size(block, name, stated, choices)
-        except ConfigError:  # part of a name that is no unit
-            other = (size, si)
-        if other != (size, si):
-            raise UnreliableRecordingError(f"{block}.{name}.unit: is {spec.unit!r}, but the file {table.path} says "
-                                           f"{stated!r} of column {heading}; correct the one that is wrong")
-    wrong = np.flatnonzero(~np.isfinite(values))
-    if wrong.size:
-        raise UnreliableRecordingError(f"{table.path}: {name}, {rows_in_words(row_ranges(wrong))}: no number; remove "
-                                       "these rows")
-    return values * size, si
-
-
-def _sd(block: str, name: str, spec: StructureColumn, si: str) -> float | None:
-    if spec.sd is None:
-        return None
-    try:
-        sd = _parsed(spec.sd, si)
-    except ValueError as error:
-        raise ConfigError(f"{block}.{name}.sd: {error}") from error
-    if not sd > 0.0:
-        raise ConfigError(f"{block}.{name}.sd: must be positive, got {spec.sd!r}")
-    return sd
-
-
 def _named(block: str, name: str, there: Mapping[str, Array], what: str) -> None:
     if name not in there:
         raise ConfigError(f"{block}: {name!r} is no {what} of the structure; it has {', '.join(there) or 'none'}")
@@ -370,9 +285,10 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
         _named("backbone.amplitude_of", block.amplitude_of, matrices.outputs, "output")
     wanted = [str(spec.column) for spec in (block.amplitude, block.frequency, block.damping) if spec is not None]
     table = read_table(folder / block.file, wanted)
-    amplitude, unit = _column(table, "backbone", "amplitude", block.amplitude, (MODAL_UNIT, "1") if modal else MOTIONS)
-    frequency, _ = _column(table, "backbone", "frequency", block.frequency, ("Hz",))
-    damping = None if block.damping is None else _column(table, "backbone", "damping", block.damping, ("1",))[0]
+    units = (MODAL_UNIT, "1") if modal else MOTIONS
+    amplitude, unit = read_column(table, "backbone", "amplitude", block.amplitude, units)
+    frequency, _ = read_column(table, "backbone", "frequency", block.frequency, ("Hz",))
+    damping = None if block.damping is None else read_column(table, "backbone", "damping", block.damping, ("1",))[0]
     where = f"{table.path}: backbone"
     if len(amplitude) < FEWEST:
         raise UnreliableRecordingError(f"{where}: {len(amplitude)} points tell no trend; give {FEWEST} or more")
@@ -389,8 +305,8 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
     return MeasuredBackbone(
         amplitude_of=block.amplitude_of, mode=block.mode, amplitude=amplitude,
         amplitude_unit=MODAL_UNIT if modal else unit, frequency=frequency, damping=damping,
-        frequency_sd=_sd("backbone", "frequency", block.frequency, "Hz"),
-        damping_sd=None if block.damping is None else _sd("backbone", "damping", block.damping, "1"),
+        frequency_sd=stated_sd("backbone", "frequency", block.frequency, "Hz"),
+        damping_sd=None if block.damping is None else stated_sd("backbone", "damping", block.damping, "1"),
         calibration_sd=block.amplitude.calibration_sd)
 
 
@@ -406,7 +322,7 @@ def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -
     for name, choices in specs.items():
         spec = getattr(block, name)
         if spec is not None:
-            found[name], si = _column(table, "frf", name, spec, choices)
+            found[name], si = read_column(table, "frf", name, spec, choices)
             unit = si if name == "amplitude" else unit
     level = block.level
     if isinstance(level, str):
@@ -428,9 +344,9 @@ def _ring_down(block: FreeBlock, folder: Path) -> RingDown:
     if block.file is None or "time" not in specs or len(specs) < 2:
         raise ConfigError("ring_down: file, time and at least one channel are required")
     table = read_table(folder / block.file, [str(spec.column) for spec in specs.values()])
-    time, _ = _column(table, "ring_down", "time", specs.pop("time"), ("s",))
+    time, _ = read_column(table, "ring_down", "time", specs.pop("time"), ("s",))
     if not np.all(np.diff(time) > 0.0):
         raise UnreliableRecordingError(f"{table.path}: ring_down: time does not rise throughout")
-    columns = {name: _column(table, "ring_down", name, spec, MOTIONS) for name, spec in specs.items()}
+    columns = {name: read_column(table, "ring_down", name, spec, MOTIONS) for name, spec in specs.items()}
     return RingDown(time=time, channels={name: values for name, (values, _) in columns.items()},
                     units={name: unit for name, (_, unit) in columns.items()})
