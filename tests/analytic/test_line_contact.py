@@ -83,6 +83,6 @@ def test_debris_that_stays_deepens_the_scar_and_keeps_it_narrow():
     assert worn.slow.depth.max() > 1.5 * plain.slow.depth.max()
 
 
-def test_no_strips_that_hold_are_told():
-    with pytest.raises(FretflowError):
+def test_a_load_that_pulls_is_told():
+    with pytest.raises(FretflowError, match="load: must be positive"):
         contact(load=-1.0).press(np.zeros(201), np.zeros(201), np.ones(201, dtype=bool))

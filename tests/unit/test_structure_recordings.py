@@ -37,8 +37,6 @@ phase = {{ column = "phi", unit = "deg" }}
 file = "ring.csv"
 time = {{ column = "t", unit = "ms" }}
 tip = {{ column = "acc", unit = "m/s^2" }}
-[profile]
-file = "profile.csv"
 """
 BACKBONE = "a,f,zeta\n1,80.0,0.1\n2,79.9,0.2\n3,79.8,0.4\n"
 
@@ -76,7 +74,6 @@ def test_every_block_is_read_in_si(folder):
     assert ring.time == pytest.approx([0.0, 1e-3, 2e-3])
     assert ring.units == {"tip": "m/s^2"}
     assert set(found.matrices.outputs) == {"tip", "end"}
-    assert any("profile" in str(note) for note in found.notes)
 
 
 @pytest.mark.parametrize("unit", ["m*kg^0.5", "mm*kg^0.5", ""])

@@ -20,6 +20,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from fretflow_post.diagnosed import drawn_parameters, plot_diagnosis
+from fretflow_post.report.curves import curve_views
 from fretflow_post.report.loops import evolution_views, loop_views
 from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view
 from fretflow_post.report.svg import figure_image
@@ -64,6 +65,7 @@ def render_report(diagnosis: Diagnosis) -> str:
         "fit": None if diagnosis.held_out is None else _fit(diagnosis.held_out, with_after),
         "wear": wear_views(diagnosis.wear_map, with_after), "law": law_view(diagnosis.residual_law),
         "tests": tests_view(diagnosis.wear_tests, diagnosis.verdict is not Verdict.NONE),
+        "curves": curve_views(diagnosis.curves, diagnosis.verdict is not Verdict.NONE),
         "visible": tuple(sorted(diagnosis.smallest_visible.items(), key=lambda item: _last_if_unknown(item[1]))),
         "made": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"), "versions": versions(),
         "commit": commit(),

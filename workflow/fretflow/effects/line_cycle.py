@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
-from fretflow.core.errors import NonConvergenceError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.effect import Effect
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
@@ -68,9 +68,13 @@ class LineContact:
 
         Raises
         ------
+        InputError
+            If nothing presses the faces together.
         NonConvergenceError
             If no set of closed strips holds.
         """
+        if not self.load > 0.0:
+            raise InputError(f"line_contact.load: must be positive, got {self.load}")
         wide = self.interface.areas
         matrix = self.flexibility + np.diag(yielding)
         for _ in range(SET_CHANGES):

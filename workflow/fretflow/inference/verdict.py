@@ -163,6 +163,21 @@ class WearMap:
 
 
 @record
+class MeasuredCurve:
+    """A measured curve of P points beside its predictions: a backbone, a response or a worn profile."""
+
+    label: str
+    x_label: str
+    x_unit: str
+    y_label: str
+    y_unit: str
+    x: Array = quantity("SI", "(P,), in `x_unit`")
+    measured: Array = quantity("SI", "(P,), in `y_unit`")
+    before: Array = quantity("SI", "(P,), baseline refitted")
+    after: Array = quantity("SI", "(P,), with the named effects")
+
+
+@record
 class WearTests:
     """Worn volumes of n tests, measured and predicted."""
 
@@ -222,6 +237,7 @@ class Diagnosis:
     residual_maps: tuple[ResidualMap, ...] = ()
     wear_map: WearMap | None = None
     wear_tests: WearTests | None = None
+    curves: tuple[MeasuredCurve, ...] = ()  # backbones, responses, worn profiles
     residual_law: ResidualLaw | None = None
     remainder: Remainder | None = None
     warnings: tuple[str, ...] = ()  # what makes the verdict less sure than its probability

@@ -21,6 +21,7 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Prior
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, condensed
@@ -309,6 +310,18 @@ class StructureExperiment:
         if self.points.damping is not None:
             values.append(_along(place, curve.damping[order], at))
         return Prediction(point, np.concatenate(values), curve)
+
+    def curves(self, before: Array, after: Array) -> tuple[MeasuredCurve, ...]:
+        """Return the backbone as measured and as two predictions (M,) have it."""
+        own, told = self.measurement, self._backbone
+        name, unit = "modal amplitude", MODAL_UNIT
+        if told.amplitude_unit != MODAL_UNIT:
+            name, unit = f"amplitude of {told.amplitude_of}", told.amplitude_unit
+        return tuple(MeasuredCurve(
+            label=f"{channel} over amplitude", x_label=name, x_unit=unit,
+            y_label=("natural frequency", "damping ratio")[k], y_unit=("Hz", "1")[k], x=self.points.amplitude,
+            measured=own.values[own.channel == k], before=before[own.channel == k], after=after[own.channel == k])
+            for k, channel in enumerate(own.channels))
 
     def backbone(self, joint: BoltedJoint, mode: LinearMode) -> ModalBackbone:
         """Return the backbone about the recorded amplitudes, or as far as the joint does not slide as a whole.

@@ -21,7 +21,7 @@ from fretflow.inference.posterior import Found, decide, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
 from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, separating
-from fretflow.recordings.kinds.structures import StructureRecording
+from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
 from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
 
 Array = NDArray[np.float64]
@@ -34,10 +34,13 @@ NOTHING: Names = frozenset()
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
 MEANINGS = {"bolt_load": "load of the bolts", "friction_coefficient": "friction of the faces",
-            "modal_damping": "damping ratio of the structure without its joint"}
+            "modal_damping": "damping ratio of the structure without its joint",
+            "wear_coefficient": "K_w: worn volume over load and sliding"}
+UNITS = {"bolt_load": "N", "wear_coefficient": "m^2/N"}
 
 
-def diagnose_structure(recording: StructureRecording, fast: bool, progress: Progress, tools: Any = None) -> Diagnosis:
+def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool, progress: Progress,
+                       tools: Any = None) -> Diagnosis:
     """Return what a recording of a structure shows that its model leaves out.
 
     Raises
@@ -47,14 +50,18 @@ def diagnose_structure(recording: StructureRecording, fast: bool, progress: Prog
     NonConvergenceError
         If the baseline has no equilibrium.
     """
+    from fretflow.experiments.structure.worn import diagnose_profiles
+
+    pool = _one_by_one if tools is None else tools.pool
+    if isinstance(recording, WornRecording):
+        return diagnose_profiles(recording, fast, progress, pool)
     began = time.monotonic()
     progress(0.02, "reducing the structure")
     experiment = StructureExperiment.of(recording)
     progress(0.1, "refitting the baseline")
-    pool = _one_by_one if tools is None else tools.pool
     first = experiment.first_prediction()
     found = start_search(experiment, first, FAST if fast or experiment.many else FULL, pool)
-    detection = _detect(found)
+    detection = detect(found)
     if detection.p_value < FALSE_ALARMS:
         search(found, lambda share, text: progress(0.15 + 0.65 * share, text))
     else:
@@ -69,10 +76,11 @@ def diagnose_structure(recording: StructureRecording, fast: bool, progress: Prog
         effects=judged.effects, probability=judged.probability,
         sentence=sentence(judged.verdict, judged.sets, found.explained(judged.after), location.text),
         ranking=judged.ranking[:MOST_RANKED], detection=detection, location=location,
-        parameters=_estimates(found, judged.after), held_out=held_out, remainder=_remainder(found, judged),
+        parameters=estimates(found, judged.after), held_out=held_out, remainder=remainder(found, judged),
         separating_measurement=NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         notes=(*map(str, recording.notes), *_notes(experiment), _checked(experiment, after)),
+        curves=experiment.curves(found.baseline.predicted, after.predicted),
         after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast)
 
 
@@ -80,7 +88,7 @@ def _one_by_one(function: Callable[[Any], Any], arguments: Any) -> list[Any]:
     return [function(one) for one in arguments]
 
 
-def _detect(found: Search) -> Detection:
+def detect(found: Search) -> Detection:
     """Return whether the refitted baseline leaves more than noise, matrices and steps of load explain."""
     own = found.experiment.measurement
     fit = found.baseline
@@ -95,12 +103,11 @@ def _detect(found: Search) -> Detection:
                      false_alarm_rate=FALSE_ALARMS)
 
 
-def _estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
+def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     fit = found.fits[names]
     _, covariance = found.evidence(names).coordinates(found.prior(names))
     spread, draws = np.sqrt(np.diag(covariance)), drawn(fit.z, covariance)
-    units = {"bolt_load": "N", "friction_coefficient": "1", "modal_damping": "1"}
     made = []
     for k, one in enumerate(fit.parameters.coordinates):
         middle = float(fit.z[k])
@@ -109,7 +116,7 @@ def _estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
         marks = [] if info is None else [mark.unit for mark in info.metadata if hasattr(mark, "unit")]
         made.append(Estimate(
             name=one.name if one.effect else f"structure.{one.field}", value=one.value(middle), low=ends[0],
-            high=ends[1], unit=units.get(one.field, marks[0] if marks else "1"),
+            high=ends[1], unit=UNITS.get(one.field, marks[0] if marks else "1"),
             meaning=MEANINGS.get(one.field, "") if info is None else info.description or "",
             draws=one.values(draws[k])))
     return tuple(made)
@@ -136,7 +143,7 @@ def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> H
                    after=sizes[1], floor=1.0)
 
 
-def _remainder(found: Search, judged: Found) -> Remainder:
+def remainder(found: Search, judged: Found) -> Remainder:
     """Return what the model of the verdict leaves, and the channel where it leaves most."""
     own = found.experiment.measurement
     square = np.square(own.values - found.fits[judged.after].predicted) / own.variance

@@ -43,6 +43,15 @@ from fretflow.recordings.kinds.structure_columns import (
     read_column,
     stated_sd,
 )
+from fretflow.recordings.kinds.worn_profiles import (
+    LineContactSection,
+    ProfileBlock,
+    VolumesBlock,
+    WornArea,
+    WornProfile,
+    read_profile,
+    read_volumes,
+)
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
@@ -82,6 +91,7 @@ class StructureSection(Section):
 
     matrices: str | None = Field(None, description="file of its matrices, from the folder of recording.toml")
     mesh: str | None = Field(None, description="file of its mesh")
+    line_contact: LineContactSection | None = None
     material: str | dict[str, Any] | None = None
     bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0)
     modal_damping: Annotated[float | None, number("1")] = Field(None, ge=0.0, lt=1.0)
@@ -90,8 +100,8 @@ class StructureSection(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> StructureSection:
-        if (self.matrices is None) == (self.mesh is None):
-            raise ValueError('give one of matrices, such as "structure.npz", and mesh')
+        if [self.matrices, self.mesh, self.line_contact].count(None) != 2:
+            raise ValueError('give one of matrices, such as "structure.npz", mesh and line_contact')
         for name in TYPICAL:
             if getattr(self, name) is not None and getattr(self.unknown, name) is not None:
                 raise ValueError(f"{name}: is given both a value and, in structure.unknown, a range")
@@ -156,9 +166,9 @@ class StructureFile(Section):
     backbone: BackboneBlock | None = None
     frf: tuple[ResponseBlock, ...] = ()
     ring_down: FreeBlock | None = None
-    profile: FreeBlock | None = None
+    profile: tuple[ProfileBlock, ...] = ()
     wear_depth: FreeBlock | None = None
-    volumes: FreeBlock | None = None
+    volumes: VolumesBlock | None = None
 
 
 @record
@@ -217,7 +227,22 @@ class StructureRecording:
     notes: tuple[Note, ...]
 
 
-def read_structure_recording(path: Path) -> StructureRecording:
+@record
+class WornRecording:
+    """A recording of what a line contact wore, in SI."""
+
+    kind: ClassVar[RecordingKind] = STRUCTURE
+
+    path: Path
+    title: str
+    contact: LineContactSection
+    friction: tuple[float, float]  # coefficient, or its range
+    profiles: tuple[WornProfile, ...]
+    areas: tuple[WornArea, ...]  # of tests whose volume alone is known
+    notes: tuple[Note, ...]
+
+
+def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     """Read a recording of a structure: its folder or its ``recording.toml``.
 
     Raises
@@ -230,6 +255,8 @@ def read_structure_recording(path: Path) -> StructureRecording:
     toml = path / FILE if path.is_dir() else path
     file = _load(toml)
     own = file.structure
+    if own.line_contact is not None:
+        return _worn(path, file, own.line_contact, toml.parent)
     if own.matrices is None:
         raise ConfigError(f"{toml}: structure.mesh: meshes are not read yet; assemble them and give structure.matrices")
     matrices = read_structure(toml.parent / own.matrices)
@@ -251,18 +278,32 @@ def read_structure_recording(path: Path) -> StructureRecording:
     ring_down = None if file.ring_down is None else _ring_down(file.ring_down, toml.parent)
     if backbone is None and not responses and ring_down is None:
         raise ConfigError(f"{toml}: give at least one of the blocks backbone, frf and ring_down")
-    notes += [Note(name, "is read by no part of a diagnosis yet") for name in ("profile", "wear_depth", "volumes")
-              if getattr(file, name) is not None]
+    notes += [Note(name, "is compared where structure.line_contact is given alone") for name in (
+        "profile", "wear_depth", "volumes") if getattr(file, name)]
     return StructureRecording(path=path, title=file.title or path.stem, matrices=matrices, known=known, unknown=unknown,
                               backbone=backbone, responses=responses, ring_down=ring_down, notes=tuple(notes))
+
+
+def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: Path) -> WornRecording:
+    profiles = tuple(read_profile(block, folder) for block in file.profile)
+    areas = () if file.volumes is None else read_volumes(file.volumes, folder)
+    if not profiles:
+        raise ConfigError(f"{path}: structure.line_contact needs a block profile")
+    given = file.structure.friction_coefficient
+    low, high = file.structure.unknown.friction_coefficient or TYPICAL["friction_coefficient"]
+    notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down", "wear_depth")
+             if getattr(file, name)]
+    return WornRecording(path=path, title=file.title or path.stem, contact=contact, profiles=profiles, areas=areas,
+                         friction=(low, high) if given is None else (given, given), notes=tuple(notes))
 
 
 def _load(toml: Path) -> StructureFile:
     raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}")
     if raw.get("format") != FORMAT:
         raise ConfigError(f"{toml}: format: must be {FORMAT!r}")
-    if isinstance(raw.get("frf"), dict):
-        raw["frf"] = [raw["frf"]]
+    for name in ("frf", "profile"):
+        if isinstance(raw.get(name), dict):
+            raw[name] = [raw[name]]
     try:
         return StructureFile.model_validate(raw)
     except ValidationError as error:

@@ -1,0 +1,107 @@
+"""Worn profiles are read in SI, what cannot be is named, and laws of wear that made them are told from one coefficient.
+
+What carries the weight: profiles made by the march itself with oxygen-limited wear, under noise, are not explained by
+one coefficient, and their borders wear as one coefficient says.
+"""
+
+import numpy as np
+import pytest
+from fretflow.core.errors import FretflowError
+from fretflow.effects.line_cycle import LineContact, LineCycle
+from fretflow.effects.oxygen_limited_wear import OxygenLimitedWear
+from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.experiments.structure.run import diagnose_structure
+from fretflow.inference.experiment import Point
+from fretflow.inference.verdict import Verdict
+from fretflow.recordings.kinds.structures import read_structure_recording
+
+HEAD = """format = "fretflow-recording/1"
+[test]
+kind = "structure"
+[structure]
+friction_coefficient = 0.8
+[structure.line_contact]
+radius = "80 mm"
+load = "1000 N/mm"
+elastic_modulus = "110 GPa"
+poisson_ratio = 0.3
+"""
+PROFILE = """[[profile]]
+file = "{name}.csv"
+cycles = 5000
+frequency = "{frequency} Hz"
+displacement_amplitude = "75 um"
+x = {{ column = "x_mm", unit = "mm" }}
+depth = {{ column = "z_um", unit = "um", sd = "1 um" }}
+"""
+VOLUMES = """[volumes]
+file = "volumes.csv"
+width = "8 mm"
+volume = { column = "V", unit = "mm^3", sd = "0.01 mm^3" }
+cycles = { column = "N", unit = "1" }
+frequency = { column = "f", unit = "Hz" }
+displacement_amplitude = { column = "d", unit = "um" }
+"""
+MODULUS = 0.5 * 110e9 / (1.0 - 0.3**2)
+
+
+def made(folder, effects=(), frequencies=(0.1, 2.0), coefficient=1e-13):
+    """Write profiles of a march with `effects` and return their recording."""
+    rng, text = np.random.default_rng(4), HEAD
+    for frequency in frequencies:
+        line = LineContact(80e-3, MODULUS, 1e6, 75e-6, frequency, 0.8, 6e-3, 121)
+        depth = LineCycle(line, effects).wear(coefficient, 5000.0, 60).slow.depth
+        name = f"at_{frequency:g}_Hz".replace(".", "p")
+        x = np.linspace(-4e-3, 4e-3, 41)
+        z = np.interp(x, line.interface.nodes[:, 0], depth) + 1e-6 * rng.standard_normal(41)
+        np.savetxt(folder / f"{name}.csv", np.c_[1e3 * x, 1e6 * z], delimiter=",", header="x_mm,z_um", comments="")
+        text += PROFILE.format(name=name, frequency=frequency)
+    (folder / "volumes.csv").write_text("V,N,f,d\n1.2,5000,2,75\n")
+    (folder / "recording.toml").write_text(text)
+    return read_structure_recording(folder)
+
+
+def test_profiles_and_volumes_are_read_in_si(tmp_path):
+    made(tmp_path)
+    (tmp_path / "recording.toml").write_text((tmp_path / "recording.toml").read_text() + VOLUMES)
+    found = read_structure_recording(tmp_path)
+    first, second = found.profiles
+    assert (first.test.frequency, second.test.frequency, first.test.amplitude) == (0.1, 2.0, 75e-6)
+    assert first.test.area == pytest.approx(1e-13 * 1e6 * 3e-4 * 5000.0, rel=0.05)
+    assert first.depth_sd == pytest.approx(1e-6)
+    assert found.areas[0].area == pytest.approx(1.2e-9 / 8e-3)
+    measured = ProfileExperiment(found).measurement
+    assert measured.channels == ("worn depth", "worn volume")
+    assert len(measured.values) == 83
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('radius = "80 mm"', 'matrices = "a.npz"', "line_contact"),
+    ('cycles = 5000', 'cycles = 0', "cycles"),
+    ('unit = "um", sd', 'unit = "N", sd', "profile.depth.unit: 'N' is no unit like m"),
+    ('poisson_ratio = 0.3', 'poisson_ratio = 0.6', "poisson_ratio")])
+def test_a_bad_key_is_named(tmp_path, old, new, words):
+    made(tmp_path)
+    text = (tmp_path / "recording.toml").read_text()
+    (tmp_path / "recording.toml").write_text(text.replace(old, new))
+    with pytest.raises(FretflowError, match=words):
+        read_structure_recording(tmp_path)
+
+
+def test_the_march_that_made_them_is_found_again(tmp_path):
+    effect = OxygenLimitedWear().changed(distance=0.8e-3, adhesive_share=0.15)
+    experiment = ProfileExperiment(made(tmp_path, [effect]))
+    own = experiment.measurement
+    space = experiment.parameters([effect.id])
+    true = {"wear_coefficient": 1e-13, "friction_coefficient": 0.8, "distance": 0.8e-3, "adhesive_share": 0.15}
+    z = np.array([(np.log(true[one.field]) if one.logarithmic else true[one.field]) - one.middle
+                  for one in space.coordinates]) / np.array([one.size for one in space.coordinates])
+    left = (experiment.predict(Point(space, z)).values - own.values) / np.sqrt(own.variance)
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_one_coefficient_is_enough_where_nothing_else_acts(tmp_path):
+    found = diagnose_structure(made(tmp_path, frequencies=(1.0,)), True, lambda share, text: None)
+    assert found.verdict is Verdict.NONE
+    (curve,) = found.curves
+    assert np.abs(curve.measured - curve.before).max() < 5e-6

@@ -1,0 +1,128 @@
+"""The diagnosis of worn profiles of a line contact: one wear coefficient, or what it leaves out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.integrate import trapezoid
+from scipy.stats import chi2
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.experiments.rig.held_out import HIDDEN
+from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.experiments.structure.run import MOST_RANKED, NOTHING, detect, estimates, remainder
+from fretflow.inference.experiment import Covariance
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.posterior import Found, decide, smallest_visible
+from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
+from fretflow.inference.verdict import Diagnosis, HeldOut, Location, MeasuredCurve, Place, Verdict
+from fretflow.inference.words import after_model, blocks_of, separating
+from fretflow.recordings.kinds.structures import WornRecording
+
+Progress = Callable[[float, str], None]
+
+REGIONS = ("borders of the scar", "middle of the scar")
+NEXT = "profiles of each body, of shorter tests, and at other frequencies and loads"
+
+
+def diagnose_profiles(recording: WornRecording, fast: bool, progress: Progress, pool: Any) -> Diagnosis:
+    """Return what worn profiles show that one wear coefficient leaves out.
+
+    Raises
+    ------
+    NonConvergenceError
+        If the baseline has no pressure.
+    """
+    began = time.monotonic()
+    experiment = ProfileExperiment(recording)
+    progress(0.1, "refitting one wear coefficient")
+    found = start_search(experiment, experiment.first_prediction(), FAST if fast else FULL, pool)
+    detection = detect(found)
+    if detection.p_value < detection.false_alarm_rate:
+        search(found, lambda share, text: progress(0.15 + 0.65 * share, text))
+    else:
+        begin_all(found)
+    judged = decide(found)
+    progress(0.85, "each profile from the others")
+    location = _locate(found, judged)
+    return Diagnosis(
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
+        effects=judged.effects, probability=judged.probability, sentence=_sentence(judged, found, location.text),
+        ranking=judged.ranking[:MOST_RANKED], detection=detection, location=location,
+        parameters=estimates(found, judged.after), held_out=_held_out(experiment, found, judged.after),
+        remainder=remainder(found, judged),
+        separating_measurement=NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
+        smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
+        curves=_curves(experiment, found, judged.after), notes=(*map(str, recording.notes), *_areas(
+            experiment, found, judged.after)),
+        after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast)
+
+
+def _sentence(judged: Found, found: Search, where: str) -> str:
+    share = f"{100.0 * found.explained(judged.after):.0f} %"
+    if judged.verdict is Verdict.NONE:
+        return "One wear coefficient explains the worn profiles."
+    if judged.verdict is Verdict.UNKNOWN:
+        best = " with ".join(sorted(judged.after)) or "nothing in the catalogue"
+        return (f"One wear coefficient does not explain the profiles, and no effect of the catalogue does so well "
+                f"enough: {best} explains {share} of the difference. {where}")
+    names = " or ".join(" with ".join(sorted(one)) for one in judged.sets)
+    return f"What is missing is {names}: {share} of the difference. {where}"
+
+
+def _held_out(experiment: ProfileExperiment, found: Search, names: Names) -> HeldOut | None:
+    """Return how well each profile or volume is predicted by laws fitted to the others, before and after."""
+    own, sizes = experiment.measurement, []
+    if len(own.groups) < 2:
+        return None
+    for one in (NOTHING, names):
+        square = 0.0
+        for k in range(len(own.groups)):
+            out = own.group == k
+            hidden = Covariance(np.where(out, HIDDEN, 1.0) * own.variance, np.hstack([own.modes, own.code_error]))
+            try:
+                fit = Fitter(experiment, hidden).fit(found.fits[one].prediction.point, None, 6)
+            except NonConvergenceError:
+                return None
+            square += float(np.sum(((own.values - fit.predicted)**2 / own.variance)[out]))
+        sizes.append(float(np.sqrt(square / len(own.values))))
+    return HeldOut(what="each profile from the others", before=sizes[0], after=sizes[1], floor=1.0)
+
+
+def _locate(found: Search, judged: Found) -> Location:
+    if judged.verdict is Verdict.NONE:
+        return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
+    own = found.experiment.measurement
+    square = np.square(own.values - found.baseline.predicted) / own.variance
+    middle = (np.abs(own.phase - 0.25) < 0.1).astype(np.int64)
+    places = [Place(cut=cut, where=label, share=float(square[index == k].sum() / max(square.sum(), 1e-300)),
+                    p_value=float(chi2.sf(square[index == k].sum(), int((index == k).sum()))))
+              for cut, labels, index in (("condition", own.groups, own.group), ("zone", REGIONS, middle))
+              for k, label in enumerate(labels) if (index == k).any()]
+    group, zone = (max((one for one in places if one.cut == cut), key=lambda one: one.share) for cut in (
+        "condition", "zone"))
+    block = blocks_of(frozenset().union(*judged.sets)) if judged.sets else "wear"
+    text = (f"They part most in {group.where} ({100.0 * group.share:.0f} %) and in the {zone.where} "
+            f"({100.0 * zone.share:.0f} %).")
+    return Location(block=block, channel=own.channels[0], phase="", cycles=(0, 0), zone=zone.where,
+                    places=tuple(places), condition=group.where, text=text)
+
+
+def _curves(experiment: ProfileExperiment, found: Search, names: Names) -> tuple[MeasuredCurve, ...]:
+    own = experiment.measurement
+    return tuple(MeasuredCurve(
+        label=one.name, x_label="place across the scar", x_unit="m", y_label="worn depth of both bodies", y_unit="m",
+        x=one.x, measured=one.depth, before=found.baseline.predicted[own.group == k],
+        after=found.fits[names].predicted[own.group == k]) for k, one in enumerate(experiment.recording.profiles))
+
+
+def _areas(experiment: ProfileExperiment, found: Search, names: Names) -> list[str]:
+    """Return in words the area of each profile, measured, before and after."""
+    told = []
+    for one in _curves(experiment, found, names):
+        sizes = ", ".join(f"{1e6 * float(trapezoid(y, one.x)):.3f}" for y in (one.measured, one.before, one.after))
+        told.append(f"{one.label}: worn area {sizes} mm2 measured, by one coefficient and with the effects")
+    return told

@@ -1,0 +1,150 @@
+"""Worn profiles and volumes of a line contact, in recordings of kind ``structure``.
+
+::
+
+    [structure.line_contact]            # a cylinder on a flat, in place of matrices and mesh
+    radius = "80 mm"
+    load = "1066 N/mm"                  # per length
+    elastic_modulus = "114 GPa"         # of both bodies
+    poisson_ratio = 0.34
+    [[profile]]                         # or [profile]; total depth of both bodies across the scar
+    file = "profile.csv"
+    cycles = 5000
+    frequency = "2 Hz"
+    displacement_amplitude = "75 um"    # half the stroke, in gross slip
+    x = { column = "x", unit = "mm" }
+    depth = { column = "z", unit = "mm", sd = "4 um" }
+    [volumes]
+    file = "volumes.csv"                # columns volume, cycles, frequency and displacement_amplitude
+    width = "8 mm"
+    volume = { column = "V", unit = "mm^3", sd = "0.05 mm^3" }
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.integrate import trapezoid
+
+from fretflow.case.config import Section
+from fretflow.core import units as u
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import quantity, record
+from fretflow.recordings.kinds.structure_columns import StructureColumn, number, read_column, stated_sd
+from fretflow.recordings.readers.tables import read_table
+
+Array = NDArray[np.float64]
+
+FEWEST_PLACES = 5  # of a profile: two edges, a middle and what lies between
+
+
+class LineContactSection(Section):
+    """A cylinder on a flat of the same elastic material, in plane strain."""
+
+    radius: u.Length
+    load: Annotated[float, number("N/m")] = Field(gt=0.0, description="normal load per length")
+    elastic_modulus: u.Pressure = Field(description="of both bodies")
+    poisson_ratio: float = Field(ge=0.0, lt=0.5)
+
+
+class WearCondition(Section):
+    """Under what a profile was worn."""
+
+    cycles: int = Field(ge=1)
+    frequency: u.Frequency
+    displacement_amplitude: u.Length = Field(description="half the stroke, in gross slip")
+
+
+class ProfileBlock(WearCondition):
+    """A worn profile: total depth of both bodies across the scar, along the sliding."""
+
+    file: str
+    x: StructureColumn
+    depth: StructureColumn
+
+
+class VolumesBlock(Section):
+    """Worn volumes of tests, both bodies together."""
+
+    file: str
+    width: u.Length = Field(description="length of the line contact")
+    volume: StructureColumn
+    cycles: StructureColumn
+    frequency: StructureColumn
+    displacement_amplitude: StructureColumn
+
+
+@record
+class WornArea:
+    """What a test of a line contact wore: the area of its cross-section."""
+
+    cycles: float = quantity("1")
+    frequency: float = quantity("Hz")
+    amplitude: float = quantity("m", "half the stroke")
+    area: float = quantity("m^2")
+    area_sd: float | None = quantity("m^2", default=None)
+
+
+@record
+class WornProfile:
+    """A worn profile of P places and the area that it encloses."""
+
+    name: str
+    test: WornArea
+    x: Array = quantity("m", "(P,), rising")
+    depth: Array = quantity("m", "(P,), of both bodies")
+    depth_sd: float | None = quantity("m")
+    calibration_sd: float = quantity("1", "of the depth")
+
+
+def read_profile(block: ProfileBlock, folder: Path) -> WornProfile:
+    """Read a worn profile.
+
+    Raises
+    ------
+    RecordingError
+        If its file is damaged, or places do not rise, or nothing is worn.
+    """
+    table = read_table(folder / block.file, [str(block.x.column), str(block.depth.column)])
+    x, _ = read_column(table, "profile", "x", block.x, ("m",))
+    depth, _ = read_column(table, "profile", "depth", block.depth, ("m",))
+    if len(x) < FEWEST_PLACES:
+        raise UnreliableRecordingError(f"{table.path}: profile: {len(x)} places tell no shape; give {FEWEST_PLACES} or "
+                                       "more")
+    if not np.all(np.diff(x) > 0.0):
+        raise UnreliableRecordingError(f"{table.path}: profile: x does not rise at row "
+                                       f"{int(np.argmin(np.diff(x))) + 2}; sort the rows by it")
+    area = float(trapezoid(depth, x))
+    if not area > 0.0:
+        raise UnreliableRecordingError(f"{table.path}: profile: the depth encloses {1e6 * area:.3g} mm2; depth is "
+                                       "positive into the bodies")
+    return WornProfile(
+        name=Path(block.file).stem, x=x, depth=depth, depth_sd=stated_sd("profile", "depth", block.depth, "m"),
+        calibration_sd=block.depth.calibration_sd, test=WornArea(
+            cycles=float(block.cycles), frequency=block.frequency, amplitude=block.displacement_amplitude, area=area))
+
+
+def read_volumes(block: VolumesBlock, folder: Path) -> tuple[WornArea, ...]:
+    """Read worn volumes as areas of the cross-section.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged, or a number is not positive.
+    """
+    units = {"volume": "m^3", "cycles": "1", "frequency": "Hz", "displacement_amplitude": "m"}
+    table = read_table(folder / block.file, [str(getattr(block, name).column) for name in units])
+    columns = {name: read_column(table, "volumes", name, getattr(block, name), (unit,))[0]
+               for name, unit in units.items()}
+    for name, values in columns.items():
+        if not np.all(values > 0.0):
+            raise UnreliableRecordingError(f"{table.path}: volumes: {name} must be positive, row "
+                                           f"{int(np.argmin(values)) + 1} has {values.min():g}")
+    sd = stated_sd("volumes", "volume", block.volume, "m^3")
+    return tuple(WornArea(cycles=cycles, frequency=frequency, amplitude=amplitude, area=volume / block.width,
+                          area_sd=None if sd is None else sd / block.width)
+                 for volume, cycles, frequency, amplitude in zip(*columns.values(), strict=True))
