@@ -5,6 +5,7 @@ out of the contact, and the other code's solution is in numbers.
 """
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,18 +13,20 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.core.errors import InputError
+from fretflow.core.errors import HeavyContactWarning, InputError
 from fretflow.effects.cycle import march_wear
 from fretflow.solvers.audit import energy_balance
 from fretflow.solvers.continuation.follow import continue_response
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
 from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
+from fretflow.solvers.quasi_static.cautions import neglected_inertia
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.solve import solve_periodic
 from fretflow.solvers.time_integration import settle
 from fretflow.structure.matrix_joint import Joint
 from fretflow.wear.archard import Archard
+from scipy.linalg import eigh
 
 MASSES, FACES = 6, 3
 PEERS = Path(__file__).parents[1] / "data" / "peers"
@@ -157,3 +160,21 @@ def test_what_makes_no_joint_is_refused():
     wrong = replace(problem(100.0, 30.0), excitation=Harmonic(100.0, {"nose": 1.0}))
     with pytest.raises(InputError, match="input 'nose': unknown; choose one of tip, middle"):
         solve_periodic(wrong)
+
+
+@pytest.mark.parametrize("own", [0.1, 1e-3])
+def test_contact_nodes_whose_mass_counts_are_told_by_their_share_of_the_kinetic_energy(own):
+    """A contact that slides almost freely moves as its neighbour, so that it holds m / (1 + m) of the energy."""
+    stiffness, mass = np.diag([2e6, 1e6, 1e6, 1e6]), np.diag([1.0, own, own, own])
+    stiffness[0, 1] = stiffness[1, 0] = -1e6
+    joint = Joint.from_matrices(stiffness, mass, contact_map=np.eye(4)[1:], observe={"tip": 0}, modal_damping=0.02)
+    face = Interface(np.zeros((1, 2)), np.array([1e-4]), np.zeros(1))
+    given = PeriodicProblem(joint, face, Coulomb(1e-4), Harmonic(100.0, {"tip": 90.0}), preload=NormalLoad(100.0))
+    with pytest.warns(HeavyContactWarning, match="dlft") if own > 0.02 else nullcontext():
+        found = solve_periodic(given, harmonics=9, samples=64)
+    share = neglected_inertia(given, found)
+    assert share == pytest.approx(own / (1.0 + own), rel=0.01)
+    square = eigh(stiffness[:2, :2], mass[:2, :2], eigvals_only=True)[0]  # with all mass; without the contact's 1e6
+    assert 1.0 - square / 1e6 == pytest.approx(share, rel=0.1)
+    whole = solve_periodic(given, "dlft", harmonics=9, samples=64)  # keeps all mass, and has nothing to say
+    assert (abs(np.ptp(whole.output("tip")) / np.ptp(found.output("tip")) - 1.0) > 0.01) == (own > 0.02)

@@ -7,6 +7,7 @@ damping, friction and drive are random, from a contact that sticks to one that o
 import fretflow as ff
 import numpy as np
 import pytest
+from fretflow.core.errors import UnstablePeriodWarning
 from fretflow.solvers.time_integration import settle
 
 
@@ -43,3 +44,11 @@ def test_the_period_of_a_random_joint_is_that_of_time_integration(seed, nodes, s
     found = ff.solve_periodic(given, harmonics=31, samples=256)
     history = settle(given, found, (2, 8), 1024, 1e-4)
     assert np.ptp(found.output("tip")) == pytest.approx(np.ptp(history.of_period(history.outputs["tip"])), rel=0.01)
+
+
+def test_an_unstable_period_is_told_and_left_by_time_integration():
+    given = random_problem(14, 2, 1.5, 2.0)
+    with pytest.warns(UnstablePeriodWarning, match="multiplier is 1.1"):
+        found = ff.solve_periodic(given, harmonics=31, samples=256)
+    history = settle(given, found, (30, 30), 256, 0.0)
+    assert np.ptp(history.of_period(history.outputs["tip"])) != pytest.approx(np.ptp(found.output("tip")), rel=0.01)

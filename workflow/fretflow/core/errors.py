@@ -44,6 +44,18 @@ class FretflowError(Exception):
         return shortened(super().__str__())
 
 
+class FretflowWarning(UserWarning):
+    """Base of every warning of a result that holds less than it seems to."""
+
+
+class UnstablePeriodWarning(FretflowWarning):
+    """The period solves its equations, but no test would stay on it."""
+
+
+class HeavyContactWarning(FretflowWarning):
+    """The contact has more inertia than the method may leave out."""
+
+
 class InputError(FretflowError):
     """The user's input cannot be used: a field, a file, a mesh. Exit code 2."""
 

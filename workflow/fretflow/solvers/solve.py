@@ -8,6 +8,7 @@ from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.core.errors import InputError
 from fretflow.solvers.dlft.solver import DlftSolver
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
+from fretflow.solvers.quasi_static.cautions import warn_of_instability
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 
 
@@ -48,6 +49,13 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
     AuditError
         If the period breaks the contact law.
 
+    Warns
+    -----
+    UnstablePeriodWarning
+        If a Floquet multiplier of the quasi-static period lies outside the unit circle.
+    HeavyContactWarning
+        If the contact's inertia, which the quasi-static solver leaves out, holds over 2 % of the kinetic energy.
+
     Notes
     -----
     DLFT: Tubita, Fantetti, Blanc, Thouverez (2021), after Nacivet et al., J. Sound Vib. 265 (2003) 201-219. The
@@ -55,24 +63,27 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
 
     Examples
     --------
-    A mass of 1 kg on a spring of 1 N/um, dragging a contact point of 0.1 kg that 100 N press on the ground:
+    A mass of 1 kg on a spring of 1 N/um, dragging a contact point of 1 g that 100 N press on the ground:
 
     >>> import fretflow as ff
     >>> import numpy as np
     >>> k = np.diag([2e6, 1e6, 1e6, 1e6])
     >>> k[0, 1] = k[1, 0] = -1e6
-    >>> joint = ff.Joint.from_matrices(k, np.diag([1.0, 0.1, 0.1, 0.1]), contact_map=np.eye(4)[1:], observe={"tip": 0},
+    >>> joint = ff.Joint.from_matrices(k, np.diag([1.0, *3 * [1e-3]]), contact_map=np.eye(4)[1:], observe={"tip": 0},
     ...                                modal_damping=0.02)
     >>> face = ff.Interface(np.zeros((1, 2)), np.array([1e-4]), np.zeros(1))
     >>> problem = ff.PeriodicProblem(joint, face, ff.Coulomb(0.3), ff.Harmonic(100.0, {"tip": 90.0}),
     ...                              preload=ff.NormalLoad(100.0))
     >>> period = ff.solve_periodic(problem, harmonics=15, samples=128)
     >>> round(1e3 * period.dissipated_energy, 2)  # mJ
-    8.73
+    8.74
     """
     try:
         chosen = Solver(**{"method": method, "estimate_error": False, **settings})
     except ValueError as error:
         reasons = "; ".join(str(one["msg"]) for one in getattr(error, "errors", list)())
         raise InputError(f"solve_periodic: {reasons or error}") from error
-    return make_solver(chosen, estimate_error=True).solve(problem, start)
+    found = make_solver(chosen, estimate_error=True).solve(problem, start)
+    if chosen.method is PeriodicMethod.QUASI_STATIC:
+        warn_of_instability(problem, found)
+    return found

@@ -7,7 +7,7 @@ With DOF x, loads F at rows h, a contact map Q (u = Q x) and contact forces f on
 Massless boundary. Let Phi be the M-normalised modes of the closed joint (Q Phi = 0), L their eigenvalues, and A the
 motion that moves the contact without any inertia of theirs (Q A = 1, Phi^T M A = 0), so that ``x = A u + Phi y`` and
 y'' carries all inertia but ``A^T M A``: between two free bodies the momentum is kept, and lost is only the small mass
-by which faces move against each other. Without that,
+by which faces move against each other (a period tells its share, see `solvers.quasi_static.cautions`). Without that,
 
     f = K_c u + K_y y - A^T h F,   K_c = A^T K A,  K_y = A^T K Phi,   y'' + L y + K_y^T u = Phi^T h F
 
@@ -73,6 +73,7 @@ class _Modes:
     flexibility: Array
     motion: Array
     input_motion: Array
+    contact_mass: Array | None = None  # A^T M A
 
 
 @record
@@ -238,7 +239,7 @@ class Joint:
         squares, turned = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
         input_motion = flexibility @ moving.T @ self._rows.T
         return _Modes(squares, (phi + moving @ motion) @ turned, moving @ flexibility, moving @ input_motion,
-                      turned.T @ (phi.T @ m), flexibility, motion @ turned, input_motion)
+                      turned.T @ (phi.T @ m), flexibility, motion @ turned, input_motion, moving.T @ m @ moving)
 
     @cached_property
     def _kept_modes(self) -> _Modes:
@@ -259,7 +260,7 @@ class Joint:
             squares[kept], all_modes.shape[:, kept], all_modes.contact + (shape * soft) @ motion[:, rest].T,
             all_modes.load + (shape * soft) @ push, all_modes.project[kept],
             all_modes.flexibility + (motion[:, rest] * soft) @ motion[:, rest].T, motion[:, kept],
-            all_modes.input_motion + (motion[:, rest] * soft) @ push))
+            all_modes.input_motion + (motion[:, rest] * soft) @ push, all_modes.contact_mass))
 
     @staticmethod
     def _turned(modes: _Modes) -> _Modes:
@@ -271,7 +272,7 @@ class Joint:
         motion = modes.motion @ turn
         motion[:, :d - contact] = 0.0
         return _Modes(turn.T @ (modes.squares[:, None] * turn), modes.shape @ turn, modes.contact, modes.load,
-                      turn.T @ modes.project, modes.flexibility, motion, modes.input_motion)
+                      turn.T @ modes.project, modes.flexibility, motion, modes.input_motion, modes.contact_mass)
 
     @cached_property
     def _boundary(self) -> MasslessBoundary:
@@ -286,7 +287,7 @@ class Joint:
                                     stiffness=0.5 * (stiffness + stiffness.T)),
             inputs=self.inputs, input_force=modes.shape.T @ self._rows.T, input_motion=modes.input_motion,
             input_free=np.zeros((0, inputs)), free_coupling=np.zeros((0, d)),
-            sliding=modes.motion[0::3].mean(axis=0),
+            sliding=modes.motion[0::3].mean(axis=0), contact_mass=modes.contact_mass,
             outputs={name: ObservedMotion(row[None] @ modes.shape, force=row[None] @ modes.contact,
                                           load=row[None] @ modes.load) for name, row in self.observed.items()})
 

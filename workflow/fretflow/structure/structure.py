@@ -108,6 +108,7 @@ class MasslessBoundary:
     outputs: Mapping[str, ObservedMotion]
     sliding: Array = quantity("1", "(d,), motion of the moving faces along x")
     forces: tuple[InternalForce, ...] = ()
+    contact_mass: Array | None = quantity("kg", "(3 n, 3 n), inertia left out, by u alone; None: unknown", default=None)
 
     @property
     def nodes(self) -> int:
@@ -182,6 +183,7 @@ class MasslessBoundary:
                    for name, one in self.outputs.items()}
         return replace(self, flexibility=flexibility, bare_stiffness=np.linalg.inv(flexibility),
                        motion=self.motion[dofs], free=self.free[dofs], transfer=self.transfer[:, dofs],
+                       contact_mass=None,  # of nodes free of force only with the motion of these
                        input_motion=self.input_motion[dofs], outputs=outputs)
 
     def _pull(self, motion: Array, free_load: Array) -> Array:

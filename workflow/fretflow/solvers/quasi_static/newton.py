@@ -28,7 +28,7 @@ TANGENT_BYTES = 2**28  # of the tangent that is marched at once
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialGuess:
     """Coefficients of a and of b, None where b follows a, and what is known near by.
 
     That is a period, and the `tangent` (n_a, n_a) N/m of the contact's force.
@@ -74,7 +74,7 @@ class InternalNewton:
         self.patience = patience
         self.smallest = np.inf  # residual so far
 
-    def solve(self, starts: Iterator[Start], before: SampleState, max_iterations: int
+    def solve(self, starts: Iterator[InitialGuess], before: SampleState, max_iterations: int
               ) -> tuple[Iterate, tuple[float, ...]]:
         """Return the root and the residual history; where former tangents lead astray, again without them.
 
@@ -94,7 +94,7 @@ class InternalNewton:
         except NonConvergenceError:
             return self._solve(first, max_iterations, 0.0)
 
-    def best(self, starts: Iterator[Start], before: SampleState) -> Iterate:
+    def best(self, starts: Iterator[InitialGuess], before: SampleState) -> Iterate:
         """Return the first of the starts that is close to balance, else the closest."""
         best: Iterate | None = None
         while best is None or best.norm > CLOSE:
@@ -127,7 +127,7 @@ class InternalNewton:
     def _felt(self, history: PeriodHistory) -> Array:
         return self.equations.coefficients(history.force @ self.march.system.transfer.T)
 
-    def _iterate(self, at: Start, history: PeriodHistory, tangent: Array | None = None) -> Iterate:
+    def _iterate(self, at: InitialGuess, history: PeriodHistory, tangent: Array | None = None) -> Iterate:
         e = self.equations
         balance = e.balance(at.seen) if at.other is None else e.beside_balance(at.seen, at.other)
         felt = self._felt(history)
@@ -198,7 +198,7 @@ class InternalNewton:
             history = found.history
             parts.append(e.coefficients(found.tangent))
         other = None if now.follows else now.balance.other
-        return self._iterate(Start(now.seen, other), history), np.hstack(parts)
+        return self._iterate(InitialGuess(now.seen, other), history), np.hstack(parts)
 
     def _tried(self, now: Iterate, tangent: Array, step: Array, moved: Array) -> Iterate | None:
         """Return the iterate after a step, with the tangent corrected by it; None where the contact is not found."""
@@ -208,4 +208,4 @@ class InternalNewton:
         except NonConvergenceError:  # of the contact, too far from where it was
             return None
         corrected = tangent + np.outer(self._felt(found) - now.felt - tangent @ step, step / (step @ step))
-        return self._iterate(Start(now.seen + step, now.balance.other + moved), found, corrected)
+        return self._iterate(InitialGuess(now.seen + step, now.balance.other + moved), found, corrected)

@@ -34,9 +34,10 @@ from fretflow.solvers.quasi_static.candidate_nodes import (
     restrict,
     restrict_solution,
 )
+from fretflow.solvers.quasi_static.cautions import warn_of_heavy_contact
 from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InternalNewton, Iterate, Start
+from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InitialGuess, InternalNewton, Iterate
 from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState, plain
 from fretflow.solvers.quasi_static.starts import REPEATING, Settled, cold_starts, settled_starts, stuck_start
 from fretflow.structure.internal_forces import ShareOfForce
@@ -83,6 +84,7 @@ class QuasiStaticSolver:
         found = self._solve(problem, self.settings.resolved_samples, start)
         if self.settings.tolerance <= COARSE:
             audit_period(problem, found, max(LEAST_UNLAWFUL, UNLAWFUL * self.settings.tolerance))
+            warn_of_heavy_contact(problem, found)
         if not self.settings.estimate_error:
             return found
         # first order in the samples: the difference to half of them is about the error that remains
@@ -194,13 +196,13 @@ def _not_found(error: NonConvergenceError, settled: Settled | None) -> NonConver
 
 
 def _beginning(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
-               start: PeriodicSolution | None, samples: int) -> tuple[SampleState, tuple[Start, ...]]:
+               start: PeriodicSolution | None, samples: int) -> tuple[SampleState, tuple[InitialGuess, ...]]:
     """Return the contact before the period, and the start that a neighbouring period makes."""
     if start is None:
         return march.preloaded(problem.preload.frictional), ()
     near = _as_history(start, equations.seen, samples)
     other = equations.coefficients(_resample(start.internal, samples)[:, equations.other])
-    return SampleState.of(near), (Start(equations.coefficients(near.position), other, near),)
+    return SampleState.of(near), (InitialGuess(equations.coefficients(near.position), other, near),)
 
 
 def with_forces(problem: PeriodicProblem, share: float) -> PeriodicProblem:

@@ -20,7 +20,7 @@ from fretflow.solvers.quasi_static.backbone import Backbone, find_arm
 from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.newton import Start
+from fretflow.solvers.quasi_static.newton import InitialGuess
 from fretflow.solvers.quasi_static.sample import Array, SampleState
 from fretflow.solvers.time_integration import AtInstant, at_phase_zero, begin, march_periods
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -38,7 +38,7 @@ class Settled(NamedTuple):
     The change is that of the internal coordinates at most, relative to their largest peak-to-peak.
     """
 
-    start: Start
+    start: InitialGuess
     contact: SampleState
     periods: int
     change: float
@@ -60,7 +60,8 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
         if count in SETTLING and (change < REPEATING or count >= UNSETTLED):
             found = np.zeros((len(equations.analysis), internal.shape[1]))
             found[:len(analysis)] = analysis @ internal
-            yield Settled(Start(found[:, equations.seen].ravel(), found[:, equations.other].ravel()), contact, count,
+            guess = InitialGuess(found[:, equations.seen].ravel(), found[:, equations.other].ravel())
+            yield Settled(guess, contact, count,
                           change)
         if count >= SETTLING[-1]:
             return
@@ -76,37 +77,37 @@ def _stuck_motion(problem: PeriodicProblem, equations: InternalEquations, march:
 
 
 def cold_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, marched: bool
-                 ) -> Iterator[Start]:
+                 ) -> Iterator[InitialGuess]:
     """Make the starts that need no neighbouring period."""
     rig, one = problem.boundary.internal, len(equations.seen) == 1
     if marched and isinstance(rig, LumpedRig):
         block, arm = (equations.analysis @ _marched(problem, rig, march, len(equations.synthesis))).T
-        yield Start(arm, block)
+        yield InitialGuess(arm, block)
     elif one and isinstance(rig, LumpedRig):
         yield _first_start(problem, equations, march, rig)
     else:
         yield stuck_start(equations, march)
-        yield Start(np.zeros_like(equations.load))
+        yield InitialGuess(np.zeros_like(equations.load))
 
 
-def stuck_start(equations: InternalEquations, march: ContactMarch) -> Start:
+def stuck_start(equations: InternalEquations, march: ContactMarch) -> InitialGuess:
     """Return the linear motion on a contact that sticks, with its tangent."""
     stuck = -np.kron(np.eye(len(equations.analysis)), march.system.felt_stiffness)
-    return Start(np.linalg.solve(equations.impedance - stuck, equations.load), tangent=stuck)
+    return InitialGuess(np.linalg.solve(equations.impedance - stuck, equations.load), tangent=stuck)
 
 
 def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
-                 ) -> Start:
+                 ) -> InitialGuess:
     """Return the motion on the contact's backbone, with its tangent, or where that fails on a Jenkins element."""
     try:
         backbone = Backbone.of(march, march.preloaded(problem.preload.frictional))
         arm = find_arm(problem, equations, backbone)
     except NonConvergenceError:
-        return Start(equations.analysis @ jenkins_arm_motion(
+        return InitialGuess(equations.analysis @ jenkins_arm_motion(
             rig, *_one_element(march), problem.excitation.amplitude, problem.frequency,
             len(equations.synthesis)))
     _, tangent = backbone.friction(equations.synthesis @ arm, equations.synthesis)
-    return Start(arm, tangent=equations.analysis @ tangent)
+    return InitialGuess(arm, tangent=equations.analysis @ tangent)
 
 
 def _marched(problem: PeriodicProblem, rig: LumpedRig, march: ContactMarch, samples: int) -> Array:

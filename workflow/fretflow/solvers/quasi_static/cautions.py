@@ -1,0 +1,66 @@
+"""What a period of the quasi-static solver leaves to be said: that it is unstable, or that its contact is heavy."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from fretflow.core.errors import HeavyContactWarning, UnstablePeriodWarning
+from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.candidate_nodes import restrict, restrict_solution
+from fretflow.solvers.quasi_static.internal import seen_coordinates
+from fretflow.solvers.quasi_static.sample import SEPARATION, ContactSystem, PeriodHistory, plain
+from fretflow.solvers.stability import Around, floquet_multipliers, is_stable
+
+HEAVY = 0.02  # of the kinetic energy: by Rayleigh's principle 1 % of the frequencies, to which the solvers are checked
+
+
+def warn_of_heavy_contact(problem: PeriodicProblem, found: PeriodicSolution) -> None:
+    """Warn (HeavyContactWarning) where the contact holds more than 2 % of the kinetic energy: `neglected_inertia`."""
+    share = neglected_inertia(problem, found)
+    if share > HEAVY:
+        warnings.warn(
+            f"contact: its own inertia, which the quasi-static solver leaves out, holds {share:.1g} of the kinetic "
+            f'energy, so that frequencies are off by about {share / 2.0:.0%}; use method="dlft", which keeps all mass, '
+            "or give contact_compliance", HeavyContactWarning, stacklevel=3)
+
+
+def warn_of_instability(problem: PeriodicProblem, found: PeriodicSolution) -> None:
+    """Warn (UnstablePeriodWarning) of a period with a Floquet multiplier outside the unit circle."""
+    touching = np.any(found.state != SEPARATION, axis=0)
+    if touching.any():
+        problem, found = restrict(problem, touching), restrict_solution(found, touching)
+    system = ContactSystem.of(problem, seen_coordinates(problem.boundary))
+    multipliers = floquet_multipliers(problem.boundary.internal, system, _history(problem, found), found.frequency,
+                                      Around.of(problem, found.internal))
+    if not is_stable(multipliers):
+        warnings.warn(
+            f"period at {found.frequency:.6g} Hz: unstable, its largest Floquet multiplier is "
+            f"{abs(multipliers[0]):.4g}, so that a test would show another motion; march it in time with "
+            "fretflow.solvers.time_integration.settle", UnstablePeriodWarning, stacklevel=3)
+
+
+def neglected_inertia(problem: PeriodicProblem, found: PeriodicSolution) -> float:
+    """Return the share of the period's kinetic energy in the contact's own inertia, which a massless contact lacks.
+
+    The internal coordinates q and the relative displacement u carry it separately, ``2 T = q'^2 + u'^T m u'``. By
+    Rayleigh's principle leaving out a share e of T moves a frequency by e / 2 in first order, and away from resonance
+    the amplitudes by e at most (J. W. S. Rayleigh, The Theory of Sound I (1877), sections 88-91).
+    """
+    mass = problem.boundary.contact_mass
+    if mass is None:
+        return 0.0
+    inner, across = (time_derivative(one.reshape(len(one), -1), problem.omega)
+                     for one in (found.internal, found.displacement))
+    lost = float(np.einsum("jm,mn,jn->", across, mass, across))
+    kept = float(np.einsum("jd,de,je->", inner, problem.boundary.internal.mass, inner))
+    return lost / (lost + kept) if lost > 0.0 else 0.0
+
+
+def _history(problem: PeriodicProblem, solution: PeriodicSolution) -> PeriodHistory:
+    """Return a period as the contact of `problem` saw it."""
+    u, f = (one.reshape(len(one), -1) for one in (solution.displacement, solution.force))
+    return PeriodHistory(plain(solution.internal[:, seen_coordinates(problem.boundary)]), plain(u), plain(f),
+                         np.require(solution.state, dtype=np.int8, requirements=["C", "W"]))
