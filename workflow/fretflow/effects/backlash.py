@@ -7,8 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import INTERFACES, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
 from fretflow.structure.two_mass_rig.force_laws import HingePlay
@@ -52,7 +51,3 @@ class Backlash(Effect):
     def sliders(self, sliders: Sliders) -> Sliders:
         """Put the play before the sliders."""
         return replace(sliders, play=sliders.play + self.play)
-
-    def sketch(self) -> Sketch:
-        """Return a loop with a flat part at zero force."""
-        return loop_sketch(self)

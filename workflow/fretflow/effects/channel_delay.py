@@ -7,8 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -40,7 +39,3 @@ class ChannelDelay(Effect):
         if self.delay == 0.0:
             return signals
         return replace(signals, friction_force=signals.delayed(signals.friction_force, self.delay))
-
-    def sketch(self) -> Sketch:
-        """Return a loop with a step at each reversal."""
-        return loop_sketch(self)

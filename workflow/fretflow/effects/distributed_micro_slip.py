@@ -8,8 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from fretflow.case.config import Case
-from fretflow.effects.effect import INTERFACES, Array, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import INTERFACES, Array, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
@@ -88,7 +87,3 @@ class DistributedMicroSlip(Effect):
         order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
         factors = self.shares((order + 0.5) / len(areas))
         return np.asarray(factors / (factors @ areas / areas.sum()))
-
-    def sketch(self) -> Sketch:
-        """Return a loop with a round knee."""
-        return loop_sketch(self)

@@ -10,8 +10,7 @@ from pydantic import Field
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -50,7 +49,3 @@ class ExtraMode(Effect):
         below = np.array([1.0 / natural**2, 2.0 * self.damping_ratio / natural, 1.0])
         above = (1.0 - self.share) * below + self.share * np.array([0.0, 0.0, 1.0])
         return replace(signals, friction_force=signals.filtered(signals.friction_force, above, below))
-
-    def sketch(self) -> Sketch:
-        """Return a loop that rings after each reversal."""
-        return loop_sketch(self)

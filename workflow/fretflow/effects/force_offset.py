@@ -8,8 +8,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.force_laws import BlockPull
 from fretflow.structure.two_mass_rig.joint import change_rig
@@ -54,7 +53,3 @@ class ForceOffset(Effect):
     def force(self, motion: Motion) -> Array | float:
         """Return the force."""
         return self.force_offset
-
-    def sketch(self) -> Sketch:
-        """Return a loop that is shifted."""
-        return loop_sketch(self)

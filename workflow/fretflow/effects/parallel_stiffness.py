@@ -8,8 +8,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
@@ -51,7 +50,3 @@ class ParallelStiffness(Effect):
     def sense(self, signals: Signals) -> Signals:
         """Add the spring's force to the friction force."""
         return replace(signals, friction_force=signals.friction_force + self.stiffness * signals.arm)
-
-    def sketch(self) -> Sketch:
-        """Return a loop whose plateaus rise."""
-        return loop_sketch(self)

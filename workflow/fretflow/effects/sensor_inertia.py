@@ -7,8 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -41,7 +40,3 @@ class SensorInertia(Effect):
     def sense(self, signals: Signals) -> Signals:
         """Add the inertia to the friction force."""
         return replace(signals, friction_force=signals.friction_force + self.mass * signals.acceleration)
-
-    def sketch(self) -> Sketch:
-        """Return a loop whose plateaus fall."""
-        return loop_sketch(self)

@@ -7,8 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import Block, Effect, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import Block, Effect, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -38,7 +37,3 @@ class SensorPathCompliance(Effect):
     def sense(self, signals: Signals) -> Signals:
         """Add the path's stretch to the displacement."""
         return replace(signals, displacement=signals.displacement + self.compliance * signals.friction_force)
-
-    def sketch(self) -> Sketch:
-        """Return a loop that leans."""
-        return loop_sketch(self)

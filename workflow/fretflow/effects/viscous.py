@@ -7,8 +7,7 @@ from typing import ClassVar, Self
 
 from fretflow.case.config import Case
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, Sketch, parameter
-from fretflow.effects.sketches import loop_sketch
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
@@ -49,7 +48,3 @@ class Viscous(Effect):
     def sense(self, signals: Signals) -> Signals:
         """Add the dashpot's force to the friction force."""
         return replace(signals, friction_force=signals.friction_force + self.damping * signals.velocity)
-
-    def sketch(self) -> Sketch:
-        """Return a loop whose plateaus bulge."""
-        return loop_sketch(self)
