@@ -8,6 +8,7 @@ import fretflow as ff
 import numpy as np
 import pytest
 from fretflow.effects.catalogue import FOLDERS
+from fretflow.recordings.loop_sets import read_sets, recorded
 
 GUIDE = Path(__file__).parents[2] / "CONTRIBUTING.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)
@@ -54,10 +55,12 @@ def test_a_kind_of_recordings(tmp_path, monkeypatch):
         encoding="utf-8")
     try:
         recording = ff.read_recording(tmp_path)
+        [loops], _ = read_sets(*recorded(tmp_path, {}, None, None))
     finally:
         kinds.kinds.cache_clear()
     assert recording.series.channels["displacement"].max() == pytest.approx(1e-4, rel=1e-3)  # 5 mrad at 2 cm
     assert recording.series.channels["force"].max() == pytest.approx(150.0)  # 3 N m at 2 cm
+    assert loops.readings.friction_limit.value == pytest.approx(150.0, rel=1e-2)  # as `fretflow loops` reads it
 
 
 def test_a_structure_from_matrices():

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from fretflow.core.errors import InputError, UnreliableRecordingError
+from fretflow.core.errors import InputError, UnreliableRecordingError, UnsupportedRecordingError
 from fretflow.recordings.bare import Wanted, read_bare
-from fretflow.recordings.kinds import FILE
+from fretflow.recordings.kinds import FILE, read_recording
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.notes import Note
 from fretflow.recordings.plausibility import check_friction
 from fretflow.recordings.readings import LoopReading, RecordedReadings, read_recorded_loops, without_friction
-from fretflow.recordings.recording import Recording, read_joint_recording
+from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import repeatability
 from fretflow.recordings.series import loops_of_series
 
@@ -80,7 +80,10 @@ def recorded(path: Path, given: Mapping[str, str], load: float | None, hertz: fl
     if given:
         option = next(iter(given)).removeprefix("friction_")
         raise InputError(f"--{option}: columns are named in {FILE} already; leave it out")
-    recording = read_joint_recording(path)
+    recording = read_recording(path)
+    if not isinstance(recording, Recording):
+        raise UnsupportedRecordingError(f"{path}: a {recording.kind} is no recording of loops; `fretflow diagnose` "
+                                        "reads it")
     test = recording.test
     for option, mine, stated in (("--normal-load", load, test.normal_load),
                                  ("--frequency", hertz, test.excitation_frequency)):

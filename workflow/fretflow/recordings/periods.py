@@ -170,3 +170,16 @@ def resampled(turns: Array, values: Array, periods: int, at: Array, evenly: bool
         spline = CubicSpline(np.r_[turns, start + periods], np.r_[values, values[0]], bc_type="periodic")
         return np.asarray(spline(wrapped))
     return np.interp(wrapped, np.r_[turns, start + periods], np.r_[values, values[0]])
+
+
+def cycle_cuts(values: Array) -> Array:
+    """Return where (n,), in samples, the cycles of a record (T,) begin and the last ends: as it rises, or else falls.
+
+    Of a record that rises through its middle less than twice the falls may still bound a cycle.
+    """
+    rough = np.zeros(0)
+    for own in (values, -values):
+        rough = upward_crossings(smoothed_record(own))
+        if len(rough) > 1:
+            return upward_crossings(without_trend(own, round(float(np.median(np.diff(rough))))))
+    return rough

@@ -146,11 +146,8 @@ def loops_of_series(series: Series, block: str = "series") -> tuple[LoopSet, tup
 
 def _cuts(series: Series) -> Array:
     """Return where (n,), in samples, the cycles begin and the last one ends."""
-    x = series.channels["displacement"]
-    rough = p.upward_crossings(p.smoothed_record(x))
-    if len(rough) < 2:
-        return np.array([0.0, len(x)]) if _is_loop(series) else rough
-    return p.upward_crossings(p.without_trend(x, round(float(np.median(np.diff(rough))))))
+    cuts = p.cycle_cuts(series.channels["displacement"])
+    return np.array([0.0, series.rows]) if len(cuts) < 2 and _is_loop(series) else cuts
 
 
 def _is_loop(series: Series) -> bool:

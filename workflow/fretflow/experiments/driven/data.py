@@ -151,7 +151,7 @@ def _of_series(kind: RecordingKind, series: Series) -> DrivenData:
     if group > 1:  # means of groups would round off the corners of a loop, as no slider does
         x, force, usable, step = x[::group], force[::group], usable[::group], step * group
         notes.append(f"series: every row of {group} is used, as the record is longer than {MOST_ROWS:,} rows")
-    cuts = _cuts(x)
+    cuts = p.cycle_cuts(x)
     if len(cuts) < 2 and kind is IMPOSED_DISPLACEMENT and closes(x, force):
         closed = _closed(kind, [(1, x, force)], [step], series.time is not None, ())
         return replace(closed, notes=(*notes, *closed.notes))
@@ -188,7 +188,7 @@ def prepared(kind: RecordingKind, motion: Motion, force: Array, samples: int = S
 def _group(x: Array) -> tuple[int, int]:
     """Return of how many rows of a long record one is used, and how many rows from its start."""
     group = -(-len(x) // MOST_ROWS)
-    cuts = _cuts(x[:MOST_ROWS]) if group > 1 else np.zeros(0)
+    cuts = p.cycle_cuts(x[:MOST_ROWS]) if group > 1 else np.zeros(0)
     if len(cuts) < 2:
         return group, len(x)
     group = min(group, max(1, int(np.median(np.diff(cuts))) // LEAST_OF_CYCLE))
@@ -244,13 +244,6 @@ def _counted(cycles: Sequence[Cycle]) -> list[Cycle]:
     numbers = [one.number for one in cycles]
     return [replace(one, label=f"{one.label}, repeat {numbers[:k].count(one.number) + 1}")
             if numbers.count(one.number) > 1 else one for k, one in enumerate(cycles)]
-
-
-def _cuts(x: Array) -> Array:
-    rough = p.upward_crossings(p.smoothed_record(x))
-    if len(rough) < 2:
-        return rough
-    return p.upward_crossings(p.without_trend(x, round(float(np.median(np.diff(rough))))))
 
 
 def _cycles(cuts: Array, usable: Mask) -> tuple[Cycle, ...]:
