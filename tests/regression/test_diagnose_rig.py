@@ -62,7 +62,6 @@ def test_friction_of_the_baseline_lies_within_its_interval(baseline, undriven):
         assert friction["low"] < 0.84 < friction["high"]
 
 
-@pytest.mark.xfail(reason="a drift of the load is named beside the run-in")
 def test_run_in_is_named_and_predicts_what_was_held_out(recordings, tmp_path):
     found = diagnosed(recordings / "example_run_in", tmp_path / "out")
     assert found["effects"] == ["friction-run-in"]
