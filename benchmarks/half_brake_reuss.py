@@ -95,8 +95,8 @@ class Fit:
         """Return the values at coordinates x."""
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
-    def best(self, residual):
-        """Return values and cost of the best of two starts."""
+    def best(self, residual, known=None):
+        """Return values and cost of the best of two starts, and of `known` values."""
         size = len(residual(self.values(0.5 * (self.low + self.high))))
 
         def safe(x):
@@ -105,8 +105,11 @@ class Fit:
             except ff.NonConvergenceError:
                 return np.full(size, 100.0)
 
-        found = [least_squares(safe, self.low + share * (self.high - self.low), bounds=(self.low, self.high),
-                               diff_step=3e-3, max_nfev=12, loss="soft_l1", f_scale=3.0) for share in (0.4, 0.6)]
+        starts = [self.low + share * (self.high - self.low) for share in (0.4, 0.6)]
+        if known is not None:
+            starts.append(np.log([known[name] for name in self.names]))
+        found = [least_squares(safe, start, bounds=(self.low, self.high),
+                               diff_step=3e-3, max_nfev=12, loss="soft_l1", f_scale=3.0) for start in starts]
         best = min(found, key=lambda one: one.cost)
         return self.values(best.x), 2.0 * best.cost
 
@@ -147,7 +150,7 @@ def told(values):
 
 
 def decay_row(name):
-    """Print what the decay tells of a hypothesis."""
+    """Print what the decay tells of a hypothesis, and return the values."""
     frequency, damping = decay()
     count = len(DECAY_FITTED)
 
@@ -163,10 +166,11 @@ def decay_row(name):
     print(f"| {name} | {told(values)} | {cost:.0f} | {fitted:.2f} | {predicted:.2f} "
           f"| {ratio[count:].min():.1f}-{ratio[count:].max():.1f} | {'yes' if f[-1] > f[count + 1] else 'no'} |",
           flush=True)
+    return values
 
 
-def forced_row(name):
-    """Print what the responses tell of a hypothesis."""
+def forced_row(name, known):
+    """Print what the responses tell of a hypothesis, begun also from what the decay has found."""
     held = responses("force")
 
     def scale(curve):
@@ -177,7 +181,7 @@ def forced_row(name):
         gain = scale(curve)
         return np.concatenate([(np.log(needed(curve, f, a) / force) - gain) / FORCE_SD for f, force, a in held])
 
-    values, cost = Fit.of(HYPOTHESES[name]).best(residual)
+    values, cost = Fit.of(HYPOTHESES[name]).best(residual, known)
     curve = backbone(values, GRID)
     gain = np.exp(scale(curve))
     places, forces = [], []
@@ -217,12 +221,11 @@ def main():
     """Print the three tables."""
     print("| faces | found below 20 m/s^2 | cost of 10 | frequency, fitted, % | predicted, % | damping, predicted over "
           "measured | rises |\n|---|---|---|---|---|---|---|")
-    for name in HYPOTHESES:
-        decay_row(name)
+    found = {name: decay_row(name) for name in HYPOTHESES}
     print("\n| faces | found with the force held | cost of 164 | resonance, % | force at resonance at 5 to 80 m/s^2, % "
           "|\n|---|---|---|---|---|")
-    for name in HYPOTHESES:
-        forced_row(name)
+    for name, values in found.items():
+        forced_row(name, values)
     print("\n| faces | found | mode 1 | mode 2 | mode 3, predicted | mode 4, predicted |\n|---|---|---|---|---|---|")
     for name in ("plane faces", "asperity springs", "humped faces"):
         hammer_row(name)
