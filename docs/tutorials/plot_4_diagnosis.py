@@ -65,10 +65,15 @@ for one in found.parameters:
 found.plot()
 
 # %%
-# What is read off the loops, cycle by cycle, and the posterior of the parameters: play and stiffness are known together
-# better than each alone.
+# What is read off the loops, cycle by cycle:
 
-[found.plot("evolution"), found.plot("parameters")]
+found.plot("evolution")
+
+# %%
+# And the posterior of the parameters: a stiffer spring with more play explains nearly the same, so that the two are
+# known together better than each alone.
+
+found.plot("parameters")
 
 # %%
 # The report holds all of it on one page, the JSON the same as numbers.

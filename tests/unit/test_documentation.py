@@ -20,3 +20,18 @@ def test_links_lead_to_files(page):
 
 def test_readme_is_two_screens():
     assert len((PROJECT / "README.md").read_text(encoding="utf-8").splitlines()) <= TWO_SCREENS
+
+
+def test_every_effect_says_on_its_page_what_would_confirm_it(monkeypatch):
+    """What tells two effects apart is stated once for the pair, and stands on both pages."""
+    monkeypatch.syspath_prepend(PROJECT / "docs")
+    pytest.importorskip("sphinx")
+    from fretflow.effects.catalogue import catalogue
+    from pages.effects import effect_page
+
+    known = catalogue()
+    pages = {name: effect_page(name, kind).partition("## What would confirm it\n")[2] for name, kind in known.items()}
+    assert all(text.lstrip("\n").startswith(("- ", "The ")) for text in pages.values())
+    pairs = [(name, other) for name, kind in known.items() for other in kind.told_from]
+    assert pairs
+    assert all(f"[{one}]({one}.md)" in pages[other] for pair in pairs for one, other in (pair, pair[::-1]))
