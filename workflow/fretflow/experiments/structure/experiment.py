@@ -19,6 +19,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import ConfigError, InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Prior
+from fretflow.experiments.structure.responses import POWERS, backbone_of, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
@@ -43,7 +44,6 @@ RETRIES = 6  # each with two thirds of the largest load, where the joint slides 
 SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
           "the unit of the amplitude")
 ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
-POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, MODAL_UNIT: 0}  # of the angular frequency, in an amplitude of motion
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class BackbonePoints:
 
 
 def with_backbone(recording: StructureRecording) -> StructureRecording:
-    """Return a recording with the backbone that its decay tells, where it has no other.
+    """Return a recording with the backbone that its decay or its responses tell, where it has no other.
 
     Raises
     ------
@@ -99,6 +99,8 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
         If no channel of the decay is an output of the structure, or it is too short.
     """
     decay = recording.ring_down
+    if recording.backbone is None and decay is None and recording.responses:
+        return replace(recording, backbone=backbone_of(recording.responses))
     if recording.backbone is not None or decay is None:
         return recording
     name = next((one for one in decay.channels if one in recording.matrices.outputs), None)
@@ -166,8 +168,7 @@ class StructureExperiment:
         """
         recording = with_backbone(recording)
         if recording.backbone is None:
-            raise InputError(f"{recording.path}: has neither [backbone] nor [ring_down]; responses alone are not "
-                             "compared yet")
+            raise InputError(f"{recording.path}: has none of [backbone], [ring_down] and [[frf]]")
         bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
         found = replace(bare, mode=bare._recorded_mode())
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
@@ -311,17 +312,20 @@ class StructureExperiment:
             values.append(_along(place, curve.damping[order], at))
         return Prediction(point, np.concatenate(values), curve)
 
-    def curves(self, before: Array, after: Array) -> tuple[MeasuredCurve, ...]:
-        """Return the backbone as measured and as two predictions (M,) have it."""
+    def curves(self, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
+        """Return backbone and responses as measured and as two predictions, before and after, have them."""
         own, told = self.measurement, self._backbone
+        before, after = (one.values for one in fits)
+        models = [(one.state, self.joint(one.point).linear_modes(self.mode + 1)[self.mode]) for one in fits]
         name, unit = "modal amplitude", MODAL_UNIT
         if told.amplitude_unit != MODAL_UNIT:
             name, unit = f"amplitude of {told.amplitude_of}", told.amplitude_unit
-        return tuple(MeasuredCurve(
+        backbones = tuple(MeasuredCurve(
             label=f"{channel} over amplitude", x_label=name, x_unit=unit,
             y_label=("natural frequency", "damping ratio")[k], y_unit=("Hz", "1")[k], x=self.points.amplitude,
             measured=own.values[own.channel == k], before=before[own.channel == k], after=after[own.channel == k])
             for k, channel in enumerate(own.channels))
+        return backbones + response_curves(self.recording.responses, self.structure, models)
 
     def backbone(self, joint: BoltedJoint, mode: LinearMode) -> ModalBackbone:
         """Return the backbone about the recorded amplitudes, or as far as the joint does not slide as a whole.
@@ -329,7 +333,7 @@ class StructureExperiment:
         Where a model is near the recording, its amplitudes are the recorded ones: curves have kinks, where points begin
         to slide, between which nothing may be interpolated over wide steps.
         """
-        power = POWERS[self._backbone.amplitude_unit]
+        power = POWERS.get(self._backbone.amplitude_unit, 0)
         asked = self.points.amplitude / self._gain(mode) * (self.points.frequency / mode.frequency)**(2 - power)
         asked = np.r_[BELOW * asked[:1], asked]
         for _ in range(RETRIES):
@@ -349,7 +353,7 @@ class StructureExperiment:
         if not size > 0.0:
             raise InputError(f"backbone.amplitude_of: mode {self.mode + 1} does not move {name!r}; name the mode by "
                              "backbone.mode, or another output")
-        return size * float((2.0 * np.pi * mode.frequency)**POWERS[self._backbone.amplitude_unit])
+        return size * float((2.0 * np.pi * mode.frequency)**POWERS.get(self._backbone.amplitude_unit, 0))
 
     def _seen(self, curve: ModalBackbone, mode: LinearMode) -> Array:
         """Return the amplitudes of a backbone as they were recorded."""
@@ -357,7 +361,7 @@ class StructureExperiment:
         if self._backbone.amplitude_unit == MODAL_UNIT:
             return curve.amplitude
         moved = np.abs(curve.outputs[:, curve.output_names.index(name)])
-        return np.asarray(moved * (2.0 * np.pi * curve.frequency)**POWERS[self._backbone.amplitude_unit])
+        return np.asarray(moved * (2.0 * np.pi * curve.frequency)**POWERS.get(self._backbone.amplitude_unit, 0))
 
     @cached_property
     def _bare(self) -> tuple[BoltedJoint, LinearMode]:

@@ -80,7 +80,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         separating_measurement=NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         notes=(*map(str, recording.notes), *_notes(experiment), _checked(experiment, after)),
-        curves=experiment.curves(found.baseline.predicted, after.predicted),
+        curves=experiment.curves(found.baseline.prediction, after.prediction),
         after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast)
 
 
@@ -181,7 +181,8 @@ def _notes(experiment: StructureExperiment) -> list[str]:
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
     if experiment.recording.responses:
-        notes.append("responses (frf) are read, and not compared yet")
+        notes.append("frequency and damping are compared; of responses the force that their motion needs is shown, and "
+                     "where there is no other backbone it is read off them")
     if experiment.recording.ring_down is not None:
         notes.append("the backbone alone is compared; where there is none, that of the first output in ring_down is")
     return notes
