@@ -27,6 +27,9 @@ seen = {"environment": dict(os.environ), "here": os.listdir(), "beside": sorted(
         "files": sorted(os.listdir(folder)), "fast": "--fast" in sys.argv, "name": folder.name}
 if (folder / "bad.csv").exists():
     sys.exit("fretflow: loops.csv: damaged")
+report = pathlib.Path(sys.argv[sys.argv.index("--out") + 1]) / "report.html"
+report.parent.mkdir()
+report.write_text("page of " + sys.argv[3])
 out.write_text(json.dumps({
     "verdict": "named", "effects": ["viscous"], "probability": 0.9, "ranking": [], "parameters": {}, "fit": {},
     "detection": {"p_value": 0.0, "statistic": json.dumps(seen)}, "separating_measurement": "",
@@ -121,7 +124,11 @@ def test_trial_publishes_hashes_first_and_keys_last(trial: Trial) -> None:
     assert scores["verdicts"]["nothing"]["named"] == 1
     assert "damaged" in scores["cases"][2]["failure"]
     assert load(trial.out / "trial.json")["settings"]["seed"] == 77
-    assert "case-002" in (trial.out / "trial.html").read_text()
+    page = (trial.out / "trial.html").read_text()
+    assert "case-002" in page
+    assert "href='reports/case-002.html'" not in page  # that diagnosis failed
+    assert "href='reports/case-000.html'" in page
+    assert (trial.out / "reports" / "case-000.html").read_text().startswith("page of")
 
 
 def test_nothing_in_the_clear_before_the_end(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""The case that a diagnosis offers is one that `run` takes, bears the recording's name and tells what was fitted."""
+"""What a diagnosis hands on: a case that `run` takes, bearing the recording's name, and what it took."""
 
 import tomllib
 from dataclasses import replace
@@ -8,7 +8,8 @@ import pytest
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import validate_case
 from fretflow.inference.verdict import Estimate
-from fretflow.pipeline.diagnose import runnable
+from fretflow.inference.words import cost
+from fretflow.pipeline.diagnose import Stages, memory, runnable
 
 CASE = dump_case(validate_case({
     "format": "fretflow-case/1", "name": "recorded", "test": {"excitation_amplitude": "53 N", "cycles": 100000},
@@ -38,3 +39,26 @@ def test_it_bears_the_recording_s_name_and_tells_what_was_fitted(found):
 @pytest.mark.parametrize("text", ["", "[effects.viscous]\ndamping = \"300 N*s/m\"\n", "# only = words\n", "= 5"])
 def test_what_run_refuses_is_not_offered(found, text):
     assert runnable(replace(found, case_file=text), "a") == ""
+
+
+def test_stages_are_timed_and_told(found, monkeypatch):
+    """Each lasts until the next is told; one that comes again goes on."""
+    now, told = [10.0], []
+    monkeypatch.setattr("fretflow.pipeline.diagnose.monotonic", lambda: now[0])
+    stages = Stages(lambda share, text: told.append(text))
+    for text, seconds in (("reading", 0.5), ("fitting", 4.0), ("reading", 1.0)):
+        stages(0.0, text)
+        now[0] += seconds
+    assert stages.ended() == {"reading": 1.5, "fitting": 4.0}
+    assert told == ["reading", "fitting", "reading"]
+    made = replace(found, seconds=5.5, stages=stages.ended(), memory=(1.24e9, 0.3e9))
+    assert cost(made) == ("5.5 s; reading 1.5 s, fitting 4.0 s; 1.2 GB of memory, and up to 0.3 GB in each process")
+    content = made.to_json()
+    assert content["stages"] == {"reading": 1.5, "fitting": 4.0}
+    assert content["memory"] == {"main": 1.24e9, "worker": 0.3e9}
+
+
+def test_memory_is_that_of_the_process():
+    """The kernel's own account of it is the same."""
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    assert memory()[0] == pytest.approx(1024.0 * int(status["VmHWM"].split()[0]), rel=0.05)

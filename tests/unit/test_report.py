@@ -124,14 +124,37 @@ def test_a_channel_that_is_given_has_no_difference(cases):
     assert "force over time" not in text
 
 
-def test_a_long_record_is_thinned_evenly(cases):
+def test_a_long_record_is_thinned_to_its_extremes(cases):
+    """Every fifth sample of a ringing of five samples would be a line that stays where it is."""
     found = cases.named("lumped")
     one = found.comparisons[0]
+    ringing = one.displacement + 2e-3 * np.sin(0.4 * np.pi * np.arange(len(one.time)))
+    found = replace(found, comparisons=(replace(one, displacement=ringing), *found.comparisons[1:]))
     drawn = curves(render_report(found), "displacement over time")["measured"]
-    kept = np.linspace(0, len(one.time) - 1, drawn.shape[1]).round().astype(int)
-    assert drawn.shape[1] == 600
-    assert drawn[0] == pytest.approx(one.time[kept], abs=2e-3)
-    assert drawn[1] == pytest.approx(one.displacement[kept] * 1e3, abs=0.02)
+    assert drawn.shape[1] <= 600
+    assert np.all(np.diff(drawn[0]) >= 0.0)
+    for begin in np.arange(0.5, 5.0, 0.5):
+        own = drawn[:, np.abs(drawn[0] - begin) < 0.1]
+        rings = own[1] - np.interp(own[0], one.time, one.displacement) * 1e3
+        assert np.ptp(rings) == pytest.approx(4.0 * np.sin(0.4 * np.pi), abs=0.3)
+
+
+def test_samples_stand_beside_the_harmonics_that_are_compared(cases):
+    found = cases.named()
+    assert 'class="raw"' not in render_report(found)
+    one = found.comparisons[0]
+    ringing = one.force + 30.0 * np.sin(20.0 * np.pi * np.arange(cases.SAMPLES) / cases.SAMPLES)
+    text = render_report(replace(found, comparisons=(
+        replace(one, raw_displacement=one.displacement, raw_force=ringing), *found.comparisons[1:])))
+    assert text.count('class="raw"') == 1
+    assert "every sample" in text
+
+
+def test_loops_that_are_compared_and_not_drawn_are_told(cases):
+    found = cases.named()
+    assert "loops are drawn; all are compared" not in render_report(found)
+    few = replace(found, comparisons=found.comparisons[:4])
+    assert f"4 of {len(found.comparisons)} loops are drawn; all are compared" in render_report(few)
 
 
 def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):

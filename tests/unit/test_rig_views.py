@@ -55,6 +55,17 @@ def test_eight_counts_with_both_ends_and_all_conditions_are_shown():
     assert shown[-2].label == "condition 0"
 
 
+def test_every_held_out_loop_is_shown_with_its_samples():
+    """What was held out beyond the eighth count had been dropped, and measured loops were drawn by their harmonics."""
+    seen = observation()
+    out, raw = {f"{count:_} cycles" for count in COUNTS[3:7]}, (np.arange(7.0), np.ones(7))
+    shown = comparisons(seen, seen.values, seen.values, out, {"30_000 cycles": raw})
+    assert {one.label for one in shown if one.held_out} == out
+    own = next(one for one in shown if one.label == "30_000 cycles")
+    assert own.raw_displacement == pytest.approx(raw[0])
+    assert own.raw_force == pytest.approx(raw[1])
+
+
 def test_all_counts_are_read_over_the_cycles():
     """Half the force is half the friction, the energy and the stiffness, at the same sliding distance."""
     seen = observation()

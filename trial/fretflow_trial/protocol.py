@@ -1,9 +1,10 @@
 """A trial: make concealed recordings, seal the answers, have them diagnosed, open the seals, score.
 
 In the trial's folder ``recordings/case-000`` holds what is diagnosed and ``sealed/case-000.json`` hash and box of its
-answer. ``answers`` and, in the end, ``keys`` (salt and key in the clear), ``trial.json`` and ``trial.html`` follow.
-Whatever is there is not done again, so that an interrupted trial goes on. Each diagnosis is a process of its own, with
-a copy of its recording, an empty home and working directory, and an environment of four variables.
+answer. ``reports`` (the page of each diagnosis), ``answers`` and, in the end, ``keys`` (salt and key in the clear),
+``trial.json`` and ``trial.html`` follow. Whatever is there is not done again, so that an interrupted trial goes on.
+Each diagnosis is a process of its own, with a copy of its recording, an empty home and working directory, and an
+environment of four variables.
 """
 
 from __future__ import annotations
@@ -185,7 +186,8 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
         home.mkdir()
         shutil.copytree(out / "recordings" / name, Path(scratch) / "recording")
         found, failure = Path(scratch) / "diagnosis.json", ""
-        full = [*command, str(Path(scratch) / "recording"), "--json", str(found), *(["--fast"] if fast else [])]
+        full = [*command, str(Path(scratch) / "recording"), "--json", str(found), "--out",
+                str(Path(scratch) / "results"), *(["--fast"] if fast else [])]
         try:
             run = subprocess.run(full, cwd=home, env=scrubbed(home, cache), capture_output=True, text=True,
                                  check=False, timeout=LONGEST, stdin=subprocess.DEVNULL)
@@ -199,6 +201,9 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
                 diagnosis = load(found)
             except (OSError, ValueError) as error:
                 failure = f"wrote no JSON: {error}"
+        report = Path(scratch) / "results" / "report.html"
+        if report.exists():
+            write_whole(out / "reports" / f"{name}.html", report.read_text(encoding="utf-8"))
     seconds = time.monotonic() - started
     save(out / "answers" / f"{name}.json", {"seconds": seconds, "failure": failure, "diagnosis": diagnosis})
     return seconds

@@ -27,10 +27,6 @@ from fretflow_post.report.svg import figure_image
 from fretflow_post.report.wear import wear_views
 
 PAGE = Path(__file__).parent / "page"
-PROBABILITY_OF = {
-    Verdict.NONE: "that nothing is missing", Verdict.NAMED: "of this name, among all explanations tried",
-    Verdict.AMBIGUOUS: "of the set, taken together", Verdict.UNKNOWN: "that it is something the catalogue lacks",
-}
 MOST_RANKED, MOST_PLACES = 8, 10  # shown at once; the rest unfolds
 AS_GOOD_AS_REPEATED = 1.1  # times the repeatability floor
 
@@ -126,7 +122,7 @@ class Tile:
 
 def _tiles(d: Diagnosis) -> Iterator[Tile]:
     best = _accepted(d)
-    yield Tile("Probability", words.percent(d.probability), PROBABILITY_OF[d.verdict])
+    yield Tile("Probability", words.percent(d.probability), words.PROBABILITY_OF[d.verdict])
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
         yield Tile("Explained", words.percent(best.explained), what)

@@ -37,6 +37,7 @@ class Channel:
     measured: Array
     before: Array
     after: Array
+    raw: Array  # (n,), every sample where it differs from what is compared, else none
 
     @property
     def predicted(self) -> bool:
@@ -63,13 +64,13 @@ class LoopView:
 
 @dataclass(frozen=True)
 class LoopViews:
-    """All loops; whether they share one scale, have a prediction after, and are drawn in some harmonics alone."""
+    """All loops; whether they share one scale, have a prediction after, and have samples beside what is compared."""
 
     views: tuple[LoopView, ...]
     word: str  # what they are: loops, or stretches of a long record
     one_scale: bool
     with_after: bool
-    in_harmonics: bool
+    raw: bool  # measured samples stand beside the harmonics that are compared
 
 
 def loop_views(diagnosis: Diagnosis) -> LoopViews:
@@ -85,7 +86,7 @@ def loop_views(diagnosis: Diagnosis) -> LoopViews:
     views = tuple(_view(one, pair, after, tuple(shared) if common else None)
                   for one, pair in zip(loops, channels, strict=True))
     return LoopViews(views, "stretch" if any(one.time is not None for one in loops) else "loop", common, after,
-                     diagnosis.kind == "fretting-rig")
+                     any(one.raw_force is not None for one in loops))
 
 
 def evolution_views(diagnosis: Diagnosis, after: bool) -> tuple[tuple[str, Markup], ...]:
@@ -112,12 +113,14 @@ def has_after(loops: Sequence[Comparison]) -> bool:
 
 
 def _channels(one: Comparison, names: Sequence[str], sizes: Sequence[tuple[str, float]]) -> Iterator[Channel]:
-    kept = thinned(len(one.displacement))
+    kept = thinned(one.displacement, one.force)
     given = ((one.displacement, one.before_displacement, one.after_displacement),
              (one.force, one.before_force, one.after_force))
-    for name, (unit, size), si, values in zip(names, sizes, ("m", "N"), given, strict=True):
+    raws = (one.raw_displacement, one.raw_force)
+    for name, (unit, size), si, values, raw in zip(names, sizes, ("m", "N"), given, raws, strict=True):
         measured, before, after = (np.asarray(v, dtype=float)[kept] / size for v in values)
-        yield Channel(name, pretty_unit(unit), size, si, measured, before, after)
+        yield Channel(name, pretty_unit(unit), size, si, measured, before, after,
+                      np.zeros(0) if raw is None else raw / size)
 
 
 def _one_scale(channels: Sequence[Channel], after: bool) -> Limits | None:
@@ -125,7 +128,7 @@ def _one_scale(channels: Sequence[Channel], after: bool) -> Limits | None:
     reaches = [np.ptp(c.measured[np.isfinite(c.measured)]) for c in channels if np.isfinite(c.measured).any()]
     if reaches and max(reaches) > ALIKE * min(reaches):
         return None
-    return extent([v for c in channels for v in _curves(c, after)])
+    return extent([v for c in channels for v in (*_curves(c, after), c.raw)])
 
 
 def _curves(channel: Channel, after: bool) -> tuple[Array, ...]:
@@ -134,11 +137,12 @@ def _curves(channel: Channel, after: bool) -> tuple[Array, ...]:
 
 def _view(one: Comparison, pair: tuple[Channel, ...], after: bool,
           shared: tuple[Limits | None, ...] | None) -> LoopView:
-    limits = [(None if shared is None else shared[k]) or extent(_curves(pair[k], after)) for k in (0, 1)]
+    limits = [(None if shared is None else shared[k]) or extent((*_curves(own, after), own.raw))
+              for k, own in enumerate(pair)]
     closed = one.time is None
     charts = []
     if all(np.isfinite(channel.measured).any() for channel in pair):
-        charts.append((f"{pair[1].name} over {pair[0].name}", _loop_chart(one.label, pair, limits, after, closed)))
+        charts.append((f"{pair[1].name} over {pair[0].name}", _loop_chart(one, pair, limits, after)))
     x_axis, x = _along(one)
     predicted = [channel for channel in reversed(pair) if channel.predicted]
     if not closed:
@@ -151,7 +155,7 @@ def _view(one: Comparison, pair: tuple[Channel, ...], after: bool,
 def _along(one: Comparison) -> tuple[Axis, Array]:
     """Return the axis along a period or a stretch of time, and where the samples lie on it."""
     count = len(one.displacement)
-    kept = thinned(count)
+    kept = thinned(one.displacement, one.force)
     if one.time is None:
         return horizontal("share of the period", 0.0, 1.0), kept / count
     time = np.asarray(one.time)[kept]
@@ -159,10 +163,12 @@ def _along(one: Comparison) -> tuple[Axis, Array]:
     return horizontal(f"time ({pretty_unit(unit)})", *extent([time / size], 0.0), pretty_unit(unit)), time / size
 
 
-def _loop_chart(label: str, pair: tuple[Channel, ...], limits: Sequence[Limits], after: bool, closed: bool) -> Markup:
-    x, y = pair
+def _loop_chart(one: Comparison, pair: tuple[Channel, ...], limits: Sequence[Limits], after: bool) -> Markup:
+    (x, y), closed = pair, one.time is None
     chart = Chart(horizontal(x.label, *limits[0], x.unit), vertical(y.label, *limits[1], y.unit),
-                  f"{label}: {y.name} over {x.name}, measured and predicted", readout="curves")
+                  f"{one.label}: {y.name} over {x.name}, measured and predicted", readout="curves")
+    if x.raw.size and y.raw.size:
+        chart.trace("raw", np.append(x.raw, x.raw[0]), np.append(y.raw, y.raw[0]))
     for name, look, u, v in _named(pair, after):
         chart.curve(name, look, *((np.append(w, w[0]) if closed else w) for w in (u, v)))
     return chart.markup()

@@ -100,6 +100,10 @@ class Chart:
         px, py = self.x.pixels(x), self.y.pixels(y)
         self.parts.append(Markup('<path class="curve {}" data-name="{}" d="{}"/>').format(look, name, _path(px, py)))
 
+    def trace(self, look: str, x: Array, y: Array) -> None:
+        """Add a line that no readout reads."""
+        self.parts.append(Markup('<path class="{}" d="{}"/>').format(look, _path(self.x.pixels(x), self.y.pixels(y))))
+
     def band(self, look: str, x: Array, low: Array, high: Array) -> None:
         """Add the area between two lines over `x`."""
         known = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
@@ -167,9 +171,19 @@ class Chart:
                               "{}</text>").format(middle, self.y.label)
 
 
-def thinned(count: int) -> NDArray[np.int64]:
-    """Return the indices of at most MOST_POINTS evenly spaced ones of `count` samples."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(np.int64))
+def thinned(*curves: Array) -> NDArray[np.int64]:
+    """Return the indices of some MOST_POINTS samples of `curves` (N,), every stretch by its extremes.
+
+    Evenly spaced ones would fold what oscillates faster into a zigzag that was not measured.
+    """
+    count = len(curves[0])
+    if count <= MOST_POINTS:
+        return np.arange(count)
+    kept = [0, count - 1]
+    for part in np.array_split(np.arange(count), MOST_POINTS // (2 * len(curves))):
+        for values in (np.nan_to_num(curve[part]) for curve in curves):
+            kept += [part[np.argmin(values)], part[np.argmax(values)]]
+    return np.unique(np.array(kept, dtype=np.int64))
 
 
 def coloured(values: Array, name: str, low: float, high: float) -> NDArray[np.uint8]:

@@ -94,6 +94,7 @@ def _show(console: Terminal, found: Diagnosis) -> None:
 
     console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
     console.print(f"[bold]{words.VERDICT_WORDS[found.verdict]}.[/bold] {escape(found.sentence)}", soft_wrap=True)
+    console.print(f"probability: {words.percent(found.probability)} {words.PROBABILITY_OF[found.verdict]}")
     console.print(f"by chance: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
     if found.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained")
@@ -117,3 +118,4 @@ def _show(console: Terminal, found: Diagnosis) -> None:
         console.print(f"measure next: {escape(found.separating_measurement)}", soft_wrap=True)
     for note in found.notes:
         console.print(f"warning: {escape(note)}", soft_wrap=True)
+    console.print(f"took: {escape(words.cost(found))}", soft_wrap=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,6 +128,8 @@ class Comparison:
     after_displacement: Array = quantity("m", "(N,), with the named effects")
     after_force: Array = quantity("N", "(N,)")
     time: Array | None = quantity("s", "(N,)", default=None)
+    raw_displacement: Array | None = quantity("m", "(n,), every sample where only harmonics are compared", default=None)
+    raw_force: Array | None = quantity("N", "(n,)", default=None)
 
 
 @record
@@ -245,6 +248,8 @@ class Diagnosis:
     case_file: str = ""  # text of a case with the named effects that `fretflow run` takes
     after_model: str = ""  # what "after" was predicted with: "baseline + friction-run-in"
     seconds: float = quantity("s", default=0.0)
+    stages: Mapping[str, float] = field(default_factory=dict)  # what was done: wall time in s
+    memory: tuple[float, float] = (0.0, 0.0)  # largest of this process and of one that worked for it, bytes
     fast: bool = False
 
     def to_json(self, path: Path | str | None = None) -> dict[str, Any]:
@@ -271,7 +276,9 @@ class Diagnosis:
             "remainder": {} if self.remainder is None else {
                 "share": _plain(self.remainder.share), "times_noise": _plain(self.remainder.times_noise),
                 "where": self.remainder.where},
-            "warnings": list(self.warnings), "version": own_version(), "commit": commit() or ""}
+            "warnings": list(self.warnings), "version": own_version(), "commit": commit() or "",
+            "seconds": self.seconds, "stages": dict(self.stages),
+            "memory": {"main": self.memory[0], "worker": self.memory[1]}}
         if path is not None:
             write_whole(Path(path), (json.dumps(content, indent=1) + "\n").encode())
         return content

@@ -29,6 +29,10 @@ VERDICT_WORDS = {
     Verdict.AMBIGUOUS: "One of several effects",
     Verdict.UNKNOWN: "Not in the catalogue",
 }
+PROBABILITY_OF = {
+    Verdict.NONE: "that nothing is missing", Verdict.NAMED: "of this name, among all explanations tried",
+    Verdict.AMBIGUOUS: "of the set, taken together", Verdict.UNKNOWN: "that it is something the catalogue lacks",
+}
 
 
 def number(value: float, resolution: float | None = None) -> str:
@@ -83,6 +87,15 @@ def duration(seconds: float) -> str:
     if seconds < 90.0:
         return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.1f} s"
     return f"{seconds // 60:.0f} min {seconds % 60:02.0f} s" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def cost(diagnosis: Diagnosis) -> str:
+    """Return what a diagnosis took: wall time, by stage from a second on, and memory."""
+    stages = ", ".join(f"{name} {duration(spent)}" for name, spent in diagnosis.stages.items() if spent >= 1.0)
+    own, other = (number(size / 1e9, 0.1) for size in diagnosis.memory)
+    held = f"{own} GB of memory" + (f", and up to {other} GB in each process" if other != "0.0" else "")
+    told = (duration(diagnosis.seconds), stages, held if diagnosis.memory[0] else "")
+    return "; ".join(part for part in told if part)
 
 
 def channel_words(channel: str) -> str:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import shutil
 import tempfile
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from pkgutil import resolve_name
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from fretflow.case.config import validate_case
@@ -73,7 +75,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     given = Path(recording) if isinstance(recording, str) else recording
     if isinstance(given, Path) and not given.exists():
         raise InputError(f"{given}: there is no such folder or file; give a folder with a {FILE}")
-    tell = progress or (lambda share, text: None)
+    tell = Stages(progress or (lambda share, text: None))
     with tempfile.TemporaryDirectory() as scratch, LocalPool(len(os.sched_getaffinity(0))) as pool:
         models = kept_models(Path(scratch) if home is None else home)
         tell(0.0, "reading")
@@ -85,7 +87,36 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
         found: Diagnosis = resolve_name(recorded.kind.experiment)(
             recorded, fast, tell, RigTools(lambda case: reduced_problem(case, models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
-    return replace(found, case_file=runnable(found, name))
+    return replace(found, case_file=runnable(found, name), stages=tell.ended(), memory=memory())
+
+
+@dataclass
+class Stages:
+    """The wall time of what is told as it begins."""
+
+    tell: Callable[[float, str], None]
+    spent: dict[str, float] = field(default_factory=dict)  # s
+    now: tuple[str, float] = ("", 0.0)  # what is being done, and since when
+
+    def __call__(self, share: float, text: str) -> None:
+        """End what was done and tell what begins."""
+        self.ended()
+        self.now = (text, monotonic())
+        self.tell(share, text)
+
+    def ended(self) -> dict[str, float]:
+        """Return the seconds of each stage, the last one ended."""
+        text, since = self.now
+        if text:
+            self.spent[text] = self.spent.get(text, 0.0) + monotonic() - since
+        self.now = ("", 0.0)
+        return self.spent
+
+
+def memory() -> tuple[float, float]:
+    """Return the most memory that this process and one of its ended children had, bytes."""
+    own, other = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return 1024.0 * own, 1024.0 * other
 
 
 def runnable(found: Diagnosis, name: str) -> str:

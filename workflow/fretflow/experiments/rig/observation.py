@@ -246,6 +246,23 @@ def condition_labels(conditions: Iterable[SweepCondition], test: RecordedTest) -
     return found
 
 
+def measured_loops(recording: Recording) -> dict[str, tuple[Array, Array]]:
+    """Return displacement and force (N,) of every loop by its label: means over the repeats at every sample."""
+    found = {} if recording.loops is None else {
+        count_label(at): loop for at, loop in _means(recording.loops).items()}
+    if recording.sweep is not None:
+        labels = condition_labels(recording.sweep.conditions, recording.test)
+        found |= {labels[at]: loop for at, loop in _means(recording.sweep.loops).items()}
+    return found
+
+
+def _means(loops: LoopSet) -> dict[int, tuple[Array, Array]]:
+    force = "friction_force" if "friction_force" in loops.channels else "force"
+    x, y = (from_zero(loops.channels[name], loops.phase) for name in ("displacement", force))
+    return {int(loops.cycles[k]): (np.nanmean(x[k], axis=0), np.nanmean(y[k], axis=0))
+            for k in np.flatnonzero(loops.repeats)}
+
+
 def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | None, sizes: Mapping[str, float]
                ) -> dict[str, float]:
     """Add loops to the vector; return the sizes of all channels so far, `sizes` those of loops before.

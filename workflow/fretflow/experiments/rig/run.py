@@ -21,7 +21,7 @@ from fretflow.experiments.rig.instruments import faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import Hypothesis, RigModel
-from fretflow.experiments.rig.observation import Array, observe
+from fretflow.experiments.rig.observation import Array, measured_loops, observe
 from fretflow.experiments.rig.setup import (
     FRICTION,
     MESHES,
@@ -139,11 +139,11 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=words.sentence(found, remainder, location, law), detection=detection,
-        location=location, parameters=estimates(experiment.rig, after.parameters, mean, covariance),
+        location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
-        comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels),
+        comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, unseen.before, unseen.after),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),

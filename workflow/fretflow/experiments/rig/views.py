@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +42,9 @@ def level(observation: Observation, vector: Array) -> Array:
     return moved
 
 
-def comparisons(observation: Observation, before: Array, after: Array, held_out: Collection[str] = ()
-                ) -> tuple[Comparison, ...]:
-    """Return up to eight cycle counts, the first and the last among them, and all conditions.
+def comparisons(observation: Observation, before: Array, after: Array, held_out: Collection[str] = (),
+                raw: Mapping[str, tuple[Array, Array]] = MappingProxyType({})) -> tuple[Comparison, ...]:
+    """Return eight cycle counts with the first and the last, all that are held out, and all conditions.
 
     Parameters
     ----------
@@ -53,11 +54,13 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
         Predictions (M,) without and with the named effects.
     held_out
         Labels of the loops that the fits of these predictions did not see there.
+    raw
+        Displacement and force (n,) of loops by their labels, every sample.
     """
     loops = loop_pieces(observation)
     counts = [label for label, pieces in loops.items() if pieces["displacement"].block == "loops"]
     kept = {counts[k] for k in np.unique(np.linspace(0, len(counts) - 1, MOST_SHOWN).round().astype(int))}
-    kept |= {label for label in loops if label not in counts}
+    kept |= {label for label in loops if label not in counts or label in held_out}
     before, after = level(observation, before), level(observation, after)
     found = []
     for label, pieces in loops.items():
@@ -68,7 +71,8 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
             for vector in (observation.values, before, after))
         found.append(Comparison(
             label=label, held_out=label in held_out, displacement=x, force=force, before_displacement=x_before,
-            before_force=force_before, after_displacement=x_after, after_force=force_after))
+            before_force=force_before, after_displacement=x_after, after_force=force_after,
+            **dict(zip(("raw_displacement", "raw_force"), raw.get(label, ()), strict=False))))
     return tuple(found)
 
 

@@ -20,13 +20,14 @@ from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLa
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed
 from fretflow.inference.words import separating as separating
-from fretflow.structure.two_mass_rig.joint import rig_of
 
 Names = Collection[str]
 WORTH_TELLING = 0.2  # of the squares that a law explains
 BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coefficient"),
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
-            "mass": ("rig.moving_mass", "kg", "mass of the driven block")}
+            "mass": ("rig.moving_mass", "kg", "mass of the driven block"),
+            "compliance": ("specimen.lower.youngs_modulus", "Pa",
+                           "modulus of the lower specimen; that of the upper goes with it, as loops tell their sum")}
 
 
 def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
@@ -106,14 +107,13 @@ def next_measurement(law: ResidualLaw) -> str:
             "recorded.")
 
 
-def estimates(rig: RigModel, space: Parameters, mean: Array, covariance: Array) -> tuple[Estimate, ...]:
+def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covariance: Array) -> tuple[Estimate, ...]:
     """Return the baseline's parameters and those of effects, of coordinates with a mean (size,) and covariance."""
-    made = [_estimate(rig, coordinate, float(z), HALF * float(sd), draws) for coordinate, z, sd, draws in zip(
-        space.coordinates, mean, np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True)]
-    return tuple(one for one in made if one is not None)
+    return tuple(_estimate(case, rig, one, float(z), HALF * float(sd), draws) for one, z, sd, draws in zip(
+        space.coordinates, mean, np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
 
 
-def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate | None:
+def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:
     ends = sorted(coordinate.value(z + way * half) for way in (-1.0, 1.0))
     value, draws = coordinate.value(z), coordinate.values(draws)
     if coordinate.effect:
@@ -126,11 +126,11 @@ def _estimate(rig: RigModel, coordinate: Coordinate, z: float, half: float, draw
         unit = next(entry.unit for entry in entries(kind()) if entry.key == coordinate.field)
         return Estimate(name=coordinate.name, value=value, low=ends[0], high=ends[1], unit=unit or "1",
                         meaning=kind.model_fields[coordinate.field].description or "", draws=draws)
-    if coordinate.field not in BASELINE:
-        return None
     name, unit, meaning = BASELINE[coordinate.field]
     size = {"friction": float(np.mean(rig.problem.friction_coefficient)), "wear": rig.wear_coefficient,
-            "mass": float(rig_of(rig.problem.structure).rig.moving_mass)}[coordinate.field]
+            "mass": case.rig.moving_mass, "compliance": case.specimen.lower.youngs_modulus}[coordinate.field]
+    if coordinate.field == "compliance":
+        value, draws, ends = 1.0 / value, 1.0 / draws, [1.0 / end for end in reversed(ends)]
     return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning,
                     draws=size * draws)
 
