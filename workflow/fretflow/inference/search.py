@@ -69,7 +69,7 @@ class Effort:
 
 
 FAST = Effort(going=10, first_steps=1, starts=1, last_steps=8, bases=2, partners=2)
-FULL = Effort(going=60, first_steps=4, starts=2, last_steps=16, bases=3, partners=4)
+FULL = Effort(going=20, first_steps=2, starts=2, last_steps=12, bases=3, partners=3)
 
 
 @dataclass(frozen=True)
