@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.case.bolted import load_bolted_case
+from fretflow.case.config import load_case
 from fretflow.core.errors import ConfigError, MeshError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -28,6 +29,8 @@ def test_the_example_is_read_in_si():
     assert case.backbone.largest == pytest.approx(600e-6)
     assert case.structure.sensors["tip"].along == (0.0, 0.0, 1.0)
     assert load_bolted_case(EXAMPLES / "quick.toml") is None
+    with pytest.raises(ConfigError, match="format: is a bolted structure's, which `fretflow run` takes"):
+        load_case(EXAMPLES / "bolted_beam.toml")
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [

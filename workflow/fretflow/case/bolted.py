@@ -7,13 +7,11 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from fretflow.case.config import explain
+from fretflow.case.config import BOLTED_FORMAT, explain
 from fretflow.case.sections import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
 from fretflow.core.files import read_toml
-
-FORMAT = "fretflow-structure/1"
 
 
 class Elasticity(Section):
@@ -135,7 +133,7 @@ def load_bolted_case(path: Path) -> BoltedCase | None:
         Naming the file, the field and the way out.
     """
     raw = read_toml(path, ConfigError, "examples/bolted_beam.toml is one to start from")
-    if raw.get("format") != FORMAT:
+    if raw.get("format") != BOLTED_FORMAT:
         return None
     try:
         case = BoltedCase.model_validate(raw)

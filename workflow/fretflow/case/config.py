@@ -42,6 +42,7 @@ __all__ = [
 ]
 
 FORMAT = "fretflow-case/1"
+BOLTED_FORMAT = "fretflow-structure/1"  # of `case.bolted`
 
 
 class Case(Section):
@@ -108,6 +109,8 @@ def load_case(path: Path | str) -> Case:
     """
     path = Path(path)
     raw = read_toml(path, ConfigError, "`fretflow init` writes one to start from")
+    if raw.get("format") == BOLTED_FORMAT:
+        raise ConfigError(f"{path}: format: is a bolted structure's, which `fretflow run` takes and nothing else does")
     case = validate_case(raw, source=str(path))
     given = {side: file for side in SIDES if (file := getattr(case.mesh, side)) is not None}
     meshes = {side: (path.parent / file).resolve() for side, file in given.items()}
