@@ -6,10 +6,13 @@ known never looks like a number.
 
 import math
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from fretflow.experiments.driven.views import two_stiffnesses
 from fretflow.inference import words
-from fretflow.inference.verdict import Estimate
+from fretflow.inference.verdict import Estimate, Evolution
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -79,3 +82,25 @@ def test_names_beyond_the_catalogue_are_let_through():
     assert words.effect_title("no-such-effect") == ""
     assert words.together(("a", "b")) == "a + b"
     assert words.parameter_words("friction-run-in.initial_friction") == "initial friction"
+
+
+@pytest.mark.parametrize(("name", "value", "unit", "told"), [
+    ("sensor-inertia.mass", 317.0, "kg", ["sensor-inertia.mass = 317 kg lies beyond the plausible 0.1 to 3 kg"]),
+    ("sensor-inertia.mass", 0.5, "kg", []),
+    ("coulomb-friction.friction_limit", 4e3, "N", []),  # goes with the joint
+    ("baseline.mass", 317.0, "kg", [])])
+def test_an_instrument_of_no_plausible_size_is_said_to_be_so(name, value, unit, told):
+    """Similarity takes a sensor's mass to half a tonne at a damper of 9 kN; no sensor has it."""
+    assert words.implausible([Estimate(name=name, value=value, low=value, high=value, unit=unit)]) == told
+
+
+def test_a_stiffness_read_off_loops_that_is_not_the_fitted_one_is_explained():
+    """They stood side by side, 5.3 against 4.2 N/um with 3.8 to 4.6, without a word."""
+    loops = np.full((3, 4), 5.3e6)
+    readings = Evolution(cycles=np.arange(4.0), friction_limit=loops, tangential_stiffness=loops,
+                         dissipated_energy=loops, sliding_distance=loops)
+    fitted = Estimate(name="baseline.tangential_stiffness", value=4.2e6, low=3.8e6, high=4.6e6, unit="N/m")
+    (told,) = two_stiffnesses(readings, [fitted])
+    assert told.startswith("loops show a tangential stiffness of 5.30 N/µm right after their reversals")
+    assert two_stiffnesses(readings, [replace(fitted, high=5.5e6)]) == []
+    assert two_stiffnesses(None, [fitted]) == []

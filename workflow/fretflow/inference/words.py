@@ -13,12 +13,13 @@ from markupsafe import Markup, escape
 
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Block
+from fretflow.effects.effect import Block, declared_priors
 from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, Verdict
 
 EVERYTHING = "the same test at another amplitude, another normal load and another frequency"
 BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 NOTHING = "–"
+INSTRUMENTS = ("kg", "s", "Hz")  # units of what belongs to them, and does not go with a joint's size
 _LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
 _PLAIN = range(-4, 7)  # powers of ten of numbers that are written without one, as C's %g does, and millions
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -165,6 +166,26 @@ def interval(estimate: Estimate) -> Interval:
     known = step is not None and math.isfinite(estimate.value) and estimate.value != 0.0
     relative = f"± {abs(100.0 * half / estimate.value):.2g} %" if known else NOTHING
     return Interval(value, low, high, printed, relative)
+
+
+def implausible(made: Iterable[Estimate]) -> list[str]:
+    """Return a warning for each parameter of an effect outside of what the catalogue holds plausible.
+
+    Forces and lengths go with the size of a joint; numbers do not, nor do masses, times and frequencies of instruments.
+    """
+    notes = []
+    for one in made:
+        effect, _, field = one.name.rpartition(".")
+        kind = catalogue().get(effect)
+        if kind is None or not (one.unit in ("", "1") or (kind.block is Block.SENSOR and one.unit in INSTRUMENTS)):
+            continue
+        prior = declared_priors(kind).get(field)
+        size = abs(one.value) if prior is not None and prior.low >= 0.0 else one.value
+        if prior is not None and not prior.low <= size <= prior.high:
+            unit = pretty_unit(one.unit)
+            notes.append(f"{one.name} = {f'{number(one.value, 0.1 * size)} {unit}'.rstrip()} lies beyond the plausible "
+                         f"{prior.low:g} to {prior.high:g} {unit}".rstrip())
+    return notes
 
 
 def parameter_words(name: str) -> str:

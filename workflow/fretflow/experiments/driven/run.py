@@ -17,7 +17,14 @@ from fretflow.experiments.driven.data import DrivenData, driven_data
 from fretflow.experiments.driven.experiment import DrivenExperiment
 from fretflow.experiments.driven.location import detect, locate, residual_law
 from fretflow.experiments.driven.noise import effective, measured_noise, white_noise
-from fretflow.experiments.driven.views import case_text, comparisons, evolved, next_measurement, residual_maps
+from fretflow.experiments.driven.views import (
+    case_text,
+    comparisons,
+    evolved,
+    next_measurement,
+    residual_maps,
+    two_stiffnesses,
+)
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.inference.experiment import Point
@@ -26,7 +33,7 @@ from fretflow.inference.parameters import signed_fields
 from fretflow.inference.posterior import decide
 from fretflow.inference.search import FAST, FULL, HALF, begin_all, search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of, listed, separating
+from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED
 from fretflow.recordings.recording import Recording
 
@@ -58,18 +65,20 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         share=1.0 - hypotheses.explained(found.after) if found.after else 1.0,
         times_noise=float(np.sqrt(np.mean((data.force - after)[data.used]**2))) / noise.sd,
         where=locate(data, noise, data.force - after, block).phase)
+    made, readings = estimates(hypotheses, found.after), evolved(data, before, after)
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=data.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=sentence(found, remainder, location, law), detection=detect(data, noise, data.force - before),
         location=location, remainder=remainder,
-        parameters=estimates(hypotheses, found.after),
+        parameters=made,
         held_out=held_out(experiment, hypotheses.baseline, fit), residual_law=law,
         separating_measurement=separating(found.sets or [()]) if law is None else next_measurement(law),
         smallest_visible=visible(hypotheses) if found.verdict is Verdict.NONE else {},
-        comparisons=comparisons(data, before, after), evolution=evolved(data, before, after),
+        comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),
-        notes=_notes(recording, data, experiment), after_model=after_model(found.verdict, found.after),
+        notes=(*_notes(recording, data, experiment), *implausible(made), *two_stiffnesses(readings, made)),
+        after_model=after_model(found.verdict, found.after),
         case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "",
         seconds=time.monotonic() - began, fast=fast)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import numpy as np
 
 from fretflow.case.casefile import entries
@@ -11,7 +14,8 @@ from fretflow.experiments.driven.data import Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.evolution import evolution
 from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN
-from fretflow.inference.verdict import Comparison, Evolution, ResidualLaw, ResidualMap
+from fretflow.inference.verdict import Comparison, Estimate, Evolution, ResidualLaw, ResidualMap
+from fretflow.inference.words import interval
 from fretflow.recordings.kinds.joints import LUMPED
 
 
@@ -51,6 +55,21 @@ def evolved(data: DrivenData, before: Array, after: Array) -> Evolution | None:
     own = {one.number: data.samples_of(one) for one in data.cycles}
     return evolution(list(own), [tuple((data.motion.displacement[at], force[at]) for force in (
         data.force, before, after)) for at in own.values()])
+
+
+def two_stiffnesses(readings: Evolution | None, made: Iterable[Estimate]) -> list[str]:
+    """Return why the stiffness that is read off loops is not the fitted one, where its interval leaves that out."""
+    fitted = next((one for one in made if one.name == "baseline.tangential_stiffness"), None)
+    if readings is None or fitted is None or np.isnan(readings.tangential_stiffness[0]).all():
+        return []
+    read = float(np.nanmedian(readings.tangential_stiffness[0]))
+    if fitted.low <= read <= fitted.high:
+        return []
+    shown = interval(replace(fitted, value=read, low=fitted.low - fitted.value + read,
+                             high=fitted.high - fitted.value + read))
+    return [f"loops show a tangential stiffness of {shown.value} {shown.unit} right after their reversals, which "
+            "`fretflow loops` reads; the fitted one is of a single spring over all that it takes until sliding, play "
+            "and rounded corners included"]
 
 
 def residual_maps(data: DrivenData, noise: Noise, before: Array, after: Array) -> tuple[ResidualMap, ...]:

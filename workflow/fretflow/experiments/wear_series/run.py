@@ -26,7 +26,7 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import decide, detected
 from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
 from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Remainder, Verdict, WearTests
-from fretflow.inference.words import after_model, listed
+from fretflow.inference.words import after_model, implausible, listed
 from fretflow.recordings.kinds.wear_series import WearSeries
 
 Progress = Callable[[float, str], None]
@@ -153,7 +153,7 @@ def _of_law(hypotheses: IndependentSearch, fit: Fit, powers: tuple[str, ...], ri
     """Return what limits a named law: rivals, exponents out of range, another growth of the scatter."""
     notes = [f"powers of {listed(one.law.powers)} instead of {listed(powers)} explain "
              f"{100.0 * one.hypotheses.explained(one.names):.0f} %, about as well" for one in rivals]
-    notes += words.beyond(made)
+    notes += implausible(made)
     known = {one.name: one for one in made if one.name.endswith("_exponent")}
     for power, told in ((0.0, "in proportion to the volume"), (1.0, "not at all with the volume")) if known else ():
         share, other = other_scatter(hypotheses, fit, power)

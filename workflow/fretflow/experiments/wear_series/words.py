@@ -7,8 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from fretflow.effects.catalogue import catalogue, tables
-from fretflow.effects.effect import declared_priors
+from fretflow.effects.catalogue import tables
 from fretflow.effects.volume_law import FREQUENCY, PRESSURE, SLIDING, VolumeLaw
 from fretflow.experiments.wear_series.data import WearData
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
@@ -73,17 +72,6 @@ def warnings(data: WearData, view: WearTests) -> list[str]:
              f"{view.r2_after:.2f}"]
     return notes + [f"{one} and {other} vary together in these tests, so that their powers are not known apart"
                     for one, other in together(data)]
-
-
-def beyond(made: Iterable[Estimate]) -> list[str]:
-    """Return a warning for each exponent beyond its plausible range."""
-    notes = []
-    for one in made:
-        effect, _, field = one.name.rpartition(".")
-        prior = declared_priors(catalogue()[effect]).get(field) if effect in catalogue() else None
-        if field.endswith("_exponent") and prior is not None and not prior.low <= one.value <= prior.high:
-            notes.append(f"{one.name} = {one.value:.2f} lies beyond the plausible {prior.low:g} to {prior.high:g}")
-    return notes
 
 
 def case_text(title: str, experiment: WearSeriesExperiment, effects: Iterable[str], made: Sequence[Estimate]) -> str:
