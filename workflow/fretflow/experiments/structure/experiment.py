@@ -182,7 +182,7 @@ class StructureExperiment:
 
     def _recorded_mode(self) -> int:
         """Return the mode that is stated, or that whose frequency is nearest with a motion of the named output."""
-        backbone = self._backbone
+        backbone = self.recorded
         space = self.parameters(())
         modes = self.joint(Point(space, np.zeros(space.size))).linear_modes(MODES)
         if backbone.mode is not None:
@@ -193,7 +193,8 @@ class StructureExperiment:
         return int(np.argmin(distance))
 
     @property
-    def _backbone(self) -> MeasuredBackbone:
+    def recorded(self) -> MeasuredBackbone:
+        """Return the backbone as it was recorded."""
         if self.recording.backbone is None:
             raise InputError(f"{self.recording.path}: has no [backbone]")
         return self.recording.backbone
@@ -211,7 +212,7 @@ class StructureExperiment:
         place = np.log(own.amplitude)
         share = np.tile(0.5 * (place - place[0]) / max(float(np.ptp(place)), 1e-12), parts)
         matrices = np.r_[MATRICES * own.frequency, np.zeros(rows - count)]
-        gain = np.concatenate([np.gradient(values, place) for values, _ in blocks]) * self._backbone.calibration_sd
+        gain = np.concatenate([np.gradient(values, place) for values, _ in blocks]) * self.recorded.calibration_sd
         noise = np.concatenate([sd**2 for _, sd in blocks])
         # points of a mesh slide one by one: a model cannot tell the continuum better than its own curve is smooth
         rough = np.repeat([scatter(place, one) for one in fine.reshape(parts, count)], count)
@@ -314,7 +315,7 @@ class StructureExperiment:
 
     def curves(self, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
         """Return backbone and responses as measured and as two predictions, before and after, have them."""
-        own, told = self.measurement, self._backbone
+        own, told = self.measurement, self.recorded
         before, after = (one.values for one in fits)
         models = [(one.state, self.joint(one.point).linear_modes(self.mode + 1)[self.mode]) for one in fits]
         name, unit = "modal amplitude", MODAL_UNIT
@@ -333,7 +334,7 @@ class StructureExperiment:
         Where a model is near the recording, its amplitudes are the recorded ones: curves have kinks, where points begin
         to slide, between which nothing may be interpolated over wide steps.
         """
-        power = POWERS.get(self._backbone.amplitude_unit, 0)
+        power = POWERS.get(self.recorded.amplitude_unit, 0)
         asked = self.points.amplitude / self._gain(mode) * (self.points.frequency / mode.frequency)**(2 - power)
         asked = np.r_[BELOW * asked[:1], asked]
         for _ in range(RETRIES):
@@ -345,23 +346,23 @@ class StructureExperiment:
 
     def _gain(self, mode: LinearMode) -> float:
         """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""
-        name = self._backbone.amplitude_of
-        if name not in self.structure.outputs or self._backbone.amplitude_unit == MODAL_UNIT:
+        name = self.recorded.amplitude_of
+        if name not in self.structure.outputs or self.recorded.amplitude_unit == MODAL_UNIT:
             return 1.0
         on_contact, on_modes = self.structure.outputs[name]
         size = abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
         if not size > 0.0:
             raise InputError(f"backbone.amplitude_of: mode {self.mode + 1} does not move {name!r}; name the mode by "
                              "backbone.mode, or another output")
-        return size * float((2.0 * np.pi * mode.frequency)**POWERS.get(self._backbone.amplitude_unit, 0))
+        return size * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
 
     def _seen(self, curve: ModalBackbone, mode: LinearMode) -> Array:
         """Return the amplitudes of a backbone as they were recorded."""
-        name = self._backbone.amplitude_of
-        if self._backbone.amplitude_unit == MODAL_UNIT:
+        name = self.recorded.amplitude_of
+        if self.recorded.amplitude_unit == MODAL_UNIT:
             return curve.amplitude
         moved = np.abs(curve.outputs[:, curve.output_names.index(name)])
-        return np.asarray(moved * (2.0 * np.pi * curve.frequency)**POWERS.get(self._backbone.amplitude_unit, 0))
+        return np.asarray(moved * (2.0 * np.pi * curve.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
 
     @cached_property
     def _bare(self) -> tuple[BoltedJoint, LinearMode]:

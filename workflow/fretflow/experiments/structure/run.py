@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.units import pretty_quantity
 from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.inference.evidence import drawn
@@ -139,8 +140,8 @@ def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> H
         except NonConvergenceError:
             return None
         sizes.append(float(np.sqrt(np.mean(rest**2))))
-    return HeldOut(what=f"amplitudes above {experiment.points.amplitude[head - 1]:.3g}", before=sizes[0],
-                   after=sizes[1], floor=1.0)
+    above = pretty_quantity(float(experiment.points.amplitude[head - 1]), experiment.recorded.amplitude_unit, 3)
+    return HeldOut(what=f"amplitudes above {above}", before=sizes[0], after=sizes[1], floor=1.0)
 
 
 def remainder(found: Search, judged: Found) -> Remainder:
