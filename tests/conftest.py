@@ -9,6 +9,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 RECORDINGS_VARIABLE = "FRETFLOW_RECORDINGS"
 # Tests that CI must run: a skip of one of them is a failure there.
@@ -25,6 +26,9 @@ os.environ.update({
     "OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
     "OMPI_MCA_hwloc_base_binding_policy": "none", "PRTE_MCA_hwloc_default_binding_policy": "none",
 })
+# No test is timed: a busy machine may be slow in drawing examples, too.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 # Also where a test imports dolfinx 0.5: keep its libraries out of the global scope, see fretflow.assembly.
 sys.setdlopenflags = lambda flags: None
 
