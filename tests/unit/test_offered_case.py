@@ -58,6 +58,12 @@ def test_stages_are_timed_and_told(found, monkeypatch):
     assert content["memory"] == {"main": 1.24e9, "worker": 0.3e9}
 
 
+def test_the_json_has_every_warning_of_the_terminal_once(found):
+    """Those of joints that a motion drives and of wear series had been missing."""
+    said = replace(found, warnings=("play stands at its bound",), notes=("play stands at its bound", "no time axis"))
+    assert said.to_json()["warnings"] == ["play stands at its bound", "no time axis"]
+
+
 def test_memory_is_that_of_the_process():
     """The kernel's own account of it is the same."""
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.inference.verdict import Place, Verdict
+from fretflow.inference.verdict import Place, Remainder, Verdict
 from fretflow_post import style
 from fretflow_post.report import render_report, write_report
 from matplotlib.image import imread
@@ -148,6 +148,13 @@ def test_samples_stand_beside_the_harmonics_that_are_compared(cases):
         replace(one, raw_displacement=one.displacement, raw_force=ringing), *found.comparisons[1:])))
     assert text.count('class="raw"') == 1
     assert "every sample" in text
+
+
+@pytest.mark.parametrize("maker", ["named", "none"])
+def test_the_map_says_what_is_left(maker, cases):
+    """A coloured map stood under "no missing physics" without a word of how much it was."""
+    found = replace(getattr(cases, maker)(), remainder=Remainder(share=0.05, times_noise=5.84, where=""))
+    assert "What the model of the verdict leaves is 5.84 times the noise" in render_report(found)
 
 
 def test_loops_that_are_compared_and_not_drawn_are_told(cases):

@@ -276,8 +276,8 @@ class Diagnosis:
             "remainder": {} if self.remainder is None else {
                 "share": _plain(self.remainder.share), "times_noise": _plain(self.remainder.times_noise),
                 "where": self.remainder.where},
-            "warnings": list(self.warnings), "version": own_version(), "commit": commit() or "",
-            "seconds": self.seconds, "stages": dict(self.stages),
+            "warnings": list(dict.fromkeys((*self.warnings, *self.notes))), "version": own_version(),
+            "commit": commit() or "", "seconds": self.seconds, "stages": dict(self.stages),
             "memory": {"main": self.memory[0], "worker": self.memory[1]}}
         if path is not None:
             write_whole(Path(path), (json.dumps(content, indent=1) + "\n").encode())
