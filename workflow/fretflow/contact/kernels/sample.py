@@ -24,6 +24,9 @@ MAX_ITERATIONS = 40
 MOST_PARTS = 256  # of the change of the load on the faces in a sample
 NONE = -1  # size of a factor that there is not
 STALE = 0.4  # a kept factor must contract the residual at least by this; a new one costs some ten iterations
+SECANTS = 8  # that correct a kept factor; their products cost little beside one with the stiffness
+WORTH = 100  # nodes from which they do; below, a new factor costs no more
+OWN = 0.1  # share of a secant that those before must not tell already: a smaller one would amplify the curvature
 
 
 class Contact(NamedTuple):
@@ -46,15 +49,19 @@ class Contact(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """The last LU factors, of the equations of the contact state (n,); size (1,) is q, `NONE` if there are none.
+    """The last LU factors, of the equations of the contact state (n,); size (2,) is q, `NONE` if there are none.
 
-    For Newton's steps they are in single precision, which takes half the time; derivatives need double.
+    For Newton's steps they are in single precision, which takes half the time; derivatives need double. Those of Newton
+    are corrected by secants, of which size[1] were seen: the change of the residual, orthonormal, and the `steps`
+    (s, 3 n) that made it (V. Eyert, J. Comput. Phys. 124 (1996) 271-285).
     """
 
     matrix: NDArray[np.floating[Any]]
     pivots: NDArray[np.int32]
     state: States
     size: Indices
+    steps: Array
+    changes: Array
 
 
 class PeriodHistory(NamedTuple):
@@ -70,8 +77,9 @@ def empty_factor(nodes: int, single: bool = False) -> Factor:
     """Return room for the factors of any state of n nodes, in double precision or single."""
     size = 3 * nodes
     matrix: NDArray[np.floating[Any]] = np.empty(size * size, dtype=np.float32 if single else np.float64)
+    steps, changes = np.empty((2, SECANTS if single and nodes >= WORTH else 0, size))
     return Factor(matrix, np.empty(size, dtype=np.int32), np.empty(nodes, dtype=np.int8),
-                  np.full(1, NONE, dtype=np.int64))
+                  np.full(2, NONE, dtype=np.int64), steps, changes)
 
 
 def empty_period(samples: int, nodes: int, coordinates: int = 0) -> PeriodHistory:
@@ -116,13 +124,22 @@ def law_at(c: Contact, i: int) -> tuple[float, float, float, float]:
 
 
 @compiled
-def _hold(c: Contact, u: Array, f: Array, previous: Array, state: States, pull: Array, trial: Array) -> None:
-    """Put the known DOFs where their state wants them, closed at the gap, stuck where they were; f and tau follow."""
+def _hold(c: Contact, u: Array, previous: Array, state: States) -> bool:
+    """Put the known DOFs where their state wants them, closed at the gap, stuck where they were; tell if any moved."""
+    moved = False
     for i in range(len(c.gap)):
         if state[i] != SEPARATION:
+            moved |= u[3 * i + 2] != -c.gap[i]
             u[3 * i + 2] = -c.gap[i]
         if state[i] == STICK:
+            moved |= u[3 * i] != previous[3 * i] or u[3 * i + 1] != previous[3 * i + 1]
             u[3 * i], u[3 * i + 1] = previous[3 * i], previous[3 * i + 1]
+    return moved
+
+
+@compiled
+def _press_on(c: Contact, u: Array, f: Array, previous: Array, pull: Array, trial: Array) -> None:
+    """Put the forces of a displacement into f, and what follows from them into `trial`."""
     multiply_symmetric(c.stiffness, u, f)
     for k in range(len(f)):
         f[k] -= pull[k]
@@ -226,7 +243,7 @@ def factorise_state(c: Contact, trial: Array, cone: Array, m: int, unknown: Indi
         columns[m + k, k] -= rho * a * x
         columns[k, m + k] += rho * b * y
         columns[m + k, m + k] -= rho * b * x
-    factor.size[0] = q
+    factor.size[0], factor.size[1] = q, 0
     for i in range(len(state)):
         factor.state[i] = state[i]
     return q == 0 or factorise(columns, factor.pivots[:q])
@@ -241,6 +258,53 @@ def solve(factor: Factor, columns: NDArray[np.floating[Any]]) -> None:
 
 
 @compiled
+def learn(factor: Factor, step: Array, change: Array) -> None:
+    """Take in that the residual changed by `change` (q,) with a `step` (q,) of the unknowns; both are overwritten."""
+    q, place = len(step), factor.size[1] % len(factor.steps)
+    size = np.sqrt(_dot(change, change))
+    for k in range(min(factor.size[1], len(factor.steps))):
+        if k != place:
+            share = _dot(factor.changes[k, :q], change)
+            _add(change, -share, factor.changes[k, :q])
+            _add(step, -share, factor.steps[k, :q])
+    rest = np.sqrt(_dot(change, change))
+    if rest > OWN * size:
+        for r in range(q):
+            factor.changes[place, r], factor.steps[place, r] = change[r] / rest, step[r] / rest
+        factor.size[1] += 1
+
+
+@compiled
+def newton_step(factor: Factor, residual: Array) -> Array:
+    """Return the change of the unknowns (q,) that the secants, and for the rest the factors, expect of a residual."""
+    q = len(residual)
+    step, rest = np.zeros(q), residual.copy()
+    for k in range(min(factor.size[1], len(factor.steps))):
+        share = _dot(factor.changes[k, :q], rest)
+        _add(rest, -share, factor.changes[k, :q])
+        _add(step, -share, factor.steps[k, :q])
+    answer = rest.astype(factor.matrix.dtype)
+    solve(factor, answer.reshape(1, -1))
+    for r in range(q):
+        step[r] -= answer[r]
+    return step
+
+
+@compiled
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for k in range(len(a)):
+        total += a[k] * b[k]
+    return total
+
+
+@compiled
+def _add(a: Array, share: float, b: Array) -> None:
+    for k in range(len(a)):
+        a[k] += share * b[k]
+
+
+@compiled
 def find(c: Contact, factor: Factor, pull: Array, friction_factor: float, previous: Array, sample: PeriodHistory,
          j: int, tolerance: float) -> bool:
     """Find sample j of `sample`, which holds the guess, after a displacement `previous`; return whether it was found.
@@ -251,18 +315,21 @@ def find(c: Contact, factor: Factor, pull: Array, friction_factor: float, previo
     n, last = len(state), np.inf
     trial, cone, new = np.empty((3, n)), np.empty((4, n)), np.empty(n, dtype=np.int8)
     m, unknown = unknowns(state)
-    _hold(c, u, f, previous, state, pull, trial)
+    step = residual = np.empty(0)
+    _hold(c, u, previous, state)
+    _press_on(c, u, f, previous, pull, trial)
     for iteration in range(MAX_ITERATIONS):
         settled = False
         if iteration:
-            _hold(c, u, f, previous, state, pull, trial)
+            _press_on(c, u, f, previous, pull, trial)
             settled = not _project(c, u, f, trial, friction_factor, state)
             if not settled:
                 last = np.inf
                 m, unknown = unknowns(state)
-                _hold(c, u, f, previous, state, pull, trial)
+                if _hold(c, u, previous, state):
+                    _press_on(c, u, f, previous, pull, trial)
         turn_cone(c, f, trial, friction_factor, cone)
-        residual = _residual(f, trial, cone, m, unknown)
+        before, residual = residual, _residual(f, trial, cone, m, unknown)
         error = _largest(residual)
         if not np.isfinite(error):
             return False
@@ -274,11 +341,12 @@ def find(c: Contact, factor: Factor, pull: Array, friction_factor: float, previo
         if stale and not factorise_state(c, trial, cone, m, unknown, state, factor):
             factor.size[0] = NONE
             return False
+        if len(factor.steps) and not stale and last < np.inf:
+            learn(factor, step, residual - before)
         last = error
-        step = residual.astype(factor.matrix.dtype)
-        solve(factor, step.reshape(1, -1))
+        step = newton_step(factor, residual)
         for k in range(len(unknown)):
-            u[unknown[k]] -= step[k]
+            u[unknown[k]] += step[k]
     return False
 
 
