@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from fretflow.contact.kernels.sample import SECANTS, WORTH, Factor, empty_factor, learn, newton_step
 from fretflow.core.compiled import factorise
 

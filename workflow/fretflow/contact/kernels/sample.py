@@ -124,9 +124,12 @@ def law_at(c: Contact, i: int) -> tuple[float, float, float, float]:
 
 
 @compiled
-def _hold(c: Contact, u: Array, previous: Array, state: States) -> bool:
-    """Put the known DOFs where their state wants them, closed at the gap, stuck where they were; tell if any moved."""
-    moved = False
+def _hold(c: Contact, u: Array, f: Array, previous: Array, state: States, pull: Array, trial: Array, moved: bool
+          ) -> None:
+    """Put the known DOFs where their state wants them, closed at the gap, stuck where they were; f and tau follow.
+
+    Where that moves none of them, f is what it was, unless others have `moved`.
+    """
     for i in range(len(c.gap)):
         if state[i] != SEPARATION:
             moved |= u[3 * i + 2] != -c.gap[i]
@@ -134,16 +137,11 @@ def _hold(c: Contact, u: Array, previous: Array, state: States) -> bool:
         if state[i] == STICK:
             moved |= u[3 * i] != previous[3 * i] or u[3 * i + 1] != previous[3 * i + 1]
             u[3 * i], u[3 * i + 1] = previous[3 * i], previous[3 * i + 1]
-    return moved
-
-
-@compiled
-def _press_on(c: Contact, u: Array, f: Array, previous: Array, pull: Array, trial: Array) -> None:
-    """Put the forces of a displacement into f, and what follows from them into `trial`."""
-    multiply_symmetric(c.stiffness, u, f)
-    for k in range(len(f)):
-        f[k] -= pull[k]
-    try_forces(c, u, f, previous, trial)
+    if moved:
+        multiply_symmetric(c.stiffness, u, f)
+        for k in range(len(f)):
+            f[k] -= pull[k]
+        try_forces(c, u, f, previous, trial)
 
 
 @compiled
@@ -316,18 +314,16 @@ def find(c: Contact, factor: Factor, pull: Array, friction_factor: float, previo
     trial, cone, new = np.empty((3, n)), np.empty((4, n)), np.empty(n, dtype=np.int8)
     m, unknown = unknowns(state)
     step = residual = np.empty(0)
-    _hold(c, u, previous, state)
-    _press_on(c, u, f, previous, pull, trial)
+    _hold(c, u, f, previous, state, pull, trial, True)
     for iteration in range(MAX_ITERATIONS):
         settled = False
         if iteration:
-            _press_on(c, u, f, previous, pull, trial)
+            _hold(c, u, f, previous, state, pull, trial, True)
             settled = not _project(c, u, f, trial, friction_factor, state)
             if not settled:
                 last = np.inf
                 m, unknown = unknowns(state)
-                if _hold(c, u, previous, state):
-                    _press_on(c, u, f, previous, pull, trial)
+                _hold(c, u, f, previous, state, pull, trial, False)
         turn_cone(c, f, trial, friction_factor, cone)
         before, residual = residual, _residual(f, trial, cone, m, unknown)
         error = _largest(residual)
