@@ -178,3 +178,15 @@ def test_contact_nodes_whose_mass_counts_are_told_by_their_share_of_the_kinetic_
     assert 1.0 - square / 1e6 == pytest.approx(share, rel=0.1)
     whole = solve_periodic(given, "dlft", harmonics=9, samples=64)  # keeps all mass, and has nothing to say
     assert (abs(np.ptp(whole.output("tip")) / np.ptp(found.output("tip")) - 1.0) > 0.01) == (own > 0.02)
+
+
+def test_a_response_in_partial_slip_ends_and_is_that_of_time_integration():
+    given = problem(60.0, 60.0)
+    curve = continue_response(given, 60.0, 63.0)
+    assert not curve.bridged.any()
+    assert set(curve.direction) == {1, -1}
+    assert {60.0, 63.0} == set(np.round(curve.frequency[[0, curve.along(1)[-1]]], 6))
+    history = settle(given.vary(frequency=63.0), None, (10, 40), 512, 1e-4)
+    swing = np.ptp(history.of_period(history.outputs["tip"]))
+    for end in (curve.along(1)[-1], curve.along(-1)[0]):
+        assert curve.peak_to_peak[end, 1] == pytest.approx(swing, rel=0.02)

@@ -56,6 +56,9 @@ MAX_INSERTIONS = 10
 BRIDGES = (0.002, 0.005, 0.01, 0.02, 0.05)  # of the frequency
 LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
 MAX_POINTS = 1000
+# Of a contact that sees several coordinates, unless asked for: N samples leave a motion off by about 1 / N, so that a
+# tenth of that is close enough; what the harmonics leave out, too, is in the curve's sampling error.
+SEVERAL: dict[str, Any] = {"harmonics": 11, "fine_harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256}
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,8 @@ def continue_response(problem: PeriodicProblem, start: float, stop: float, chann
     progress : callable, optional
         Takes the frequency in Hz of each point solved.
     settings
-        Of `Sweep`: harmonics, samples, tolerances and lengths of arcs.
+        Of `Sweep`: harmonics, samples, tolerances and lengths of arcs; where the contact sees several coordinates,
+        by default fewer harmonics and tolerances of a tenth of a sample.
 
     Returns
     -------
@@ -139,7 +143,8 @@ def continue_response(problem: PeriodicProblem, start: float, stop: float, chann
     shown = channels[0] if channels[0] != "relative" or len(channels) == 1 else channels[1]
     channel_index(channel or shown, channels)
     try:
-        sweep = Sweep(float(start), float(stop), channel=channel or shown, **settings)
+        own = SEVERAL if len(seen_coordinates(problem.boundary)) > 1 else {}
+        sweep = Sweep(float(start), float(stop), channel=channel or shown, **{**own, **settings})
     except TypeError as error:
         raise InputError(f"continue_response: {error}; settings are the fields of Sweep") from error
     return respond(problem, sweep, lambda direction, frequency: progress(frequency) if progress else None)

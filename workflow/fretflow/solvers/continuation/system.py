@@ -26,14 +26,14 @@ from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.march import ContactMarch, PeriodicMarch, Surroundings
-from fretflow.solvers.quasi_static.newton import NEAR
+from fretflow.solvers.quasi_static.newton import LAGGED, NEAR
 from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleState
 from fretflow.solvers.quasi_static.starts import stuck_start
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 SHORTEST_STEP = 0.1  # of a Newton step; beyond that a shorter arc is cheaper
 ACROSS = 2.0  # growth of the residual that is let pass
-MAX_ACROSS = 3  # times
+MAX_ACROSS = 6  # derivatives; with the last ones only smaller residuals are let pass
 MAX_DEFECTS = 12
 SLOW = 0.5  # decrease of the residual by a correction of the defect
 MAX_SLOW = 3  # times
@@ -99,6 +99,7 @@ class ContinuationSystem:
             own = float(self.march.system.felt_stiffness[0, 0])
             self.spring = OnBackbone(Backbone(np.array([own]), np.array([np.inf])), self.scale)
         self.backbone = None if backbone is None else OnBackbone(backbone, self.scale)
+        self._derivative: Array | None = None  # of R, where Newton was last
 
     def equations(self, omega: float) -> InternalEquations:
         """Return the rig's equations at `omega` (rad/s)."""
@@ -236,36 +237,53 @@ class ContinuationSystem:
         return None
 
     def _by_newton(self, plane: Plane, now: CurvePoint) -> CurvePoint:
-        across, history = 0, [now.norm]
+        """Return the root by Newton; a former derivative, corrected by each step, serves while steps are good.
+
+        Samples that begin to stick put kinks into R, between which shortened steps creep: whole ones come first, also
+        to a larger residual, and lead across (R. M. Chamberlain et al., Math. Program. Stud. 16 (1982) 1-17).
+        """
+        history, made, matrix = [now.norm], 0, self._derivative
+        if matrix is not None and matrix.shape != (len(now.seen), len(now.seen) + 1):
+            matrix = None
         while now.norm > self.tolerance:
-            following = self._step(now, plane, across < MAX_ACROSS) if len(history) <= self.max_iterations else None
-            if following is None:
+            following = None if matrix is None else self._tried(now, plane, matrix, LAGGED * now.norm)
+            if following is None and made < self.max_iterations:
+                matrix, made = self.derivative(now), made + 1
+                following = self._searched(now, plane, matrix, ACROSS * min(history) if made < MAX_ACROSS else 0.0)
+            if following is None or matrix is None:
                 raise NonConvergenceError(
                     f"forced response near {now.omega / (2.0 * np.pi):.6g} Hz: residual {now.norm:.1e} of the "
                     f"excitation after {len(history) - 1} iterations", history)
-            across += following.norm > now.norm
+            matrix = self._derivative = _corrected(matrix, now, following)
             now = replace(following, iterations=now.iterations + 1, secants=now.secants)
             history.append(now.norm)
         return now
 
-    def _step(self, now: CurvePoint, plane: Plane, worse: bool) -> CurvePoint | None:
-        """Return a point with a smaller residual, or a larger one if `worse` is allowed.
-
-        Samples that begin to stick put kinks into R. Where a Newton step leads across one, the mean of the
-        derivatives on both sides is tried before the step is shortened.
-        """
-        tried: list[CurvePoint] = []
-        matrix, length, force = self.derivative(now), 1.0, self.scale
+    def _searched(self, now: CurvePoint, plane: Plane, matrix: Array, across: float) -> CurvePoint | None:
+        """Return the point of the longest step that reduces the residual, or of the whole one if below `across`."""
+        length = 1.0
         while length >= SHORTEST_STEP:
-            unknowns = now.unknowns + length * plane.step(now.residual / force, matrix / force)
-            if unknowns[-1] > 0.0:
-                near = now.history if not tried and now.norm < NEAR else None
-                following = self.evaluate(unknowns, now.end, near, now.norm, now.other)
-                if following.norm < (1.0 - 1e-3 * length) * now.norm:
-                    return following
-                tried.append(following)
-                if len(tried) == 1:
-                    matrix = 0.5 * (matrix + self.derivative(following))
-            length *= 0.5 if len(tried) != 1 else 1.0
-        best = min(tried, key=lambda point: point.norm, default=None)
-        return best if worse and best is not None and best.norm < ACROSS * now.norm else None
+            bound = max((1.0 - 1e-3 * length) * now.norm, across if length == 1.0 else 0.0)
+            following = self._tried(now, plane, matrix, bound, length)
+            if following is not None:
+                return following
+            length *= 0.5
+        return None
+
+    def _tried(self, now: CurvePoint, plane: Plane, matrix: Array, bound: float, length: float = 1.0
+               ) -> CurvePoint | None:
+        """Return the point after a step if its residual is below `bound`; None also where the contact is not found."""
+        unknowns = now.unknowns + length * plane.step(now.residual / self.scale, matrix / self.scale)
+        if unknowns[-1] > 0.0:
+            with suppress(NonConvergenceError):
+                following = self.evaluate(unknowns, now.end, now.history if now.norm < NEAR else None, now.norm,
+                                          now.other)
+                return following if following.norm < bound else None
+        return None
+
+
+def _corrected(matrix: Array, now: CurvePoint, following: CurvePoint) -> Array:
+    """Return the derivative with the change of R from one point to the other (C. G. Broyden 1965)."""
+    step = following.unknowns - now.unknowns
+    along = step / now.scales**2
+    return np.asarray(matrix + np.outer(following.residual - now.residual - matrix @ step, along / (along @ step)))
