@@ -58,7 +58,7 @@ LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
 MAX_POINTS = 1000
 # Of a contact that sees several coordinates, unless asked for: N samples leave a motion off by about 1 / N, so that a
 # tenth of that is close enough; what the harmonics leave out, too, is in the curve's sampling error.
-SEVERAL: dict[str, Any] = {"harmonics": 11, "fine_harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256}
+SEVERAL: dict[str, Any] = {"harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256}
 
 
 @dataclass(frozen=True)
