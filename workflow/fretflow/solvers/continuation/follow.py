@@ -43,6 +43,7 @@ from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.starts import settled_starts
 
 Array = NDArray[np.float64]
 EFFORT = 8  # iterations of a good arc
@@ -207,7 +208,7 @@ class _Follower:
             there = [p for p in reached if abs(p.omega - omega) < 1e-9 * omega]
             if there:
                 return there[-1]
-            return self._loaded(omega, error)
+            return self._settled(omega) if len(self.system.seen) > 1 else self._loaded(omega, error)
 
     def _loaded(self, omega: float, error: NonConvergenceError) -> CurvePoint:
         """Raise the excitation step by step, from rest."""
@@ -297,6 +298,20 @@ class _Follower:
             for guess in (now.seen, self.system.guess(omega)):
                 with suppress(NonConvergenceError):
                     return self.system.at_frequency(omega, guess, now.end, now)
+        for relative in BRIDGES if len(self.system.seen) > 1 else ():
+            with suppress(NonConvergenceError):
+                return self._settled(now.omega * (1.0 + way * relative))
+        raise error
+
+    def _settled(self, omega: float) -> CurvePoint:
+        """Return the point of one frequency from where the joint settles in time. Raises NonConvergenceError."""
+        at, march = self.system.at(omega), self.system.march
+        error = NonConvergenceError(f"forced response at {omega / (2.0 * pi):.6g} Hz: the motion does not settle")
+        for found in settled_starts(at, self.system.equations(omega), march, None):
+            try:
+                return self.system.at_frequency(omega, found.start.seen, found.contact)
+            except NonConvergenceError as failure:
+                error = failure
         raise error
 
     def _end(self, inside: CurvePoint, outside: CurvePoint, omega: float) -> CurvePoint:
