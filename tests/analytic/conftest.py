@@ -45,6 +45,7 @@ class Dragged:
 
     state_type = Nothing
     has_laws = True
+    load_held = True
 
     def __init__(self, problem, effects=(), half_stroke=5e-6):
         self.model = EffectModel.build(problem, effects)

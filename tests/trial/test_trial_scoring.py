@@ -195,7 +195,8 @@ def test_scoreboard_and_page() -> None:
     assert "http" not in text.replace("http-equiv", "")
     assert "&lt;abc&gt;" in text
     assert "&lt;no&gt;" in text
-    assert text.count("case-00") == 8
+    assert text.count(">case-00") == 8
+    assert text.count('href="reports/case-00') == 7  # a diagnosis that failed has no report
 
 
 def test_scoreboard_of_no_strong_case_names_no_target_met() -> None:

@@ -26,7 +26,7 @@ class Linear:
     cost: float = 0.0
 
     @property
-    def courses(self) -> Array:
+    def modulations(self) -> Array:
         """Return nothing that other forms would follow."""
         return np.zeros((COUNT, 0))
 
