@@ -126,8 +126,8 @@ def test_trial_publishes_hashes_first_and_keys_last(trial: Trial) -> None:
     assert load(trial.out / "trial.json")["settings"]["seed"] == 77
     page = (trial.out / "trial.html").read_text()
     assert "case-002" in page
-    assert "href='reports/case-002.html'" not in page  # that diagnosis failed
-    assert "href='reports/case-000.html'" in page
+    assert 'href="reports/case-002.html"' not in page  # that diagnosis failed
+    assert 'href="reports/case-000.html"' in page
     assert (trial.out / "reports" / "case-000.html").read_text().startswith("page of")
 
 
