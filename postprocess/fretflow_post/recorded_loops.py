@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from fretflow.core.store import write_csv
 from fretflow.core.units import pretty_unit, readable_unit
-from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.loop_sets import LoopsRead
 from fretflow.recordings.readings import LoopReading, RecordedReadings
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
@@ -19,6 +20,7 @@ from fretflow_post import style
 Array = NDArray[np.float64]
 
 MOST_LOOPS = 9  # drawn and named in the legend; more would not be told apart
+MOST_BARS = 60  # told apart in a panel; of more a band is drawn
 LIGHTEST = 0.92  # of the colour map: its end is too pale on white
 
 
@@ -31,15 +33,16 @@ class Panel:
     unit: str
 
 
-def plot_recorded_loops(path: Path, title: str, loops: LoopSet, readings: RecordedReadings, index: str) -> list[Path]:
+def plot_recorded_loops(path: Path, title: str, found: LoopsRead) -> list[Path]:
     """Draw the mean loop of each cycle count over its repeats, and the readings with one standard deviation.
 
-    Of many cycle counts some are drawn, the first and last among them. `index` says what tells the loops apart:
-    cycles or conditions. The CSV holds the loops that are drawn.
+    Of many cycle counts some are drawn, the first and last among them. The CSV holds the loops that are drawn.
     """
+    loops, readings, index = found.loops, found.readings, found.index
     x, force = loops.mean("displacement"), loops.mean(loops.force_name)
     kept = np.flatnonzero(loops.repeats)
-    drawn = kept[np.unique(np.linspace(0, len(kept) - 1, min(MOST_LOOPS, len(kept))).round().astype(int))]
+    some = np.unique(np.linspace(0, len(kept) - 1, min(MOST_LOOPS, len(kept))).round().astype(int))
+    drawn = kept[some]
     repeats = int(loops.repeats[kept].max())
     with style.styled():
         figure = style.new_figure(title, _subtitle(len(drawn), len(kept), repeats, index), height=9.4)
@@ -52,7 +55,7 @@ def plot_recorded_loops(path: Path, title: str, loops: LoopSet, readings: Record
                     axes.plot(_closed(loops.displacement[k, r], scales[0][1]), _closed(loops.force[k, r], scales[1][1]),
                               color=colour, linewidth=0.6, alpha=0.35)
             axes.plot(_closed(x[k], scales[0][1]), _closed(force[k], scales[1][1]), color=colour, linewidth=1.8,
-                      label=style.counted(int(loops.cycles[k])))
+                      label=_narrow(found.called[some[place]]))
         axes.set(xlabel=f"relative displacement ({pretty_unit(scales[0][0])})",
                  ylabel=f"{loops.force_name.replace('_', ' ')} ({scales[1][0]})")
         axes.legend(title=index, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
@@ -60,7 +63,7 @@ def plot_recorded_loops(path: Path, title: str, loops: LoopSet, readings: Record
         for row, panel in enumerate(panels):
             height = 0.76 / len(panels)
             box = (0.685, 0.095 + height * (len(panels) - 1 - row), 0.295, height - 0.035)
-            _draw(figure.add_axes(box), panel, readings.cycles, index, row == len(panels) - 1)
+            _draw(figure.add_axes(box), panel, found, row == len(panels) - 1)
         png = style.save_figure(figure, path)
     samples = len(loops.phase)
     columns = {index: np.repeat(loops.cycles[drawn], samples), "phase_rad": np.tile(loops.phase, len(drawn)),
@@ -72,7 +75,7 @@ def _subtitle(drawn: int, kept: int, repeats: int, index: str) -> str:
     what = f"{drawn} of {kept}" if drawn < kept else f"{kept}"
     what += f" {index.rstrip('s')} counts" if repeats > 1 and index == "cycles" else f" {index}"
     over = f", mean of up to {repeats} repeats (thin: each)" if repeats > 1 else ""
-    return f"loops of {what}{over}; bars: one standard deviation"
+    return f"loops of {what}{over}; bars or band: one standard deviation"
 
 
 def _panels(readings: RecordedReadings) -> list[Panel]:
@@ -87,21 +90,39 @@ def _panels(readings: RecordedReadings) -> list[Panel]:
     return shown[:4]
 
 
-def _draw(axes: Axes, panel: Panel, cycles: NDArray[np.int64], index: str, last: bool) -> None:
+def _draw(axes: Axes, panel: Panel, found: LoopsRead, last: bool) -> None:
     """Draw a reading over what tells the loops apart; cycles are joined, conditions have no order to join them by."""
     unit, size = readable_unit(float(np.nanmax(np.abs(panel.estimate.value))), panel.unit)
-    ordered = index == "cycles"
-    marks = {"marker": "o", "markersize": 5.0} if len(cycles) <= 60 or not ordered else {"marker": ""}
-    axes.errorbar(cycles, panel.estimate.value / size, panel.estimate.sd / size, color=style.BLUE, capsize=3,
-                  linewidth=1.2 if ordered else 0.0, elinewidth=1.2, **marks)
+    value, sd = panel.estimate.value / size, panel.estimate.sd / size
+    if found.index == "conditions":
+        places = np.arange(len(value))
+        axes.errorbar(places, value, sd, color=style.BLUE, capsize=3, linewidth=0.0, elinewidth=1.2, marker="o")
+        axes.set_xticks(places, [_narrow(name) for name in found.called])
+        axes.margins(x=0.12)
+    else:
+        _draw_over_cycles(axes, found.readings.cycles, value, sd)
     axes.set_ylabel(panel.title + (f"\n({pretty_unit(unit)})" if unit != "1" else ""), fontsize=13)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.counted(value)))
     axes.tick_params(labelbottom=last, labelsize=12)
-    axes.set_xlabel(index if last else "")
+    axes.set_xlabel(found.index if last and found.index == "cycles" else "")
     axes.margins(y=0.15)
+
+
+def _draw_over_cycles(axes: Axes, cycles: NDArray[np.int64], value: Array, sd: Array) -> None:
+    """Join readings by lines, with bars of one standard deviation, of many cycles with a band of it."""
+    if len(cycles) <= MOST_BARS:
+        axes.errorbar(cycles, value, sd, color=style.BLUE, capsize=3, linewidth=1.2, marker="o", markersize=5.0)
+    else:
+        axes.plot(cycles, value, color=style.BLUE, linewidth=1.2)
+        axes.fill_between(cycles, value - sd, value + sd, color=style.BLUE, alpha=0.25, linewidth=0.0)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda count, _: style.counted(count)))
+
+
+def _narrow(name: str) -> str:
+    """Return what a loop is called with each number on a line of its own."""
+    return re.sub(r" (?=\d)", "\n", name)
 
 
 def _closed(values: Array, size: float) -> Array:

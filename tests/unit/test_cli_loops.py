@@ -7,13 +7,14 @@ what the user says never overrides the recording.
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.cli.loops import with_error
 from fretflow.recordings import loop_sets
-from fretflow.recordings.readings import LoopReading
+from fretflow.recordings.readings import LoopReading, Source
 from fretflow_post.recorded_loops import Panel, _draw
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -150,8 +151,35 @@ def test_conditions_have_no_order_to_join_them_by(index, width):
     at = np.arange(3)
     reading = LoopReading(value=at + 1.0, noise=np.full(3, 0.1), repeats=np.zeros(3), calibration=np.zeros(3))
     axes = Figure().add_subplot()
-    _draw(axes, Panel("friction", reading, "1"), at, index, last=True)
+    names = ("excitation 53 N", "load 45 N", "80 Hz")
+    found = loop_sets.LoopsRead("sweep", index, names, None, SimpleNamespace(cycles=at))
+    _draw(axes, Panel("friction", reading, "1"), found, last=True)
     assert axes.lines[0].get_linewidth() == width
+    shown = [label.get_text() for label in axes.get_xticklabels()]
+    assert (shown == ["excitation\n53 N", "load\n45 N", "80 Hz"]) == (index == "conditions")
+
+
+def test_conditions_are_called_by_what_differs_from_the_test(make, tmp_path, capsys):
+    made = make(cycles=(0, 1, 2), repeats=2, noise=(3e-8, 0.3))
+    made.columns["condition"] = made.columns.pop("cycle")
+    made.tables = "".join(f"[[sweep.conditions]]\nid = {k}\n{keys}\n" for k, keys in enumerate(
+        ("", 'excitation_amplitude = "55 N"', 'normal_load = "59 N"\nexcitation_frequency = "100 Hz"')))
+    folder = made.write(tmp_path / "a", block="sweep")
+    assert loops(folder, "--out", tmp_path, "--json", tmp_path / "a.json") == 0
+    shown = capsys.readouterr().out
+    assert all(text in shown for text in ("as the test", "excitation", "55 N", "load 59 N"))
+    rows = json.loads((tmp_path / "a.json").read_text())["sets"][0]["loops"]
+    assert [row["called"] for row in rows] == ["as the test", "excitation 55 N", "load 59 N"]
+
+
+def test_readings_take_time_in_proportion_to_the_cycles(monkeypatch):
+    """What dominates an uncertainty is found once for all cycles: each source is asked for a fixed number of times."""
+    asked = []
+    monkeypatch.setattr(np, "stack", lambda parts, stack=np.stack: asked.append(len(parts)) or stack(parts))
+    many = np.linspace(1.0, 2.0, 50)
+    reading = LoopReading(value=many, noise=0.1 * many, repeats=np.zeros(50), calibration=0.2 * many)
+    assert [reading.dominated_by[k] for k in range(50)] == [Source.CALIBRATION] * 50
+    assert asked == [3]
 
 
 def test_friction_below_zero_is_refused(make, tmp_path, capsys, monkeypatch):

@@ -380,3 +380,17 @@ def test_a_saturated_channel_is_named_with_its_rows(tmp_path, make):
     assert sum(b - a + 1 for a, b in note.rows) == len(rows)
     simulated = make(cycles=(0,), repeats=1, periods=4)  # whose plateaus are exact
     assert not notes_about(read_joint_recording(simulated.write(tmp_path / "b")), "saturated")
+
+
+def test_memory_grows_as_the_rows_do(make, tmp_path):
+    """Where one count has a thousand repeats and a thousand have one, places for all would be the square of them."""
+    made = make(cycles=tuple(range(200)), repeats=1, samples=16, excitation=False)
+    extra = make(cycles=(0,), repeats=200, samples=16, excitation=False)
+    extra.columns["repeat"] += 1
+    made.columns = {name: np.r_[values, extra.columns[name]] for name, values in made.columns.items()}
+    recording = read_joint_recording(made.write(tmp_path))
+    there = recording.loops.usable
+    assert there.size <= 20 * 400
+    assert there[0].sum() == 40
+    assert there[1:].sum() == 199
+    assert any("40 repeats of one are kept" in note.text for note in recording.notes)

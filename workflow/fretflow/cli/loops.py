@@ -68,9 +68,9 @@ def loops(
     files = []
     for found in sets:
         files.append(write_csv(home / f"{found.name}_readings.csv", csv_columns(found)))
-        files += provided(FIGURES, "loops")(home / f"{found.name}.png", made.title, found.loops, found.readings,
-                                            found.index)
-    files += keep_json(json, as_json(made, load, sets, notes))
+        files += provided(FIGURES, "loops")(home / f"{found.name}.png", made.title, found)
+    if json is not None:
+        files += keep_json(json, as_json(made, load, sets, notes))
     show_files(files, "pictures and numbers")
 
 
@@ -81,7 +81,7 @@ def _table(found: LoopsRead, between: str) -> Table:
     readings = found.readings
     shown = {name: HEADINGS.get(name, name.replace("_", " ")) for name in found.shown}
     scales = {name: readable_unit(found.largest(name), QUANTITIES[name]) for name in shown}
-    sources = [_sources(readings, k, shown) for k in range(len(readings.cycles))]
+    sources = _sources(readings, shown)
     ends = {"regime": readings.regime, "mostly by": sources}
     same = {heading: cells[0] for heading, cells in ends.items() if len(set(cells)) == 1}
     title = f"{found.name}: {same['regime']}; " if "regime" in same else f"{found.name}: "
@@ -91,7 +91,7 @@ def _table(found: LoopsRead, between: str) -> Table:
                      *(heading for heading in ends if heading not in same))
     rows = range(len(readings.cycles))
     for k in rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS // 2], *rows[-MOST_ROWS // 2:]]:
-        view.add_row(f"{readings.cycles[k]:,}", *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
+        view.add_row(found.called[k], *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
                                                     for name in shown),
                      *(cells[k] for heading, cells in ends.items() if heading not in same))
     if len(rows) > MOST_ROWS:
@@ -99,10 +99,10 @@ def _table(found: LoopsRead, between: str) -> Table:
     return view
 
 
-def _sources(readings: RecordedReadings, k: int, shown: Mapping[str, str]) -> str:
+def _sources(readings: RecordedReadings, shown: Mapping[str, str]) -> list[str]:
     """Return what most of the uncertainty of the first reading shown comes from, and of others if it differs."""
-    parts = [str(source) for name in shown if (source := getattr(readings, name).dominated_by[k]) is not None]
-    return ", ".join(dict.fromkeys(parts)) or "-"
+    every = zip(*(getattr(readings, name).dominated_by for name in shown), strict=True)
+    return [", ".join(dict.fromkeys(str(source) for source in row if source is not None)) or "-" for row in every]
 
 
 def _cell(readings: RecordedReadings, name: str, k: int, size: float) -> str:
@@ -138,8 +138,8 @@ def _lumped_table(found: LoopsRead) -> Table:
     view = new_table(f"{found.name}: a lumped system, whose force holds its inertia; what each whole cycle tells",
                      found.index, *(f"{name}, {pretty_unit(unit)}"
                                     for (name, *_), (unit, _) in zip(parts, scales, strict=True)))
-    for k, cycle in enumerate(readings.cycles):
-        view.add_row(f"{cycle}", *(with_error(value[k] / size, sd[k] / size) for (_, value, sd, _), (_, size) in zip(
+    for k, called in enumerate(found.called):
+        view.add_row(called, *(with_error(value[k] / size, sd[k] / size) for (_, value, sd, _), (_, size) in zip(
             parts, scales, strict=True)))
     return view
 

@@ -186,7 +186,8 @@ def new_table(title: str, *headings: str) -> Table:
     """Return an empty table in the house style."""
     view = Table(title=escape(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
-        view.add_column(heading, overflow="fold", no_wrap=heading in NAMES)
+        longest = max((len(word) for word in heading.split()), default=0)
+        view.add_column(heading, overflow="fold", no_wrap=heading in NAMES, min_width=longest)
     return view
 
 

@@ -21,6 +21,7 @@ from fretflow.recordings.stretches import Notebook, Stretch, Unusable, make_stre
 Array = NDArray[np.float64]
 
 SAME_PLACE = 0.05  # of a sample: grids closer than that are one
+MOST_PLACES = 20  # for repeats, times those that there are: memory grows as the file does
 LEAST_ENERGY = -0.05  # of the loop's bounding rectangle
 
 
@@ -116,10 +117,14 @@ def _on_one_grid(stretches: list[tuple[int, Stretch]], count: int, notes: Notebo
         whole = stretch.on_grid(samples, common or 0.0, exact)
         cut += [(k, whole[j], stretch) for j in range(stretch.periods) if j not in stretch.excluded]
     cut = _right_way_round(cut, names, notes)
-    deepest = max(np.bincount([k for k, _, _ in cut]))
+    deepest = min(max(np.bincount([k for k, _, _ in cut])), max(1, MOST_PLACES * len(cut) // count))
     channels = np.full((len(names), count, deepest, samples), np.nan)
     filled = np.zeros(count, dtype=int)
-    for k, values, _ in cut:
+    for k, values, stretch in cut:
+        if filled[k] == deepest:
+            notes.add(f"periods left out: at so many counts as there are, {deepest} repeats of one are kept", "",
+                      stretch.rows)
+            continue
         channels[:, k, filled[k]] = values
         filled[k] += 1
     phase = 2.0 * np.pi * (np.arange(samples) + (common or 0.0)) / samples

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fretflow.core.errors import InputError, UnreliableRecordingError, UnsupportedRecordingError
+from fretflow.core.units import pretty_quantity
 from fretflow.recordings.bare import Wanted, read_bare
 from fretflow.recordings.kinds import FILE, read_recording
 from fretflow.recordings.loopset import LoopSet
@@ -18,6 +19,7 @@ from fretflow.recordings.plausibility import check_friction
 from fretflow.recordings.readings import LoopReading, RecordedReadings, read_recorded_loops, without_friction
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import repeatability
+from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.recordings.series import loops_of_series
 
 QUANTITIES = {
@@ -32,6 +34,7 @@ class LoopsRead:
 
     name: str
     index: str  # what tells the loops apart
+    called: tuple[str, ...]  # each loop that is read, for people
     loops: LoopSet
     readings: RecordedReadings
 
@@ -109,7 +112,8 @@ def read_sets(recording: Recording, load: float | None) -> tuple[list[LoopsRead]
     relative = (recording.test.normal_load_sd or 0.0) / (recording.test.normal_load or 1.0)
     sets = []
 
-    def add(name: str, index: str, loops: LoopSet, loads: Sequence[float | None], consecutive: bool = False) -> None:
+    def add(name: str, loops: LoopSet, loads: Sequence[float | None], consecutive: bool = False,
+            conditions: Mapping[int, str] | None = None) -> None:
         known = np.array([np.nan if value is None else value for value in loads])
         readings = read_recorded_loops(loops, known, relative, consecutive)
         lumped = not recording.kind.friction_alone
@@ -123,16 +127,19 @@ def read_sets(recording: Recording, load: float | None) -> tuple[list[LoopsRead]
             k = shown[np.argmax(readings.friction_coefficient.value[shown])]
             check_friction(f"{recording.path}: {name}: friction force of loop {readings.cycles[k]}",
                            float(readings.friction_coefficient.value[k]), float(known[k]))
-        sets.append(LoopsRead(name, index, loops, without_friction(readings) if lumped else readings))
+        called = tuple(conditions[int(k)] if conditions else f"{k:,}" for k in readings.cycles)
+        sets.append(LoopsRead(name, "conditions" if conditions else "cycles", called, loops,
+                              without_friction(readings) if lumped else readings))
 
     if recording.loops is not None:
-        add("loops", "cycles", recording.loops, [load] * len(recording.loops.cycles))
+        add("loops", recording.loops, [load] * len(recording.loops.cycles))
     if recording.series is not None:
         loops, found = loops_of_series(recording.series)
         notes += found
-        add("series", "cycles", loops, [load] * len(loops.cycles), consecutive=True)
+        add("series", loops, [load] * len(loops.cycles), consecutive=True)
     if recording.sweep is not None:
-        add("sweep", "conditions", recording.sweep.loops, [c.normal_load for c in recording.sweep.conditions])
+        add("sweep", recording.sweep.loops, [c.normal_load for c in recording.sweep.conditions],
+            conditions={c.id: _differs(c, recording.test) for c in recording.sweep.conditions})
     if not sets:
         raise InputError(f"{recording.path}: has no loops, series or sweep to read")
     if recording.kind.friction_alone and any(np.isnan(s.readings.friction_coefficient.value).all() and
@@ -142,11 +149,20 @@ def read_sets(recording: Recording, load: float | None) -> tuple[list[LoopsRead]
     return sets, notes
 
 
+def _differs(condition: SweepCondition, test: RecordedTest) -> str:
+    """Return by what a condition differs from the test, for people; the rest is as there."""
+    parts = (("excitation", "excitation_amplitude", "N"), ("displacement", "displacement_amplitude", "m"),
+             ("load", "normal_load", "N"), ("", "excitation_frequency", "Hz"))
+    told = [f"{word} {pretty_quantity(value, unit, 4)}".strip() for word, key, unit in parts
+            if (value := getattr(condition, key)) is not None and value != getattr(test, key)]
+    return ", ".join(told) or "as the test"
+
+
 def csv_columns(found: LoopsRead) -> dict[str, Any]:
     """Return the columns of a table of all readings; units stand in their names."""
     readings = found.readings
-    columns: dict[str, Any] = {found.index: readings.cycles, "repeats": found.loops.repeats[found.loops.repeats > 0],
-                               "regime": readings.regime}
+    columns: dict[str, Any] = {found.index: readings.cycles, "called": found.called,
+                               "repeats": found.loops.repeats[found.loops.repeats > 0], "regime": readings.regime}
     for name, unit in QUANTITIES.items():
         estimate: LoopReading = getattr(readings, name)
         tail = "" if unit == "1" else f"_{unit.replace('/', '_per_')}"
@@ -173,7 +189,8 @@ def as_json(recording: Recording, load: float | None, sets: Sequence[LoopsRead],
 
 def _plain_row(found: LoopsRead, k: int) -> dict[str, Any]:
     readings = found.readings
-    row: dict[str, Any] = {found.index.removesuffix("s"): int(readings.cycles[k]), "regime": readings.regime[k]}
+    row: dict[str, Any] = {found.index.removesuffix("s"): int(readings.cycles[k]), "called": found.called[k],
+                           "regime": readings.regime[k]}
     for name, unit in QUANTITIES.items():
         estimate: LoopReading = getattr(readings, name)
         source = estimate.dominated_by[k]

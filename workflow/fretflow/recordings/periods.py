@@ -133,43 +133,42 @@ def period_means(turns: Array, values: Array, periods: int) -> Array:
     return np.diff(np.interp(start + np.arange(periods + 1), turns, integral))
 
 
-def closure_jump(turns: Array, values: Array, interval: float) -> tuple[float, float]:
-    """Return the jump from the end of one period (n,) to its start, and its standard deviation.
+def closure_jump(turns: Array, values: Array, interval: float) -> tuple[Array, Array]:
+    """Return the jumps (C,) from the end of one period (C, n) to its start, and their standard deviations.
 
     Both ends are extrapolated by parabolas to their middle, `interval` turns apart. The deviation holds what the
     samples scatter about the parabolas, and half of what cubics would make of the jump instead.
     """
-    m = max(8, round(EDGE_SHARE * len(values)))
+    m = max(8, round(EDGE_SHARE * len(turns)))
     jumps, variances = [], []
     for degree in (2, 3):
-        start, first = _extrapolated(turns[:m] - turns[0] + 0.5 * interval, values[:m], degree)
-        end, last = _extrapolated(turns[-m:] - turns[-1] - 0.5 * interval, values[-m:], degree)
+        start, first = _extrapolated(turns[:m] - turns[0] + 0.5 * interval, values[:, :m], degree)
+        end, last = _extrapolated(turns[-m:] - turns[-1] - 0.5 * interval, values[:, -m:], degree)
         jumps.append(end - start)
         variances.append(first + last)
-    return jumps[0], float(np.sqrt(variances[0] + 0.25 * (jumps[0] - jumps[1]) ** 2))
+    return jumps[0], np.sqrt(variances[0] + 0.25 * (jumps[0] - jumps[1]) ** 2)
 
 
-def _extrapolated(turns: Array, values: Array, degree: int) -> tuple[float, float]:
-    """Fit a polynomial; return its value at zero, and the variance of that."""
+def _extrapolated(turns: Array, values: Array, degree: int) -> tuple[Array, Array]:
+    """Fit polynomials to values (C, m) at turns (m,); return what they are at zero (C,), and the variances of that."""
     basis = np.vander(turns / np.abs(turns).max(), degree + 1, increasing=True)
     inverse = np.linalg.inv(basis.T @ basis)
-    found = inverse @ basis.T @ values
-    variance = float(np.sum((values - basis @ found) ** 2)) / max(1, len(values) - degree - 1)
-    return float(found[0]), variance * float(inverse[0, 0])
+    found = values @ basis @ inverse
+    variance = np.sum((values - found @ basis.T) ** 2, axis=1) / max(1, len(turns) - degree - 1)
+    return found[:, 0], variance * inverse[0, 0]
 
 
 def resampled(turns: Array, values: Array, periods: int, at: Array, evenly: bool) -> Array:
-    """Return a signal that repeats after `periods` turns at the turns `at` (m,); turns and values (n,).
+    """Return signals (C, n) at `turns` (n,), which repeat after `periods` turns, at the turns `at` (m,).
 
     Even samples by a periodic cubic spline, which keeps the noise nearly white; uneven ones by straight lines,
     which cannot overshoot between two that are close.
     """
-    start = turns[0]
-    wrapped = start + (at - start) % periods
+    wrapped = turns[0] + (at - turns[0]) % periods
+    closed, whole = np.append(turns, turns[0] + periods), np.append(values, values[:, :1], axis=1)
     if evenly:
-        spline = CubicSpline(np.r_[turns, start + periods], np.r_[values, values[0]], bc_type="periodic")
-        return np.asarray(spline(wrapped))
-    return np.interp(wrapped, np.r_[turns, start + periods], np.r_[values, values[0]])
+        return np.asarray(CubicSpline(closed, whole, axis=1, bc_type="periodic")(wrapped))
+    return np.array([np.interp(wrapped, closed, channel) for channel in whole])
 
 
 def cycle_cuts(values: Array) -> Array:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from enum import StrEnum
+from functools import cached_property
 from zlib import crc32
 
 import numpy as np
@@ -62,18 +63,18 @@ class LoopReading:
     repeats: Array = quantity("", "(K,), by the scatter of repeats, zero without any")
     calibration: Array = quantity("", "(K,), by the gains")
 
-    @property
+    @cached_property
     def sd(self) -> Array:
         """Return the standard deviation in all, (K,): repeats scatter by noise already."""
         return np.sqrt(np.maximum(self.noise, self.repeats) ** 2 + self.calibration**2)
 
-    @property
+    @cached_property
     def dominated_by(self) -> tuple[Source | None, ...]:
         """Return the largest source at each cycle count; None where nothing is read."""
         parts = np.stack([self.noise, self.repeats, self.calibration])
+        clear = parts.max(axis=0) > ROUNDING * np.abs(self.value)
         sources = tuple(Source)
-        return tuple(sources[int(np.argmax(part))] if part.max() > ROUNDING * abs(value) else None
-                     for part, value in zip(parts.T, self.value, strict=True))
+        return tuple(sources[k] if there else None for k, there in zip(parts.argmax(axis=0), clear, strict=True))
 
 
 @record

@@ -85,8 +85,7 @@ class Stretch:
             values = self.values
         else:
             at = self.reference + (first + offset + np.arange(samples * self.periods)) / samples
-            values = np.array([p.resampled(self.turns, channel, self.periods, at, self.evenly)
-                               for channel in self.values])
+            values = p.resampled(self.turns, self.values, self.periods, at, self.evenly)
         cut = values.reshape(len(values), self.periods, samples).swapaxes(0, 1)
         return np.roll(cut, first % samples, axis=2)
 
@@ -220,37 +219,32 @@ def _holes(rows: NDArray[np.int64], turns: Array, values: Array, interval: float
 def _without_drift(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequence[str], periods: int,
                    interval: float, notes: Notebook) -> Array:
     """Return the channels without their drift where it is significant, so that each period closes."""
-    flat = values
-    for k, name in enumerate(names):
-        drift = _drift(turns, values[k], periods, interval)
-        if drift is not None:
-            flat = values.copy() if flat is values else flat
-            flat[k] -= drift
-            share = np.ptp(drift) / np.ptp(values[k])
-            notes.add(f"drift removed, {_rounded(share)} of the range", name, rows)
-    return flat
+    drift = _closing_line(turns, values, interval) if periods == 1 else np.array([
+        _drift_of_means(turns, channel, periods) for channel in values])
+    for k in np.flatnonzero(drift.any(axis=1)):
+        share = np.ptp(drift[k]) / np.ptp(values[k])
+        notes.add(f"drift removed, {_rounded(share)} of the range", names[k], rows)
+    return values - drift
 
 
 def _rounded(share: float) -> str:
     return next((f"below {limit:.0%}" for limit in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5) if share < limit), "above 50%")
 
 
-def _drift(turns: Array, values: Array, periods: int, interval: float) -> Array | None:
-    """Return the drift (n,) about its mean, or None if there is no significant one.
+def _closing_line(turns: Array, values: Array, interval: float) -> Array:
+    """Return the straight lines (C, n) about zero that close a single period, zero where it is closed already."""
+    jump, sd = p.closure_jump(turns, values, interval)
+    opens = np.abs(jump) > np.maximum(DRIFT_SIGNIFICANCE * sd, LEAST_DRIFT * np.ptp(values, axis=1))
+    return np.outer(np.where(opens, jump, 0.0), turns - turns.mean())
 
-    Over several periods it is the line through the periods' means; in a single one it is a straight line that
-    closes it.
-    """
-    least = LEAST_DRIFT * float(np.ptp(values))
-    if periods == 1:
-        jump, sd = p.closure_jump(turns, values, interval)
-        if abs(jump) <= max(DRIFT_SIGNIFICANCE * sd, least):
-            return None
-        return np.asarray(jump * (turns - turns.mean()))
+
+def _drift_of_means(turns: Array, values: Array, periods: int) -> Array:
+    """Return the line (n,) through the means of several periods, about its mean; zero if that is not significant."""
     means = p.period_means(turns, values, periods)
     noise = float(p.noise_sd(values)) / np.sqrt(len(turns) / periods)
-    if np.ptp(means) <= max(2.0 * (DRIFT_SIGNIFICANCE + np.log10(periods) / 4.0) * noise, least):
-        return None
+    bound = 2.0 * (DRIFT_SIGNIFICANCE + np.log10(periods) / 4.0) * noise
+    if np.ptp(means) <= max(bound, LEAST_DRIFT * float(np.ptp(values))):
+        return np.zeros_like(values)
     centres = np.arange(periods) + 0.5
     line = np.interp(turns, centres, means)
     for outside, a, b in ((turns < centres[0], 0, 1), (turns > centres[-1], -1, -2)):
