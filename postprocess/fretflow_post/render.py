@@ -174,17 +174,23 @@ def _wear_pictures(run: DrawnRun) -> Iterator[tuple[str, Draw]]:
 
 
 def _paraview_files(run: DrawnRun, out: Path) -> list[Path]:
-    """Write both meshes with the last state of the contact, and the worn face over the cycles."""
+    """Write both meshes with the last state of the contact, the last period, and the worn face over the cycles.
+
+    Vectors on the meshes are those at the largest friction force.
+    """
     last = run.periods[max(run.periods)]
+    moment = int(np.argmax(np.abs(last.friction_force)))
     shares = state_shares(last)
     depth = run.history.depth[-1] if run.has("wear") else np.zeros(len(run.areas))
     worn = split_between_faces(depth, run.history.upper_share if run.has("wear") else 0.5)
     files = []
-    for side, specimen, own in zip(SIDES, run.meshed, worn, strict=True):
+    for side, specimen, own, sign in zip(SIDES, run.meshed, worn, (1.0, -1.0), strict=True):
         files.append(paraview.write_specimen(out / f"{side}_specimen.vtu", specimen, {
-            "wear_depth_um": own * 1e6, "mean_pressure_MPa": mean_pressure(last, run.areas) * 1e-6,
+            **paraview.period_fields(last, run.areas, moment, sign), "wear_depth_m": own,
+            "mean_pressure_Pa": mean_pressure(last, run.areas),
             "stick_percent": 100.0 * shares.stick, "slip_percent": 100.0 * shares.slip,
             "open_percent": 100.0 * shares.open}))
+    files.append(paraview.write_period_series(out / "period.pvd", run.nodes, run.areas, last))
     if run.has("wear"):
         files.append(paraview.write_wear_series(out / "wear.pvd", run.nodes, run.history))
     return files

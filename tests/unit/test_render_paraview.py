@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
+from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
-from fretflow_post.paraview import write_specimen, write_wear_series
+from fretflow_post.paraview import write_period_series, write_specimen, write_wear_series
 from fretflow_post.specimens import MeshedSpecimen
 
 RANDOM = np.random.default_rng(3)
@@ -30,10 +31,10 @@ def test_boundary_and_contact_faces_of_two_cubes():
 
 def test_contact_values_stand_at_their_points_and_nowhere_else(tmp_path):
     depth = np.array([1.0, 2.0, 99.0, 4.0, 5.0, 6.0, 7.0])
-    grid = pv.read(write_specimen(tmp_path / "a.vtu", block(), {"wear_depth_um": depth}))
+    grid = pv.read(write_specimen(tmp_path / "a.vtu", block(), {"wear_depth_m": depth}))
     assert grid.n_cells == 2
-    assert grid.volume == pytest.approx(2.0)  # mm3
-    read = grid.point_data["wear_depth_um"]
+    assert grid.volume == pytest.approx(2e-9)  # m^3
+    read = grid.point_data["wear_depth_m"]
     assert read[[0, 3, 1, 4, 2, 5]] == pytest.approx([1.0, 2.0, 4.0, 5.0, 6.0, 7.0])
     assert np.all(np.isnan(read[6:]))
     assert list(grid.point_data["contact_face"]) == [1] * 6 + [0] * 6
@@ -52,10 +53,30 @@ def test_wear_series_reads_back_at_each_cycle_count(tmp_path):
         reader.set_active_time_value(time)
         face = reader.read()[0]
         assert face.n_cells == 2
-        assert face.points[:, :2] == pytest.approx(1e3 * nodes)
-        assert face.point_data["wear_depth_um"] == pytest.approx(1e6 * history.depth[row])
-        assert face.point_data["wear_depth_upper_um"] == pytest.approx(0.25e6 * history.depth[row])
-        assert face.point_data["wear_depth_lower_um"] == pytest.approx(0.75e6 * history.depth[row])
-        assert face.point_data["wear_rate_nm_per_cycle"] == pytest.approx(1e9 * history.rate[row])
-        assert face.point_data["wear_of_lower_mm"][:, 2] == pytest.approx(-0.75e3 * history.depth[row])
-        assert face.point_data["wear_of_upper_mm"][:, 2] == pytest.approx(0.25e3 * history.depth[row])
+        assert face.points[:, :2] == pytest.approx(nodes)
+        assert face.point_data["wear_depth_m"] == pytest.approx( history.depth[row])
+        assert face.point_data["wear_depth_upper_m"] == pytest.approx(0.25 * history.depth[row])
+        assert face.point_data["wear_depth_lower_m"] == pytest.approx(0.75 * history.depth[row])
+        assert face.point_data["wear_rate_m_per_cycle"] == pytest.approx( history.rate[row])
+        assert face.point_data["wear_of_lower_m"][:, 2] == pytest.approx(-0.75 * history.depth[row])
+        assert face.point_data["wear_of_upper_m"][:, 2] == pytest.approx(0.25 * history.depth[row])
+
+
+def test_a_period_reads_back_in_time_and_its_tractions_carry_the_load(tmp_path):
+    nodes = 1e-3 * np.array([(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 1.0)])
+    areas, force = np.full(6, 1e-6 / 6), np.zeros((4, 6, 3))
+    force[:, :, 2], force[1, :, 0] = 10.0, -5.0
+    moved = 1e-6 * RANDOM.random((4, 6, 3))
+    period = PeriodicSolution(
+        method="none", frequency=50.0, displacement=moved, force=force, state=np.full((4, 6), 1, np.int8),
+        internal=np.zeros((4, 0)), outputs={}, friction_force=-force[:, :, 0].sum(axis=1), residual_history=(0.0,),
+        error_estimate=0.0)
+    reader = pv.get_reader(write_period_series(tmp_path / "period.pvd", nodes, areas, period))
+    assert reader.time_values == pytest.approx([0.0, 0.005, 0.010, 0.015])  # s
+    reader.set_active_time_value(reader.time_values[1])
+    face = reader.read()[0]
+    assert face.points[:, :2] == pytest.approx(nodes)
+    assert face.point_data["relative_displacement_m"] == pytest.approx(moved[1])
+    traction = face.integrate_data().point_data["traction_Pa"]  # over the area, by VTK
+    assert traction[0] == pytest.approx([-30.0, 0.0, 60.0])  # N
+    assert set(face.point_data["state"]) == {1}

@@ -239,7 +239,8 @@ def test_every_picture_of_a_run_is_there_and_not_blank(folders, tmp_path, figure
         "specimens.png", "contact_closeup.png", "modes.png", "pressure.png", "stick_slip_unworn.png",
         "stick_slip_worn.png", "loops.png", "wear_depth.png", "wear_shape.png", "wear_volume.png",
         "response.png"]
-    assert {"modes.csv", "loops.csv", "wear_volume.csv", "response.csv", "wear.pvd", "period.gif"} <= set(names)
+    assert {"modes.csv", "loops.csv", "wear_volume.csv", "response.csv", "wear.pvd", "period.pvd",
+            "period.gif"} <= set(names)
     assert {"upper_specimen.vtu", "lower_specimen.vtu"} <= set(names)
     assert all(path.stat().st_size > 0 for path in files)
     for path in files[:len(pictures)]:

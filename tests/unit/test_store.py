@@ -17,6 +17,7 @@ import xarray as xr
 from fretflow.core.errors import StoreError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_record
+from fretflow.solvers.periodic import PeriodicSolution
 from numpy.typing import NDArray
 
 
@@ -190,3 +191,20 @@ def test_a_file_opens_in_xarray_with_named_dimensions_units_and_codes(tmp_path):
         assert shown.other.dims == ("other_0",)  # as many nodes as the others have not
     again = read_record(path, Labelled)
     assert again.depth.tolist() == made.depth.tolist()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_period_opens_in_xarray_over_time_with_its_states_explained(tmp_path):
+    made = PeriodicSolution(
+        method="none", frequency=50.0, displacement=np.zeros((4, 2, 3)), force=np.zeros((4, 2, 3)),
+        state=np.zeros((4, 2), np.int8), internal=np.zeros((4, 1)), outputs={"block": np.zeros(4)},
+        friction_force=np.arange(4.0), residual_history=(0.0,), error_estimate=0.0)
+    path = write_record(tmp_path / "a.h5", made)
+    with xr.open_dataset(path, engine="h5netcdf") as shown:
+        assert shown.friction_force.time.values.tolist() == pytest.approx([0.0, 0.005, 0.010, 0.015])
+        assert shown.time.attrs["units"] == "s"
+        assert shown.force.dims == ("sample", "node", "direction")
+        assert "time" in shown.state.coords
+        assert shown.state.attrs["flag_meanings"] == "stick slip separation"
+        assert shown.state.attrs["flag_values"].tolist() == [0, 1, 2]
+    assert read_record(path, PeriodicSolution).friction_force.tolist() == made.friction_force.tolist()

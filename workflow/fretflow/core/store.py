@@ -23,12 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, StoreError
+from fretflow.core.records import Labelled
 
 T = TypeVar("T")
 FORMAT = "fretflow-record/1"
 # Names of dimensions by their symbol in the shape of a field; other symbols stand for themselves.
 DIMENSIONS = {"N": "sample", "nodes": "node", "contact nodes": "node", "3": "direction", "2": "pair", "K": "row",
-              "P": "point", "points": "point"}
+              "P": "point", "points": "point", "cells": "cell", "8": "corner", "dofs": "dof", "modes": "mode"}
 COMPRESSED = 1032  # times: the most that deflate makes of a byte (zlib technical details)
 _SHAPE = re.compile(r"\(([^()]+)\)")
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."  # as netCDF-4 marks such a scale
@@ -38,6 +39,7 @@ def write_record(path: Path, record: Any) -> Path:
     """Write `record` to the HDF5 file `path` through a temporary file and a rename.
 
     A mapping of arrays becomes a group; its arrays carry their units in their names, as the columns of CSV files do.
+    What a record derives as ``coordinates``, by name, is written beside its fields and not read again.
 
     Raises
     ------
@@ -197,6 +199,8 @@ def _write_group(group: h5py.Group, record: Any) -> None:
     for f, dataset in written:
         _describe(f, dataset)
     _name_dimensions(group, written)
+    for name, values in getattr(record, "coordinates", {}).items():
+        _write_coordinate(group, name, values)
 
 
 def _describe(f: Field[Any], dataset: h5py.Dataset) -> None:
@@ -244,6 +248,18 @@ def _write_scale(group: h5py.Group, name: str, size: int) -> None:
         group.create_dataset(name, data=np.array(["x", "y", "z"], dtype=h5py.string_dtype())).make_scale(name)
     else:
         group.create_dataset(name, data=np.zeros(size, dtype=np.float32)).make_scale(f"{_NO_VARIABLE}{size:10d}")
+
+
+def _write_coordinate(group: h5py.Group, name: str, coordinate: Labelled) -> None:
+    """Write what a record derives along a dimension that it has, and name it at the arrays along that dimension."""
+    (dimension,), values, unit = coordinate
+    arrays = [item for item in group.values() if isinstance(item, h5py.Dataset)
+              and any(group[dimension] in axis.values() for axis in item.dims)]
+    dataset = _write_dataset(group, name, np.asarray(values))
+    dataset.attrs.update({"unit": unit, "units": unit})
+    dataset.dims[0].attach_scale(group[dimension])
+    for item in arrays:
+        item.attrs["coordinates"] = name
 
 
 def _plain_value(value: Any) -> Any:

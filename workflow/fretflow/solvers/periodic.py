@@ -19,7 +19,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Labelled, quantity, record
 from fretflow.structure.sensors import HysteresisLoop
 from fretflow.structure.structure import NORMAL_LOAD, MasslessBoundary, Structure, stack_loads
 
@@ -240,6 +240,17 @@ class PeriodicSolution:
     friction_force: NDArray[np.float64] = quantity("N", "(N,), x force of the upper specimen on the lower")
     residual_history: tuple[float, ...] = quantity("1", "(iterations,), relative to the excitation")
     error_estimate: float = quantity("1")
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Return the time of each sample from the start of the period in s, (N,)."""
+        samples = len(self.friction_force)
+        return np.arange(samples) / (samples * self.frequency)
+
+    @property
+    def coordinates(self) -> dict[str, Labelled]:
+        """Return what files tell the samples apart by."""
+        return {"time": (("sample",), self.time, "s")}
 
     @property
     def slip_increments(self) -> NDArray[np.float64]:

@@ -26,9 +26,9 @@ class Preload:
     coincide at zero gap.
     """
 
-    force: NDArray[np.float64] = quantity("N", "(n,), positive in compression")
-    pressure: NDArray[np.float64] = quantity("Pa", "(n,), positive in compression")
-    gap: NDArray[np.float64] = quantity("m", "(n,), positive when open")
+    force: NDArray[np.float64] = quantity("N", "(nodes,), positive in compression")
+    pressure: NDArray[np.float64] = quantity("Pa", "(nodes,), positive in compression")
+    gap: NDArray[np.float64] = quantity("m", "(nodes,), positive when open")
     approach: float = quantity("m")
 
 

@@ -23,13 +23,13 @@ class ReducedSpecimen:
     residual vectors that stand for the modes left out.
     """
 
-    stiffness: NDArray[np.float64] = quantity("N/m", "(3 n + 9 + m, 3 n + 9 + m)")
-    mass: NDArray[np.float64] = quantity("kg", "(3 n + 9 + m, 3 n + 9 + m)")
-    contact_nodes: NDArray[np.float64] = quantity("m", "(n, 3)")
-    contact_areas: NDArray[np.float64] = quantity("m^2", "(n,)")
-    profile: NDArray[np.float64] = quantity("m", "(n,)")
+    stiffness: NDArray[np.float64] = quantity("N/m", "(dofs, dofs), 3 n + 9 + m of them")
+    mass: NDArray[np.float64] = quantity("kg", "(dofs, dofs), 3 n + 9 + m of them")
+    contact_nodes: NDArray[np.float64] = quantity("m", "(nodes, 3)")
+    contact_areas: NDArray[np.float64] = quantity("m^2", "(nodes,)")
+    profile: NDArray[np.float64] = quantity("m", "(nodes,)")
     observation_point: NDArray[np.float64] = quantity("m", "(3,)")
-    fixed_interface_frequencies: NDArray[np.float64] = quantity("Hz", "(m,)")
+    fixed_interface_frequencies: NDArray[np.float64] = quantity("Hz", "(modes,)")
     full_frequencies: NDArray[np.float64] = quantity("Hz", "(checked,)")
     reduced_frequencies: NDArray[np.float64] = quantity("Hz", "(checked,)")
     rayleigh_mass: float = quantity("1/s")
