@@ -243,3 +243,14 @@ def test_probabilities_come_true() -> None:
         right.append((verdict.verdict, verdict.effects) == wanted)
     share, said = float(np.mean(right)), float(np.mean(told))
     assert abs(share - said) < 3.0 * np.sqrt(0.25 / len(right)), (share, said)
+
+
+def test_a_law_that_extends_another_is_named_for_what_the_other_cannot_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it explains by chance is taken off an unlisted effect like it as well."""
+    monkeypatch.setitem(SHAPES, "contact-stiffness", lambda phase, share: np.sin(2.0 * np.pi * phase))
+    monkeypatch.setitem(SHAPES, "contact-stiffness-evolution",
+                        lambda phase, share: (1.0 - share) * np.sin(2.0 * np.pi * phase))
+    noise = SD * np.random.default_rng(7).standard_normal(LOOPS * SAMPLES)
+    found = judged(cosine() + wave("contact-stiffness-evolution") + noise,
+                   ("contact-stiffness", "contact-stiffness-evolution", "support-nonlinearity", "sensor-inertia"))
+    assert decide(found).effects == ("contact-stiffness-evolution",)

@@ -121,8 +121,9 @@ def posterior(found: Search) -> Posterior:
                 and any(_plainer(names, one) for one in (*singles, *pairs))]
     found.sign([*singles, *pairs])
     weight: dict[Names, float] = {frozenset(): found.log_evidence(frozenset())}
+    chance: dict[Names, float] = {}  # log evidence that a set has by chance
     shows = {names: found.shows(names) for names in (*singles, *pairs)}
-    for names in sorted((*singles, *pairs), key=lambda one: (len(one), len(found.fits[one].z))):
+    for names in sorted(shows, key=lambda one: sum(_plainer(other, one) for other in shows)):
         if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
             continue  # what it says of one effect is that this does nothing: it is the set without it
         own = found.log_evidence(names)
@@ -132,9 +133,9 @@ def posterior(found: Search) -> Posterior:
             beyond = beyond_forms(found, best, names)
             if beyond <= 0.0:
                 continue  # what it adds is no more than another form of the plainer law would
-            own = min(own, weight[best] - prior[len(best)] + beyond)
-        weight[names] = own + prior[len(names)]
-    unlisted = _unlisted(found, [names for names in singles if names in weight], prior[1])
+            chance[names] = max(own - (weight[best] - prior[len(best)] + beyond), 0.0)
+        weight[names] = own - chance.get(names, 0.0) + prior[len(names)]
+    unlisted = _unlisted(found, {names: prior[1] - chance.get(names, 0.0) for names in singles if names in weight})
     top = max(*weight.values(), unlisted)
     total = sum(exp(value - top) for value in weight.values()) + exp(unlisted - top)
     order = sorted(weight, key=lambda one: -weight[one])
@@ -173,11 +174,16 @@ def _extends(wider: str, plainer: str) -> bool:
     return wider != plainer and (issubclass(kinds[wider], kinds[plainer]) or plainer in kinds[wider].extends)
 
 
-def _unlisted(found: Search, singles: list[Names], prior: float) -> float:
-    """Return the log weight of an unlisted effect: like a listed one with another error, or like none."""
+def _unlisted(found: Search, priors: dict[Names, float]) -> float:
+    """Return the log weight of an unlisted effect: like a listed one with another error, or like none.
+
+    `priors` are the logarithms of how probable each listed one was beforehand, less what it explains by chance: an
+    unlisted one like it explains no more.
+    """
     forms = left_out(found.starts)
     values = [found.evidence(frozenset(), False).averaged(found.beyond_codes())]
-    values += [prior + found.evidence(names).averaged(found.prior(names, forms=forms)) for names in singles]
+    values += [prior + found.evidence(names).averaged(found.prior(names, forms=forms))
+               for names, prior in priors.items()]
     top = max(values)
     return top + log(0.5 * exp(values[0] - top) + 0.5 * sum(exp(value - top) for value in values[1:]))
 
