@@ -103,7 +103,7 @@ def test_help_is_wrapped_once_and_offers_nothing_without_use(capsys, monkeypatch
 
 
 def test_whatever_finds_numbers_keeps_them_as_json(case, capsys, tmp_path):
-    without = {"init", "render"}
+    without = {"init", "render", "export"}
     for name in app.resolved_commands():
         if not name.startswith("-"):
             assert ("json" in signature(app[name].default_command).parameters) == (name not in without), name

@@ -11,7 +11,7 @@ import sys
 from cyclopts import App
 
 from fretflow import __version__
-from fretflow.cli import calibrate, case, diagnose, effects, loops, modes, response, run, trial, verify
+from fretflow.cli import calibrate, case, diagnose, effects, export, loops, modes, response, run, trial, verify
 from fretflow.cli.terminal import Interruption, Terminal, describe, say
 from fretflow.pipeline.ranks import close_process
 
@@ -23,7 +23,7 @@ app = App(name="fretflow", version=__version__, help_format="markdown", result_a
                "errors alone; `fretflow --install-completion` completes names in your shell.")
 app.register_install_completion_command()
 for command in (run.run, modes.modes, calibrate.calibrate, run.render, verify.verify, effects.effects, loops.loops,
-                diagnose.diagnose, response.response, trial.trial, case.init, case.show):
+                diagnose.diagnose, response.response, trial.trial, export.export, case.init, case.show):
     app.command(command)
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 HEADINGS = {"dissipated_energy": "energy per cycle"}  # where it is not the quantity's own name
 MOST_ROWS = 40
+ROUNDING = 1e-9  # relative: a smaller deviation is none
 WIDE = 104  # characters of a terminal in which a value and its deviation stand side by side
 
 
@@ -117,8 +118,10 @@ def with_error(value: float, sd: float) -> str:
     """Return ``"0.4003±0.0017"``: the deviation with two figures, the value to the same place."""
     if not isfinite(value):
         return "-"
-    if not isfinite(sd) or sd == 0.0:
-        return f"{value:.5g}" + ("" if sd == 0.0 else "±?")
+    if not isfinite(sd):
+        return f"{value:.5g}±?"
+    if sd <= ROUNDING * abs(value):
+        return f"{value:.5g}"
     digits = max(0, 1 - floor(log10(sd)))
     return f"{value:.{min(digits, 9)}f}±{sd:.{min(digits, 9)}f}"
 

@@ -22,6 +22,7 @@ LONGEST = 1000  # characters of a message
 
 # What makes a terminal do things instead of showing them: control characters, and those that turn text around.
 _CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+_QUOTED = re.compile(r"'([^']*)'")  # what may be chosen from, in words of pydantic
 _OWN_WORDS = re.compile(r", (got a|unable to) .*")  # of pydantic, on what was given
 
 
@@ -167,7 +168,8 @@ def reason(error: ErrorDetails, clearer: Mapping[str, str], model: type[Any]) ->
     wanted, given = text.replace("Input should", "must", 1), error["input"]
     if not isinstance(given, bool | int | float | str):
         return wanted
-    return f"{_OWN_WORDS.sub('', wanted)}, got {given!r}"
+    meant = did_you_mean(given, _QUOTED.findall(wanted)) if isinstance(given, str) else ""
+    return f"{_OWN_WORDS.sub('', wanted)}, got {given!r}{meant}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -211,6 +211,12 @@ class RunResults(RunRecords):
         """Return the figures of the run, and the paper's trends once wear is known."""
         return summarise(self.case, self.folders)
 
+    def to_recording(self, folder: Path | str, noise: float = 0.0) -> list[Path]:
+        """Write loops and wear as a recording in `folder`, and return its files; see `pipeline.exported`."""
+        from fretflow.pipeline.exported import export_recording
+
+        return export_recording(self, Path(folder), noise)
+
     def plot(self) -> Any:
         """Return a `matplotlib.figure.Figure`: loops, the contact's last map, worn volume and responses."""
         return provided(FIGURES, "results")(self)

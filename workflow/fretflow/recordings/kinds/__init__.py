@@ -16,7 +16,7 @@ from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, Protocol
 
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, did_you_mean
 from fretflow.core.files import read_toml
 
 GROUP = "fretflow.recordings"
@@ -101,7 +101,7 @@ def kind_called(name: object) -> RecordingKind:
         return name
     if isinstance(name, str) and name in kinds():
         return kinds()[name]
-    raise ValueError(f"must be one of {', '.join(kinds())}, got {name!r}")
+    raise ValueError(f"must be one of {', '.join(kinds())}, got {name!r}{did_you_mean(str(name), kinds())}")
 
 
 def kind_at(path: Path) -> RecordingKind:

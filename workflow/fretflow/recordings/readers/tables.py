@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fretflow.recordings.readers as room
-from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
+from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError, did_you_mean
 from fretflow.recordings.notes import Note
 
 Array = NDArray[np.float64]
@@ -49,7 +49,8 @@ class Table:
                 return list(self.columns.items())[place - 1]
         elif name in self.columns:
             return name, self.columns[name]
-        raise UnsupportedRecordingError(f"{self.path}: has no column {name!r}; it has {', '.join(self.columns)}")
+        raise UnsupportedRecordingError(f"{self.path}: has no column {name!r}; it has {', '.join(self.columns)}"
+                                        f"{did_you_mean(str(name), self.columns)}")
 
 
 class Reader(Protocol):

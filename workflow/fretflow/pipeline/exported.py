@@ -1,0 +1,91 @@
+"""A run as a recording: its loops and what wore off, as files that `fretflow loops` and `diagnose` read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fretflow.case.casefile import entries
+from fretflow.core.errors import InputError
+from fretflow.core.store import write_csv, write_whole
+from fretflow.recordings.schema import FILE
+
+if TYPE_CHECKING:
+    from fretflow.pipeline.results import RunResults
+
+REPEATS = 3  # drawn where there is noise: the fewest whose scatter has a scatter of its own
+SEED = 20320  # of the noise, so that a run exported twice is the same recording
+CHANNELS = {"excitation": ("excitation_N", "N"), "displacement": ("displacement_um", "um"),
+            "friction_force": ("friction_force_N", "N")}
+
+
+def export_recording(run: RunResults, folder: Path, noise: float = 0.0) -> list[Path]:
+    """Write a run's loops, and where there is wear the worn volume and depth, as a recording of its rig.
+
+    Parameters
+    ----------
+    run : RunResults
+        A run with its periods solved; what sensors would add is no part of it.
+    folder : Path
+        Of the recording, which holds none yet.
+    noise : float
+        Standard deviation of white noise on displacement and force, as a share of half their range; with it, each
+        loop is drawn three times, so that it can be told from the physics.
+
+    Returns
+    -------
+    list of Path
+        ``recording.toml`` and the tables that it names.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a recording, the noise is no share, or the specimens are observed in two distances.
+    """
+    upper, lower = run.case.specimen.upper, run.case.specimen.lower
+    if (folder / FILE).exists():
+        raise InputError(f"{folder / FILE}: exists and is left as it is; name another folder")
+    if not 0.0 <= noise < 1.0:
+        raise InputError(f"noise: must be a share from 0 to below 1, got {noise}")
+    if upper.observation_distance != lower.observation_distance:
+        raise InputError("specimen.observation_distance: differs between upper and lower, and a recording has one; run "
+                         "the case with one")
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ['format = "fretflow-recording/1"', f"title = {json.dumps(run.case.title or run.case.name)}",
+             f"source = {json.dumps(f'run of {run.case.name}, exported')}", "", "[test]", 'kind = "fretting-rig"',
+             *(f"{one.key} = {one.toml}" for one in entries(run.case.test) if one.value is not None)]
+    for name, table in (("rig", run.case.rig), ("specimen.upper", upper), ("specimen.lower", lower)):
+        lines += ["", f"[{name}]", *(f"{one.key} = {one.toml}" for one in entries(table) if one.value is not None)]
+    lines += ["", "[loops]", 'file = "loops.csv"', f'displacement_of = "{upper.observation_distance!r} m"',
+              *(f'{name} = {{ column = "{heading}", unit = "{unit}" }}' for name, (heading, unit) in CHANNELS.items()),
+              'time = { column = "time_s", unit = "s" }', *(f'{name} = {{ column = "{name}" }}'
+                                                            for name in ("cycle", "repeat"))]
+    files = [write_csv(folder / "loops.csv", _loops(run, noise))]
+    if run.has("wear"):
+        lines += ["", "[wear]", f'worn_volume = "{float(run.history.volume[-1])!r} m^3"', "", "[wear_depth]",
+                  'file = "wear_depth.csv"', *(f'{name} = {{ column = "{name}_um", unit = "um" }}'
+                                               for name in ("x", "y", "depth"))]
+        places = {"x_um": run.nodes[:, 0], "y_um": run.nodes[:, 1], "depth_um": run.history.depth[-1]}
+        files.append(write_csv(folder / "wear_depth.csv", {name: 1e6 * values for name, values in places.items()}))
+    write_whole(folder / FILE, ("\n".join(lines) + "\n").encode())
+    return [folder / FILE, *files]
+
+
+def _loops(run: RunResults, noise: float) -> dict[str, Any]:
+    """Return the columns of all periods, one after the other."""
+    rng, parts = np.random.default_rng(SEED), []
+    amplitude, frequency = run.case.test.excitation_amplitude, run.case.test.excitation_frequency
+    for cycles, period in run.periods.items():
+        turns = np.arange(len(period.friction_force)) / len(period.friction_force)
+        x, force = (period.upper_observation - period.lower_observation)[:, 0], period.friction_force
+        for repeat in range(REPEATS if noise else 1):
+            x_noise, force_noise = (0.5 * noise * np.ptp(one) * rng.standard_normal(len(one)) for one in (x, force))
+            parts.append(np.column_stack([
+                np.full(len(turns), cycles), np.full(len(turns), repeat), turns / frequency,
+                amplitude * np.cos(2.0 * np.pi * turns), 1e6 * (x + x_noise), force + force_noise]))
+    rows = np.concatenate(parts)
+    names = ("cycle", "repeat", "time_s", *(heading for heading, _ in CHANNELS.values()))
+    return {name: rows[:, k].astype(int) if k < 2 else rows[:, k] for k, name in enumerate(names)}
