@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.core.store import write_csv
-from fretflow.pipeline.response import ForcedResponse
+from fretflow.pipeline.response import ForcedResponse, stated_error
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
 from fretflow.wear.history import WearHistory
@@ -70,11 +70,9 @@ def _closed(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _checked(responses: Sequence[ForcedResponse]) -> str:
-    """Say how far the contact's backbone, which the curves are made with, is off at their largest points."""
-    errors = [abs(r.peak_error) for r in responses]
-    if not np.all(np.isfinite(errors)):
-        return ""
-    return f"; contact by its backbone, at the largest points {100.0 * max(errors):.1f} % off the full solution"
+    """Say how far the contact's backbone, which the curves are made with, is off."""
+    stated = stated_error(responses)
+    return f";\ncontact by its backbone: {stated.replace('%', ' %')}" if stated else ""
 
 
 def plot_responses(path: Path, responses: Sequence[ForcedResponse]) -> list[Path]:

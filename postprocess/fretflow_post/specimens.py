@@ -64,7 +64,7 @@ def plot_specimens(path: Path, upper: MeshedSpecimen, lower: MeshedSpecimen) -> 
         left = figure.add_axes((0.01, 0.12, 0.4, 0.7))
         layers, bounds = _assembled(upper, lower, lift=0.0)
         _draw(left, layers, View(bounds, SEEN_FROM, (0.0, 0.0, 1.0), axes_pixels(left)))
-        left.set_title("Assembled, ridges crossed")
+        left.set_title("Assembled")
         right = figure.add_axes((0.42, 0.12, 0.57, 0.7))
         layers, bounds = _opened(upper, lower)
         _draw(right, layers, View(bounds, (0.45, -1.2, 0.95), (0.0, 0.0, 1.0), axes_pixels(right)),

@@ -13,7 +13,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.pipeline import response, response_curves
 from fretflow.pipeline.problem import rig_problem
-from fretflow.pipeline.response import first_harmonic, forced_response, read_loops
+from fretflow.pipeline.response import check_response, first_harmonic, forced_response, read_loops, stated_error
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.solvers.quasi_static.backbone import BackboneSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
@@ -95,6 +95,23 @@ def test_points_gather_at_the_peak_so_that_the_resonance_is_found_between_the_as
     )  # the asked points alone miss it by ten times that
 
 
+def test_a_response_is_checked_over_its_range_and_the_worst_is_stated():
+    found = respond(Oscillator())
+    true = check_response(Oscillator(), PROBLEM, found)
+    assert true.error == pytest.approx(np.zeros(5), abs=1e-12)
+    assert true.checked[[0, -1]] == pytest.approx([50.0, 400.0])
+    assert found.frequency[np.argmax(found.amplitude)] in true.checked
+    apart = np.diff(np.log(true.checked))  # midway in octaves, as far as the asked points allow
+    assert apart[0] == pytest.approx(apart[1], abs=2 * np.log(8.0) / 14)
+    off = replace(found, amplitude=found.amplitude * np.where(found.frequency < 60.0, 1.11, 1.0))
+    checked = check_response(Oscillator(), PROBLEM, off)
+    assert checked.worst == (pytest.approx(0.11, rel=1e-9), pytest.approx(50.0))
+    assert stated_error([true, checked]) == (
+        "of 5 amplitudes of each curve the worst is 11.0% off the full solution, at 50 Hz")
+    lost = check_response(Oscillator(fails=lambda frequency, start: frequency > 100.0), PROBLEM, off)
+    assert lost.checked.tolist() == [f for f in checked.checked if f <= 100.0]
+
+
 def test_each_solution_starts_from_its_nearest_neighbour():
     solver = Oscillator()
     respond(solver)
@@ -142,7 +159,7 @@ def test_what_a_backbone_does_not_know_is_followed_by_continuation(monkeypatch):
         BackboneSolver.of(problem, 7, 64).solve(problem)
     shares = []
     found = response._respond(case, problem, 3, shares.append)
-    assert found.peak_error == 0.0
+    assert not len(found.checked)  # it is the full solution itself
     assert found.cycles == 3
     assert np.all(np.diff(found.frequency) > 0.0)
     assert found.frequency[[0, -1]] == pytest.approx([95.0, 115.0])

@@ -257,7 +257,7 @@ def test_a_summary_of_another_case_does_not_outlive_a_run_that_fails(pipeline):
 
     home = pipeline.root / "small"
     pipeline.run(a_case())
-    summary = write_summary(home, a_case(), [], [])
+    summary = write_summary(home, a_case(), {})
     pipeline.failing["wear"] = NonConvergenceError("no")
     with pytest.raises(NonConvergenceError):
         pipeline.run(a_case(), force=True)

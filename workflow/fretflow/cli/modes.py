@@ -6,7 +6,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fretflow.cli.terminal import Force, Json, Out, Progress, Terminal, keep_json, load, new_table, show_files
+from fretflow.cli.terminal import (
+    Force,
+    Json,
+    Out,
+    Progress,
+    Terminal,
+    keep_json,
+    load,
+    new_table,
+    show_files,
+    show_warnings,
+)
 
 if TYPE_CHECKING:
     from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
@@ -38,7 +49,7 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False, json:
 
 def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
     """Print the natural frequencies of each specimen, full model against reduced."""
-    from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT
+    from fretflow.structure.reduction.reduced_specimen import reduction_warnings
 
     console = Terminal()
     for side, specimen in specimens.items():
@@ -50,6 +61,4 @@ def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
         for number, (full, reduced, error) in enumerate(rows, start=1):
             view.add_row(str(number), f"{full:.2f}", f"{reduced:.2f}", f"{error:.5%}")
         console.print(view)
-        if specimen.frequency_error.max() > FREQUENCY_LIMIT:
-            console.print(f"warning: beyond the error of {FREQUENCY_LIMIT:.1%} that reduced specimens are held to; "
-                          "raise reduction.fixed_interface_modes, or see whether the mesh is one of this specimen")
+    show_warnings(reduction_warnings(specimens))

@@ -23,6 +23,7 @@ from fretflow.cli.terminal import (
     new_table,
     say,
     show_files,
+    show_warnings,
 )
 from fretflow.core.errors import EnsembleError, StoreError
 from fretflow.pipeline.ranks import started_rank
@@ -181,7 +182,9 @@ def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
     from fretflow.pipeline.run import results_of
     from fretflow.pipeline.stage import SUMMARY_FILE
 
-    _show_summary(case, *results_of(case, results, home).summarised, results)
+    found = results_of(case, results, home)
+    _show_summary(case, *found.summarised, results)
+    show_warnings(found.warnings)
     files = [home / SUMMARY_FILE]
     for result in results.values():
         files += [result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))]

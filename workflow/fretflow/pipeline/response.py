@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from typing import Any
 
@@ -52,7 +53,9 @@ class ForcedResponse:
     frequency: NDArray[np.float64] = quantity("Hz", "(F,)", coordinate=True)
     amplitude: NDArray[np.float64] = quantity("m", "(F,), first harmonic of the moving mass")
     phase: NDArray[np.float64] = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
-    peak_error: float = quantity("1", default=float("nan"))  # against the full solution at the largest point
+    checked: NDArray[np.float64] = quantity("Hz", "(C,), where the full solution was found too",
+                                            default_factory=lambda: np.empty(0))
+    error: NDArray[np.float64] = quantity("1", "(C,), of the amplitude there", default_factory=lambda: np.empty(0))
 
     @property
     def resonance(self) -> float:
@@ -63,6 +66,21 @@ class ForcedResponse:
         around = slice(top - 1, top + 2)
         a, b, _ = np.polyfit(self.frequency[around] - self.frequency[top], self.amplitude[around], 2)
         return float(self.frequency[top] - b / (2.0 * a))
+
+    @property
+    def worst(self) -> tuple[float, float]:
+        """Return the largest relative error of the checked amplitudes and its frequency (Hz); nan where none is."""
+        if not len(self.error):
+            return float("nan"), float("nan")
+        place = int(np.argmax(np.abs(self.error)))
+        return float(abs(self.error[place])), float(self.checked[place])
+
+
+def stated_error(responses: Sequence[ForcedResponse]) -> str:
+    """Say how far responses are off the full solution where that was found too; empty where it was not."""
+    (error, frequency), count = max(one.worst for one in responses), min(len(one.checked) for one in responses)
+    return (f"of {count} amplitudes of each curve the worst is {error:.1%} off the full solution, at "
+            f"{frequency:.4g} Hz") if count else ""
 
 
 def _read(displacement: NDArray[np.float64], force: NDArray[np.float64], normal_load: float) -> LoopReadings:
@@ -168,18 +186,24 @@ def forced_response(case: Case, solver: PeriodicSolver, problem: PeriodicProblem
                           amplitude=np.abs(amplitudes), phase=np.mod(-np.angle(amplitudes), 2.0 * np.pi))
 
 
-def peak_error(solver: PeriodicSolver, problem: PeriodicProblem, found: ForcedResponse) -> float:
-    """Return the relative error of the largest amplitude against `solver`'s, nan where that finds no period."""
+def check_response(solver: PeriodicSolver, problem: PeriodicProblem, found: ForcedResponse) -> ForcedResponse:
+    """Return a response with its amplitudes compared to `solver`'s: at both ends, the peak and midway between them.
+
+    Where `solver` finds no period nothing is compared.
+    """
+    order, last = found.frequency, len(found.frequency) - 1
     top = int(np.argmax(found.amplitude))
-    try:
-        full = solver.solve(problem.vary(frequency=float(found.frequency[top])))
-    except NonConvergenceError:
-        return float("nan")
-    return float(found.amplitude[top] / abs(first_harmonic(full)) - 1.0)
+    midway = [int(np.argmin(np.abs(np.log(order**2 / (order[top] * order[end]))))) for end in (0, last)]
+    errors = {}
+    for place in sorted({0, midway[0], top, midway[1], last}):
+        with suppress(NonConvergenceError):
+            full = solver.solve(problem.vary(frequency=float(order[place])))
+            errors[float(order[place])] = float(found.amplitude[place] / abs(first_harmonic(full)) - 1.0)
+    return replace(found, checked=np.array([*errors]), error=np.array([*errors.values()]))
 
 
 def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
-    """Step the frequency with the contact's backbone and check the peak, or with DLFT where the case asks for it.
+    """Step the frequency with the contact's backbone and check some points, or with DLFT where the case asks for it.
 
     What a backbone does not know (an effect) is followed by continuation.
     """
@@ -189,8 +213,7 @@ def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callab
     if not knows(problem):
         return _followed(case, problem, cycles, progress)
     fast = BackboneSolver.of(problem, case.solver.resolved_harmonics, case.solver.resolved_samples)
-    found = forced_response(case, fast, problem, cycles, progress)
-    return replace(found, peak_error=peak_error(solver, problem, found))
+    return check_response(solver, problem, forced_response(case, fast, problem, cycles, progress))
 
 
 def _followed(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
@@ -203,7 +226,7 @@ def _followed(case: Case, problem: PeriodicProblem, cycles: int, progress: Calla
     curve = respond(problem, sweep, note)
     block = curve.first_harmonic[:, channel_index("block")]
     return ForcedResponse(cycles=cycles, excitation=problem.excitation.amplitude, frequency=curve.frequency,
-                          amplitude=np.abs(block), phase=np.mod(-np.angle(block), 2.0 * np.pi), peak_error=0.0)
+                          amplitude=np.abs(block), phase=np.mod(-np.angle(block), 2.0 * np.pi))
 
 
 def _run(context: StageContext) -> Figures:
@@ -233,7 +256,7 @@ def _run(context: StageContext) -> Figures:
             write_record(file, found)
         figures[f"{name}_resonance_Hz"] = found.resonance
         figures[f"{name}_points"] = len(found.frequency)
-        figures[f"{name}_peak_error"] = found.peak_error
+        figures[f"{name}_worst_error"] = found.worst[0]
     return figures
 
 
@@ -281,4 +304,4 @@ def _slice(case: Case) -> object:
     return case.output.frequency_response
 
 
-STAGE = Stage("response", 2, _slice, ("reduce", "solve", "wear"), _run)
+STAGE = Stage("response", 3, _slice, ("reduce", "solve", "wear"), _run)

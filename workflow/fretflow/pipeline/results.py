@@ -19,7 +19,7 @@ from fretflow.core.records import Labelled, to_dataset
 from fretflow.core.store import read_record
 from fretflow.pipeline.response import ForcedResponse
 from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS
-from fretflow.pipeline.summary import Figure, summarise
+from fretflow.pipeline.summary import Figure, result_warnings, summarise
 from fretflow.pipeline.trends import Trend
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
@@ -205,6 +205,11 @@ class RunResults(RunRecords):
     def summary(self) -> dict[str, Figure]:
         """Return the figures of the run by name, each with ``value`` (SI), ``unit`` and ``text``."""
         return {figure.name: figure for figure in self.summarised[0]}
+
+    @property
+    def warnings(self) -> list[str]:
+        """Return what makes the results doubtful, a line each: an inexact reduction, a contact too narrow."""
+        return result_warnings(self.case, self.folders)
 
     @cached_property
     def summarised(self) -> tuple[Sequence[Figure], Sequence[Trend]]:

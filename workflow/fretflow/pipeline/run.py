@@ -19,7 +19,7 @@ from fretflow.pipeline.response_curves import FOLDER, RunCurve, asked_curves, ma
 from fretflow.pipeline.results import RunResults
 from fretflow.pipeline.runner import Runner, Silent, Watcher
 from fretflow.pipeline.stage import SUMMARY_FILE, Manifest, StageResult
-from fretflow.pipeline.summary import summarise, write_summary
+from fretflow.pipeline.summary import write_summary
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def run(case: Case | Path | str, out: Path | str = "runs", *, until: str | None 
 def results_of(case: Case, results: Mapping[str, StageResult], home: Path) -> RunResults:
     """Return what the stages of a run in `home` hold, and write their summary."""
     found = RunResults({name: result.folder for name, result in results.items()}, case, home)
-    write_summary(home, case, *found.summarised)
+    write_summary(home, case, found.folders)
     return found
 
 
@@ -205,5 +205,5 @@ def make_curves(case: Case, folders: Mapping[str, Path], home: Path, states: Seq
         note(f"{one.name}: {len(curves[-1].curve.frequency)} points  {one.file}")
     files = [*write_curves(folder, curves, folders), *provided(FIGURES, "response")(folder / "curves.png", curves)]
     if (home / SUMMARY_FILE).is_file():
-        files.append(write_summary(home, case, *summarise(case, folders)))
+        files.append(write_summary(home, case, folders))
     return curves, [*files, *(one.file for one in asked)]

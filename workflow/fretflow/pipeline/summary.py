@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fretflow.case.config import Case
 from fretflow.case.plausibility import warnings
@@ -15,13 +16,16 @@ from fretflow.contact.law import ContactState
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
 from fretflow.core.units import pretty_quantity
-from fretflow.pipeline.response import ForcedResponse, LoopSeries
+from fretflow.pipeline.response import ForcedResponse, LoopSeries, stated_error
 from fretflow.pipeline.response_curves import kept_peaks
 from fretflow.pipeline.stage import SUMMARY_FILE, case_sum, write_json
 from fretflow.pipeline.trends import Trend, is_papers, judge_all
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
+from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen, reduction_warnings
 from fretflow.wear.history import WearHistory
+
+SIDES = ("upper", "lower")
+SAME = 1e-6  # of the face's width: coordinates so close are one
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,7 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
     resonances = None if responses is None else (responses[0].resonance, responses[1].resonance)
     if responses is not None and resonances is not None:
         shift = resonances[1] / resonances[0] - 1.0
-        errors = max(abs(response.peak_error) for response in responses)
-        checked = f"; amplitude there {errors:.1%} off the full solution" if np.isfinite(errors) else ""
+        checked = f"; {stated}" if (stated := stated_error(responses)) else ""
         figures.append(Figure("first resonance, worn against unworn", shift, "1",
                               f"{shift:+.3%} ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
     if not is_papers(case):
@@ -73,11 +76,36 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
     return figures, judge_all(interface, case.test.excitation_amplitude, unworn, history, resonances)
 
 
-def write_summary(home: Path, case: Case, figures: Sequence[Figure], trends: Sequence[Trend]) -> Path:
+def result_warnings(case: Case, folders: Mapping[str, Path]) -> list[str]:
+    """Return what makes results doubtful: a reduction beyond its limit, a contact too narrow for its nodes."""
+    if "reduce" not in folders:
+        return []
+    specimens = {side: read_record(folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in SIDES}
+    found = reduction_warnings(specimens)
+    if "preload" in folders:
+        from fretflow.structure.fem.preload import Preload  # starts PETSc
+
+        closed = read_record(folders["preload"] / "preload.h5", Preload).pressure > 0.0
+        found += _narrow(case, specimens["upper"].contact_nodes[:, :2], closed)
+    return found
+
+
+def _narrow(case: Case, nodes: NDArray[np.float64], closed: NDArray[np.bool_]) -> list[str]:
+    """Return a warning where the nodes (n, 2), m, that touch lie in one line, across which nothing is resolved."""
+    touching, wide = nodes[closed], float(np.ptp(nodes, axis=0).max())
+    axes = [axis for axis, span in zip("xy", np.ptp(touching, axis=0), strict=True) if span < SAME * wide]
+    remedy = "mesh the contact more finely" if case.mesh.upper else (
+        f"raise mesh.contact_elements (now {case.mesh.contact_elements})")
+    return [f"the load is carried by one row of nodes ({len(touching)} of {len(nodes)}), one node wide along "
+            f"{' and '.join(axes)}: its width is not resolved; {remedy}, or raise specimen.face_radius"] if axes else []
+
+
+def write_summary(home: Path, case: Case, folders: Mapping[str, Path]) -> Path:
     """Write figures and trends of `case` to the run's folder `home`; a figure that cannot be told is null."""
     path = home / SUMMARY_FILE
+    figures, trends = summarise(case, folders)
     values = [{"value": figure.value if np.isfinite(figure.value) else None} for figure in figures]
-    write_json(path, {"case_sum": case_sum(case), "warnings": warnings(case),
+    write_json(path, {"case_sum": case_sum(case), "warnings": [*warnings(case), *result_warnings(case, folders)],
                       "figures": [asdict(figure) | value for figure, value in zip(figures, values, strict=True)],
                       "trends": [asdict(trend) for trend in trends]})
     return path
@@ -85,12 +113,8 @@ def write_summary(home: Path, case: Case, figures: Sequence[Figure], trends: Seq
 
 def _reduction(upper: ReducedSpecimen, lower: ReducedSpecimen) -> Figure:
     error = float(max(upper.frequency_error.max(), lower.frequency_error.max()))
-    count, beyond = len(upper.full_frequencies), ""
-    if error > FREQUENCY_LIMIT:
-        beyond = (f"; beyond the {FREQUENCY_LIMIT:.1%} that it is held to: raise reduction.fixed_interface_modes, or "
-                  "see whether the mesh is one of this specimen")
     return Figure("Craig-Bampton error", error, "1",
-                  f"{error:.4%}, the largest of {count} frequencies of each specimen{beyond}")
+                  f"{error:.4%}, the largest of {len(upper.full_frequencies)} frequencies of each specimen")
 
 
 def _meshes(folder: Path) -> Figure:

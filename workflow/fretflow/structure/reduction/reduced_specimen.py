@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,3 +67,11 @@ class ReducedSpecimen:
     def frequency_error(self) -> NDArray[np.float64]:
         """Return the relative error of each reduced frequency against the full model."""
         return np.asarray(np.abs(self.reduced_frequencies / self.full_frequencies - 1.0))
+
+
+def reduction_warnings(specimens: Mapping[str, ReducedSpecimen]) -> list[str]:
+    """Return a line for each of `specimens` by side whose frequencies are further off than they are held to."""
+    return [f"{side} specimen: the reduction is {one.frequency_error.max():.2%} off the full model at mode "
+            f"{int(one.frequency_error.argmax()) + 1}, beyond the {FREQUENCY_LIMIT:.1%} that it is held to; raise "
+            f"reduction.fixed_interface_modes, or see whether the mesh is one of this specimen"
+            for side, one in specimens.items() if one.frequency_error.max() > FREQUENCY_LIMIT]
