@@ -41,7 +41,8 @@ def free(monkeypatch):
 
 @pytest.mark.parametrize(("path", "value", "extra"), [
     ("mesh.contact_elements", 200, {}), ("mesh.contact_elements", 100, {"degree": 2}),
-    ("solver.samples", 65536, {"harmonics": 500}), ("mesh.contact_elements", 60, {"solver": "dlft"})])
+    ("solver.samples", 65536, {"harmonics": 500}), ("mesh.contact_elements", 60, {"solver": "dlft"}),
+    ("solver.samples", 65536, {"method": PeriodicMethod.DLFT, "harmonics": 500})])
 def test_what_does_not_fit_is_refused_with_the_largest_that_does(free, path, value, extra):
     table = path.partition(".")[0]
 
@@ -52,7 +53,7 @@ def test_what_does_not_fit_is_refused_with_the_largest_that_does(free, path, val
         return made if "solver" not in extra else made.model_copy(
             update={"solver": made.solver.model_copy(update={"method": PeriodicMethod.DLFT, "harmonics": 15})})
 
-    refusal = f"{path} = {value:,}: needs about .* GB of memory, of which 20 GB are free"
+    refusal = f"{path} = {value:,}.*: needs about .* GB of memory, of which 20 GB are free"
     with pytest.raises(InputError, match=refusal) as said:
         check_memory(case(value), ALL)
     most = int(re.search(r"largest that fits is ([\d,]+)", str(said.value))[1].replace(",", ""))
@@ -70,6 +71,25 @@ def test_the_estimate_is_what_was_measured():
             count = estimate.SOLVED + (estimate.BY_HARMONIC * int(harmonics) if harmonics else 0.0)
             estimated = count * 8.0 * (3.0 * int(nodes)) ** 2 / 2**20
             assert estimated == pytest.approx(float(measured) - 190.0, rel=0.25), what
+
+
+    sampled = [[float(cell) for cell in line.strip("|").split("|")]
+               for line in (ROOT / "benchmarks" / "growth.md").read_text().splitlines() if line.startswith("| 25 |")]
+    assert len(sampled) == 3
+    for nodes, harmonics, samples, measured, seconds in sampled:
+        assert estimate.DERIVATIVES * 8.0 * samples * 3.0 * nodes * (2.0 * harmonics + 1.0) / 2**20 == pytest.approx(
+            measured, rel=0.3)
+        assert 0.3 < estimate.PRODUCTS * samples * 3.0 * nodes * (2.0 * harmonics + 1.0) ** 2 / seconds < 3.0
+
+
+def test_many_samples_and_harmonics_are_said_to_take_long():
+    case = changed("mesh.contact_elements", 4)
+    solver = case.solver.model_copy(update={"method": PeriodicMethod.DLFT, "samples": 8192, "harmonics": 400})
+    (warning,) = time_warning(case.model_copy(update={"solver": solver}))
+    assert warning.startswith("solver.samples = 8,192 with 400 harmonics: a period takes some")
+    many = case.solver.model_copy(update={"samples": 4096})
+    (warning,) = time_warning(changed("mesh.contact_elements", 34).model_copy(update={"solver": many}))
+    assert warning.startswith("mesh.contact_elements = 34 with 4,096 samples: a period takes some")
 
 
 def test_a_mesh_alone_is_made_and_the_user_s_own_counts_its_nodes(free):

@@ -8,15 +8,18 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from fretflow.case.config import Case, PeriodicMethod
+from fretflow.case.config import Case, PeriodicMethod, Solver
 from fretflow.core.errors import InputError
 
 REDUCED = 4.0  # matrices of the contact that the reduction holds: stiffness and mass of two specimens
 SOLVED = 16.0  # that a period takes with either method, and for each harmonic with DLFT:
 BY_HARMONIC = 1.5
+DERIVATIVES = 3.0  # derivatives of all contact forces by all coefficients, samples x 3 n x (2 H + 1), that DLFT takes
 SPECTRA = 3.0  # matrices of samples by samples that the default method takes for the tangent of a backbone
 SOLVING = ("solve", "wear", "response")
 PERIOD = (122.0, 1681, 2.7)  # s of a period in gross slip, at so many nodes, and the exponent from there
+PERIOD_SAMPLES = 256  # with which those were measured; each sample is a contact problem
+PRODUCTS = 1e-8  # s of a period by DLFT for each sample x 3 n x (2 H + 1)^2
 LONG = 600.0  # s of a period that are told
 MEMORY = Path("/proc/meminfo")
 LIMIT = Path("/sys/fs/cgroup/memory.max")
@@ -34,18 +37,30 @@ def check_memory(case: Case, stages: Collection[str], nodes: int | None = None) 
     if not {"reduce", *SOLVING} & {*stages} or (nodes is None and not meshed):
         return
     solves, solver = bool({*SOLVING} & {*stages}), case.solver
-    if solves and solver.method is PeriodicMethod.QUASI_STATIC and (
-            needed := SPECTRA * 8.0 * solver.resolved_samples**2) > free:
-        _refuse("solver.samples", solver.resolved_samples, needed, free, (free / SPECTRA / 8.0) ** 0.5)
+    size = contact_nodes(case) if nodes is None else nodes
+    if solves:
+        _check_samples(solver, size, free)
     count = REDUCED if not solves else SOLVED + (
         BY_HARMONIC * solver.resolved_harmonics if solver.method is PeriodicMethod.DLFT else 0.0)
-    size = contact_nodes(case) if nodes is None else nodes
     if (needed := count * 8.0 * (3.0 * size) ** 2) > free:
         most = (free / count / 8.0) ** 0.5 / 3.0
         if meshed:
             _refuse("mesh.contact_elements", case.mesh.contact_elements, needed, free,
                     (most**0.5 - 1.0) / case.mesh.degree)
         _refuse("mesh: nodes on each contact face", size, needed, free, most)
+
+
+def _check_samples(solver: Solver, nodes: int, free: float) -> None:
+    """Check the memory that so many samples take: by their square, or with DLFT by nodes and harmonics."""
+    samples = solver.resolved_samples
+    if solver.method is PeriodicMethod.DLFT:
+        each = DERIVATIVES * 8.0 * 3.0 * nodes * (2.0 * solver.resolved_harmonics + 1.0)
+        needed, most = each * samples, free / each
+    else:
+        needed, most = SPECTRA * 8.0 * samples**2, (free / SPECTRA / 8.0) ** 0.5
+    if needed > free:
+        _refuse("solver.samples", samples, needed, free, most,
+                f" with {solver.resolved_harmonics} harmonics" if solver.method is PeriodicMethod.DLFT else "")
 
 
 def contact_nodes(case: Case) -> int:
@@ -56,11 +71,19 @@ def contact_nodes(case: Case) -> int:
 def time_warning(case: Case) -> tuple[str, ...]:
     """Return how long a period takes where that is long; a wear history is some 20 to 100 of them."""
     seconds, size, exponent = PERIOD
-    takes = seconds * (contact_nodes(case) / size) ** exponent
-    if case.mesh.upper is not None or takes < LONG:
+    solver, nodes = case.solver, contact_nodes(case)
+    samples, fields = solver.resolved_samples, {}
+    if solver.method is PeriodicMethod.DLFT:
+        fields[f"solver.samples = {samples:,} with {solver.resolved_harmonics} harmonics"] = (
+            PRODUCTS * samples * 3.0 * nodes * (2.0 * solver.resolved_harmonics + 1.0) ** 2)
+        samples = PERIOD_SAMPLES
+    more = "" if samples <= PERIOD_SAMPLES else f" with {samples:,} samples"
+    fields[f"mesh.contact_elements = {case.mesh.contact_elements}{more}"] = (
+        seconds * (nodes / size) ** exponent * samples / PERIOD_SAMPLES)
+    slowest = max(fields, key=lambda name: fields[name])
+    if case.mesh.upper is not None or fields[slowest] < LONG:
         return ()
-    return (f"mesh.contact_elements = {case.mesh.contact_elements}: a period takes some {takes / 3600.0:.2g} h, and "
-            "the wear tens of periods",)
+    return (f"{slowest}: a period takes some {fields[slowest] / 3600.0:.2g} h, and the wear tens of periods",)
 
 
 def free_memory() -> float:
@@ -71,6 +94,6 @@ def free_memory() -> float:
     return min(free, float(allowed) if allowed.isdigit() else float("inf"))
 
 
-def _refuse(field: str, value: int, needed: float, free: float, most: float) -> None:
-    raise InputError(f"{field} = {value:,}: needs about {needed / 1e9:,.0f} GB of memory, of which "
+def _refuse(field: str, value: int, needed: float, free: float, most: float, beside: str = "") -> None:
+    raise InputError(f"{field} = {value:,}{beside}: needs about {needed / 1e9:,.0f} GB of memory, of which "
                      f"{free / 1e9:,.0f} GB are free; the largest that fits is {int(most):,}")
