@@ -45,7 +45,7 @@ def _check_position(mesh: HexMesh, upper: bool, name: str) -> None:
     tolerance = _FLATNESS * float(np.ptp(face[:, :2], axis=0).max())
     off = float(np.abs(face[:, 2]).max())
     if off > tolerance:
-        raise MeshError(f"{name}: nodes of group contact lie up to {1e6 * off:.4g} um from the plane z = 0; "
+        raise MeshError(f"{name}: nodes of group contact lie up to {1e6 * off:.4g} µm from the plane z = 0; "
                         "move the face there, and give curvature by specimen.face and face_radius")
     height = mesh.points[:, 2] if upper else -mesh.points[:, 2]
     if height.min() < -tolerance:

@@ -95,7 +95,7 @@ def check_matching(upper: MeshSummary, lower: MeshSummary) -> None:
         nearest = cKDTree(lower.contact_nodes[:, :2]).query(upper.contact_nodes[:, :2])[0]
         distance = nearest if nearest.max() > tolerance else distance
         x, y = 1e3 * upper.contact_nodes[np.argmax(distance), :2]
-        raise MeshError(f"{upper.file}, {lower.file}: contact nodes lie up to {1e6 * distance.max():.4g} um "
+        raise MeshError(f"{upper.file}, {lower.file}: contact nodes lie up to {1e6 * distance.max():.4g} µm "
                         f"apart, most at ({x:.4g}, {y:.4g}) mm; {way_out}")
 
 
@@ -152,7 +152,7 @@ def face_profile(specimen: Specimen, side: Side, nodes: NDArray[np.float64]) -> 
     limit = MAX_PROFILE_SHARE * specimen.ridge_height
     if profile.max() > limit:
         needed = specimen.face_radius * profile.max() / limit
-        raise MeshError(f"specimen.{side}.face_radius: the face falls off by {1e6 * profile.max():.4g} um, "
+        raise MeshError(f"specimen.{side}.face_radius: the face falls off by {1e6 * profile.max():.4g} µm, "
                         f"above {MAX_PROFILE_SHARE:.0%} of ridge_height, too much for an initial gap on a "
                         f"flat mesh; give at least {1e3 * needed:.4g} mm")
     return profile

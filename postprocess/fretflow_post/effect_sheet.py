@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from textwrap import wrap
 
-from fretflow.effects.effect import Effect
+import numpy as np
+from fretflow.effects.effect import Effect, Sketch
 
 from fretflow_post import style
 
@@ -13,16 +14,36 @@ LETTERS = 100  # of a line that the figure has room for
 
 
 def plot_effect(path: Path, name: str, effect: Effect) -> Path:
-    """Draw the sketch of `effect` at its parameters as the PNG file `path`; its folder is made if need be."""
+    """Draw the sketch of `effect` at its parameters as the PNG file `path`; its folder is made if need be.
+
+    Beneath what is drawn without and with the effect over the same, their difference, which may be small beside them.
+    """
     sketch = effect.sketch()
     path.parent.mkdir(parents=True, exist_ok=True)
+    parts = [(0.14, 0.64)] if not _comparable(sketch) else [(0.46, 0.38), (0.1, 0.24)]  # bottom, height
     with style.styled():
-        figure = style.new_figure(name, "\n".join(wrap(effect.equation, LETTERS)), height=6.6)
-        axes = figure.add_axes((0.12, 0.14, 0.62, 0.64))
+        figure = style.new_figure(name, "\n".join(wrap(effect.equation, LETTERS)), height=3.3 * (1 + len(parts)))
+        panels = [figure.add_axes((0.12, bottom, 0.62, height)) for bottom, height in parts]
         for k, (label, (x, y)) in enumerate(sketch.curves.items()):
             colour, line = style.curve_look(k)
-            axes.plot(x, y, color=colour, linestyle=line, label=label)
-        axes.set(xlabel=sketch.x_label, ylabel=sketch.y_label)
+            panels[0].plot(x, y, color=colour, linestyle=line, label=label)
+        panels[0].set(ylabel=sketch.y_label)
         if any(sketch.curves):
-            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+            panels[0].legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        if len(panels) > 1:
+            panels[0].tick_params(labelbottom=False)
+            panels[1].sharex(panels[0])
+            x, without = sketch.curves["baseline"]
+            panels[1].plot(x, sketch.curves["effect"][1] - without, color=style.curve_look(1)[0])
+            panels[1].axhline(0.0, color="black", linewidth=0.8)
+            panels[1].set(ylabel="effect −\nbaseline")
+        panels[-1].set(xlabel=sketch.x_label)
         return style.save_figure(figure, path)
+
+
+def _comparable(sketch: Sketch) -> bool:
+    """Return whether a sketch has two curves over the same."""
+    if {*sketch.curves} != {"baseline", "effect"}:
+        return False
+    (without, _), (over, _) = sketch.curves.values()
+    return bool(np.array_equal(without, over))

@@ -90,7 +90,7 @@ def test_volumes_are_balanced_at_every_step(dragged, elastic, scheme):
 
 def test_a_loss_of_debris_is_refused():
     Balance(made=1e-12, retained=4e-13, ejected=6e-13, present=1e-12).check()
-    with pytest.raises(AuditError, match=r"effects\.third-body: of 1e-12 m3 .* are lost"):
+    with pytest.raises(AuditError, match=r"effects\.third-body: of 1e-12 m³ .* are lost"):
         Balance(made=1e-12, retained=4e-13, ejected=6e-13 * (1.0 + 1e-11), present=1e-12).check()
 
 

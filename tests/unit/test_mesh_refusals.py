@@ -81,8 +81,8 @@ def test_our_own_mesh_passes_as_a_users_mesh(tmp_path):
     ({"order": 3}, r"group body holds Hexahedron 64"),
     ({"unit": 1.0}, r"is 2 m large; coordinates are in metres, so scale"),
     ({"unit": 1e-6}, r"is 2e-06 m large"),
-    ({"z": 3e-6}, r"nodes of group contact lie up to 3 um from the plane z = 0"),
-    ({"groups": ("clamped", "contact", "body")}, r"lie up to 2000 um from the plane z = 0"),
+    ({"z": 3e-6}, r"nodes of group contact lie up to 3 µm from the plane z = 0"),
+    ({"groups": ("clamped", "contact", "body")}, r"lie up to 2000 µm from the plane z = 0"),
 ])
 def test_spoilt_blocks(tmp_path, spoil, message):
     write_block(tmp_path / "own.msh", **spoil)
@@ -177,11 +177,11 @@ def test_faces_that_do_not_match(tmp_path):
         check_matching(upper, finer)
     nodes = np.array(upper.contact_nodes)
     nodes[6] += (0.0, -2e-6, 0.0)
-    with pytest.raises(MeshError, match=r"up to 2 um apart, most at \(-0.1667, 0.1667\) mm; mesh both"):
+    with pytest.raises(MeshError, match=r"up to 2 µm apart, most at \(-0.1667, 0.1667\) mm; mesh both"):
         check_matching(upper, replace(upper, file="lower.msh", contact_nodes=nodes))
     moved = np.array(upper.contact_nodes)
     moved[5] += (5e-5, 0.0, 0.0)  # leaves its column, so that its neighbours are sorted to other places
-    with pytest.raises(MeshError, match="up to 50 um apart"):
+    with pytest.raises(MeshError, match="up to 50 µm apart"):
         check_matching(replace(upper, contact_nodes=sorted_nodes(moved)), replace(upper, file="lower.msh"))
     check_matching(upper, replace(upper, contact_nodes=upper.contact_nodes + np.array([0.0, -1e-10, 0.0])))
 

@@ -136,6 +136,10 @@ def test_what_is_printed_reads_back_too(value, unit, text):
 
 def test_numbers_that_count_have_no_power_of_ten():
     assert [pretty_number(value) for value in (0.35, 12.0, 1e5, 1.9e6)] == ["0.35", "12", "100,000", "1,900,000"]
+    assert [pretty_number(value, 3) for value in (20_000.0, -1234.5, 999.7, 1.1e-14)] == [
+        "20,000", "-1,230", "1,000", "1.1e-14"]
+    assert pretty_number(1234.5) == "1,234.5"
+    assert pretty_quantity(2e7, "kg/m^3", 3) == "20000000 kg/m³"
 
 
 @pytest.mark.parametrize(("unit", "name", "size"), [

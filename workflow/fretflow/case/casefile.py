@@ -44,14 +44,15 @@ class Entry:
     def readable(self) -> str:
         """Return the value in a unit that engineers use."""
         if self.value is None:
-            return "not set" if self.resolved is None else str(self.resolved)
+            return "not set" if self.resolved is None else f"{self.resolved:,}"
         if self.unit:
             return pretty_quantity(self.value, self.unit)
         if isinstance(self.value, Enum):
             return str(self.value.value)
         if isinstance(self.value, tuple):
             return ", ".join(v if isinstance(v, str) else f"{v:,}" for v in self.value) or "none"
-        return pretty_number(self.value) if isinstance(self.value, float) else str(self.value)
+        plain = isinstance(self.value, bool | str)
+        return str(self.value) if plain else pretty_number(self.value, 15)
 
     @property
     def toml(self) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
+from rich.table import Table
 
 from fretflow.cli.terminal import Json, Out, Terminal, keep_json, new_table, show_files
 from fretflow.core.errors import InputError, did_you_mean
@@ -67,11 +68,15 @@ def _show(name: str, kind: type[Effect], out: Path) -> None:
     console.print(f"[bold]{name}[/bold]: {escape(kind.title)}")
     for paragraph in cleandoc(kind.__doc__ or "").split("\n\n"):
         console.print(escape(" ".join(paragraph.split())))
+    sheet = Table.grid(padding=(0, 2))
     for heading, text in (("changes", kind.block), ("equation", kind.equation), ("source", kind.source),
                           ("shows in", "; ".join(kind.observables)), ("recordings", _kinds(kind)),
                           ("acts", _acts(kind)), ("not with", _excluded(kind))):
-        if text:
-            console.print(f"{heading + ':':<12}{escape(text)}")
+        for part in text.split("; "):  # each on a line of its own, where it has the room
+            if part:
+                sheet.add_row(heading, escape(part))
+                heading = ""
+    console.print(sheet)
     console.print(_parameters(kind))
     picture: Path = provided(FIGURES, "effect")(out / f"{name}.png", name, kind())
     show_files([picture], "picture")

@@ -89,6 +89,7 @@ def run(
 
 def _run_bolted(case: BoltedCase, out: Path) -> None:
     """Run a case of a bolted structure and show its figures."""
+    from fretflow.core.units import pretty_number
     from fretflow.pipeline.bolted import run_bolted
 
     with Progress() as progress:
@@ -96,7 +97,7 @@ def _run_bolted(case: BoltedCase, out: Path) -> None:
         study = run_bolted(case, out, lambda share, text: progress.advance("structure", share, text))
     view = new_table(study.title, "figure", "found")
     for name, value in study.figures.items():
-        view.add_row(name, f"{value:.6g}")
+        view.add_row(name, pretty_number(value))
     Terminal().print(view)
     show_files(sorted((out / case.name).iterdir()), "pictures and curves")
 

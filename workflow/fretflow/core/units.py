@@ -104,12 +104,17 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
 def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
     """Return `value`, in the SI unit `unit`, as it is printed for people, like ``"14.2 µm"``."""
     name, size = readable_unit(value, unit)
-    return f"{value / size:.{digits}g} {pretty_unit(name)}".rstrip()
+    number = pretty_number(value / size, digits).replace(",", "")  # so that it reads back
+    return f"{number} {pretty_unit(name)}".rstrip()
 
 
-def pretty_number(value: float) -> str:
-    """Return a number that counts as it is printed for people: ``"0.35"``, ``"100,000"``."""
-    return f"{value:,.0f}" if 1e3 <= abs(value) < 1e15 else f"{value:.6g}"
+def pretty_number(value: float, digits: int = 6) -> str:
+    """Return a number with so many figures as it is printed for people: ``"0.35"``, ``"100,000"``."""
+    rounded = float(f"{value:.{digits}g}")
+    if not 1e3 <= abs(rounded) < 1e15:
+        return f"{value:.{digits}g}"
+    text = f"{rounded:,.{max(0, digits - 1 - int(math.log10(abs(rounded))))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def pretty_unit(unit: str) -> str:

@@ -32,7 +32,7 @@ class BendingGap(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", 1e-6, 60e-6,
-                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 um of form")
+                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form")
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:

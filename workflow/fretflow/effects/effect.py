@@ -85,7 +85,7 @@ OTHER_LOAD = "the same test at another normal load"
 OTHER_RATES = "the same test at half and at twice the frequency"
 OTHER_LENGTHS = "tests of one condition over several numbers of cycles,"
 UNLOADED = "the channels at rest and with the specimens apart, before and after the test,"
-ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm2, 100 Hz"
+ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm², 100 Hz"
 
 
 def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,

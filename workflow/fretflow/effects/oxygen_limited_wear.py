@@ -68,7 +68,7 @@ class OxygenLimitedWear(Effect):
         """Return the coefficient across a contact of 3 mm, by the frictional power."""
         place = np.linspace(-1.0, 1.0, 101)
         curves: Mapping[str, tuple[Array, Array]] = {
-            f"{1e-6 * power:g} W/mm2": (1.5 * place, self.adhesive_share + (1.0 - self.adhesive_share) * oxygen_share(
+            f"{1e-6 * power:g} W/mm²": (1.5 * place, self.adhesive_share + (1.0 - self.adhesive_share) * oxygen_share(
                 place, 1.5e-3 / self.distance * np.sqrt(power / self.reference_power))) for power in (5e3, 5e4, 5e5)}
         return Sketch("position along the sliding in mm", "coefficient over K_w", curves)
 

@@ -42,7 +42,7 @@ class SupportNonlinearity(Effect):
                                               "odd harmonics of the displacement")
 
     stiffness: u.CubicStiffness = parameter(2e15, "k_3: force over displacement cubed", 2e14, 1e16,
-                                            source="3 to 150 % of the paper's linear support at 10 um")
+                                            source="3 to 150 % of the paper's linear support at 10 µm")
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:

@@ -68,8 +68,8 @@ class Balance:
         """
         lost = self.made - self.retained - self.ejected
         if not abs(lost) <= BALANCED * (abs(self.made) + self.present):
-            raise AuditError(f"effects.third-body: of {self.made:.6g} m3 of debris {self.retained:.6g} m3 stayed and "
-                             f"{self.ejected:.6g} m3 left; {lost:.3g} m3 are lost")
+            raise AuditError(f"effects.third-body: of {self.made:.6g} m³ of debris {self.retained:.6g} m³ stayed and "
+                             f"{self.ejected:.6g} m³ left; {lost:.3g} m³ are lost")
 
 
 class ThirdBody(Effect):

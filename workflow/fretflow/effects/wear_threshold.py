@@ -42,7 +42,7 @@ class WearThreshold(Effect):
                                               "approach over cycles")
 
     power_density: u.PowerDensity = parameter(4e4, "q_th: power per area below which nothing wears", 1.3e4, 8e4,
-                                              source="0.1 to 0.6 of 130 kW/m2, test 1 in the mean of contact and time")
+                                              source="0.1 to 0.6 of 130 kW/m², test 1 in the mean of contact and time")
 
     @classmethod
     def neutral(cls, case: Case | None = None) -> Self:
@@ -75,7 +75,7 @@ class WearThreshold(Effect):
     def sketch(self) -> Sketch:
         """Return the rate against power."""
         power = np.linspace(0.0, 4.0 * self.power_density, 200)
-        return Sketch("frictional power density in kW/m2", "wear rate over Archard's at q_th", {
+        return Sketch("frictional power density in kW/m²", "wear rate over Archard's at q_th", {
             "Archard": (1e-3 * power, power / self.power_density),
             "threshold": (1e-3 * power, np.maximum(power / self.power_density - 1.0, 0.0))})
 

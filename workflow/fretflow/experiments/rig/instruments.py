@@ -83,7 +83,7 @@ def _gains(recording: Recording, case: Case) -> list[str]:
             found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the excitation "
                          "make of it: check its unit and gain")
         elif abs(late) > ChannelDelay.priors()["delay"].high:  # what the catalogue's delay may be is no fault
-            found.append(f"the {name} comes {1e6 * abs(late):.0f} us {'early' if late > 0.0 else 'late'} against the "
+            found.append(f"the {name} comes {1e6 * abs(late):.0f} µs {'early' if late > 0.0 else 'late'} against the "
                          "excitation, more than a sensor's filter delays it")
     return found
 

@@ -124,5 +124,5 @@ def _areas(experiment: ProfileExperiment, found: Search, names: Names) -> list[s
     told = []
     for one in _curves(experiment, found, names):
         sizes = ", ".join(f"{1e6 * float(trapezoid(y, one.x)):.3f}" for y in (one.measured, one.before, one.after))
-        told.append(f"{one.label}: worn area {sizes} mm2 measured, by one coefficient and with the effects")
+        told.append(f"{one.label}: worn area {sizes} mm² measured, by one coefficient and with the effects")
     return told

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from fretflow.core.units import pretty_quantity
+from fretflow.core.units import pretty_number, pretty_quantity
 from fretflow.effects.volume_law import CYCLES, UNITS
 from fretflow.experiments.wear_series.data import Array, Ids, WearData
 from fretflow.inference.verdict import Location, Place, ResidualLaw
@@ -82,5 +82,5 @@ def _split(x: Array, parts: int) -> list[Ids]:
 def within(name: str, low: float, high: float) -> str:
     """Return a range of a condition for people."""
     unit = UNITS.get(name, "")
-    ends = [pretty_quantity(v, unit, 3) if unit not in ("", "1") else f"{v:,.6g}" for v in (low, high)]
+    ends = [pretty_quantity(v, unit, 3) if unit not in ("", "1") else pretty_number(v) for v in (low, high)]
     return f"{name} {ends[0]}" if ends[0] == ends[1] else f"{name} {ends[0]} to {ends[1]}"

@@ -120,7 +120,7 @@ def read_profile(block: ProfileBlock, folder: Path) -> WornProfile:
                                        f"{int(np.argmin(np.diff(x))) + 2}; sort the rows by it")
     area = float(trapezoid(depth, x))
     if not area > 0.0:
-        raise UnreliableRecordingError(f"{table.path}: profile: the depth encloses {1e6 * area:.3g} mm2; depth is "
+        raise UnreliableRecordingError(f"{table.path}: profile: the depth encloses {1e6 * area:.3g} mm²; depth is "
                                        "positive into the bodies")
     return WornProfile(
         name=Path(block.file).stem, x=x, depth=depth, depth_sd=stated_sd("profile", "depth", block.depth, "m"),
