@@ -61,7 +61,7 @@ def test_a_rig_in_motion_with_any_friction_has_no_fault() -> None:
     ({"gain": 1e-3}, "friction force is 0.001 times what the rig's masses"),
     ({"gain": 3.0}, "friction force is 3 times"),
     ({"gain": -1.0}, "friction force is recorded with its sign reversed"),
-    ({"late": 5e-4}, "friction force comes 500 us late"), ({"limit": 42.0}, "friction force saturates at 42 N in")])
+    ({"late": 5e-4}, "friction force comes 500 µs late"), ({"limit": 42.0}, "friction force saturates at 42 N in")])
 def test_a_fault_is_told_with_its_size(change: dict[str, float], said: str) -> None:
     """Unit, gain, sign, delay and saturation of the force."""
     found = faults(*recorded(**change))

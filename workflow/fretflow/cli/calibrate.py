@@ -67,7 +67,7 @@ def _show_rig(found: Identification) -> None:
 def _show_wear(name: str, found: WearCoefficient) -> None:
     """Print K_w and what simpler readings of the same volume would give."""
     low, high = found.interval
-    view = new_table(f"wear coefficient, {name}", "", "m^2/N")
+    view = new_table(f"wear coefficient, {name}", "", "m²/N")
     view.add_row("by the wear history", f"{found.value:.4g}, 95 % {low:.4g} to {high:.4g} by the volume's error")
     view.add_row("if volume were proportional", f"{found.proportional:.4g}")
     view.add_row("by the unworn contact's rate", f"{found.unworn:.4g}")
