@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fretflow.cli import execute
+from fretflow_trial.lifeline import TIED
 from fretflow_trial.protocol import DIAGNOSE, Settings, Trial, TrialError, load, save, scrubbed
 from fretflow_trial.sealing import BrokenSealError, Seal, canonical, commitment, seal, secret_of, unseal, verify
 
+PATIENCE = 60.0  # s
 SECRET = bytes(range(32))
 KEY = {"kind": "single", "effects": ["viscous"], "catalogue_laws": True, "hidden": [
     {"id": "viscous", "blocks": ["rig"], "parameters": {"damping": 300.0}, "signal_to_noise": 12.0,
@@ -182,8 +188,69 @@ def test_command_refuses_no_cases(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_command_carries_out_what_is_left(trial: Trial, capsys: pytest.CaptureFixture[str],
                                           monkeypatch: pytest.MonkeyPatch) -> None:
     trial.run()
-    monkeypatch.setattr("fretflow_trial.protocol.ProcessPoolExecutor", lambda *_, **__: pytest.fail("made again"))
+    monkeypatch.setattr("fretflow_trial.protocol.tied_processes", lambda *_: pytest.fail("made again"))
     assert execute(["trial", "--cases", "3", "--seed", "77", "--fast", "--out", str(trial.out)]) == 0
     out = capsys.readouterr().out
     assert "right name" in out
     assert "trial.html" in out
+
+
+# A trial whose recordings are there and whose diagnoses, or makers, tell their ids and then work for ever.
+LASTING = """
+import os, pathlib, sys, time
+from fretflow.cli import app, main
+from fretflow_trial import protocol
+from fretflow_trial.lifeline import tied_processes
+
+def last(pids):
+    pathlib.Path(pids, str(os.getpid())).touch()
+    time.sleep(600.0)
+
+def carry_out(out, stub, pids):
+    if stub == "makers":
+        with tied_processes(2) as workers:
+            list(workers.map(last, [pids] * 2))
+    protocol.Trial(protocol.Settings(3, 77, True), pathlib.Path(out), 2, (sys.executable, "-I", "-c", stub, pids)).run()
+
+if __name__ == "__main__":
+    app.command(carry_out)
+    sys.argv.insert(1, "carry-out")
+    main()
+"""
+WORKER = TIED + """
+import pathlib, sys, time
+pathlib.Path(sys.argv[1], str(os.getpid())).touch()
+time.sleep(600.0)
+"""
+
+
+@pytest.mark.parametrize(("work", "how"), [
+    ("diagnoses", signal.SIGKILL), ("diagnoses", signal.SIGTERM), ("makers", signal.SIGKILL)])
+def test_a_trial_that_ends_leaves_no_workers(trial: Trial, tmp_path: Path, work: str, how: signal.Signals) -> None:
+    (tmp_path / "lasting.py").write_text(LASTING)
+    pids = tmp_path / "pids"
+    pids.mkdir()
+    command = [sys.executable, tmp_path / "lasting.py", trial.out, WORKER if work == "diagnoses" else "makers", pids]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            assert in_time(lambda: len(list(pids.iterdir())) == 2)
+            process.send_signal(how)
+            assert process.wait(PATIENCE) != 0
+            assert in_time(lambda: not any(alive(file.name) for file in pids.iterdir()))
+        finally:
+            process.kill()
+    assert not list(trial.out.glob("answers/*"))  # so that the same command goes on with them
+
+
+def in_time(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + PATIENCE
+    while not (met := condition()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return met
+
+
+def alive(pid: str) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

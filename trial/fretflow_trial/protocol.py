@@ -10,7 +10,6 @@ environment of four variables.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import shutil
 import subprocess
@@ -18,14 +17,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from fretflow_trial.answers import Answer, Key
 from fretflow_trial.case import compose, key, simulate
+from fretflow_trial.lifeline import INTERRUPTED, TIED, tied_processes
 from fretflow_trial.page import page
 from fretflow_trial.record import write
 from fretflow_trial.scoring import Result, scoreboard
@@ -33,7 +33,7 @@ from fretflow_trial.sealing import BrokenSealError, Seal, seal, secret_of, unsea
 
 FORMAT = "fretflow-trial/1"
 # In isolated mode Python reads no variables and nothing from the working directory.
-DIAGNOSE = (sys.executable, "-I", "-c", "from fretflow.cli import main; main()", "diagnose")
+DIAGNOSE = (sys.executable, "-I", "-c", f"{TIED}from fretflow.cli import main; main()", "diagnose")
 TITLE = "Fretting rig, flat on flat"
 LONGEST = 3 * 3600.0  # s, of one diagnosis
 
@@ -114,11 +114,10 @@ class Trial:
 
     def _make(self, names: Sequence[str]) -> None:
         left = [k for k, name in enumerate(names) if not (self.out / "sealed" / f"{name}.json").exists()]
-        context = multiprocessing.get_context("spawn")
         done = len(names) - len(left)
         if not left:
             return
-        with ProcessPoolExecutor(self.jobs, mp_context=context) as workers:
+        with tied_processes(self.jobs) as workers:
             tasks = [(self.out, names[k], self.settings.cases, self.settings.seed, k, self._secret) for k in left]
             for name, _ in each(workers, make_one, tasks):
                 done += 1
@@ -127,8 +126,10 @@ class Trial:
     def _diagnose(self, names: Sequence[str]) -> None:
         left = [name for name in names if not (self.out / "answers" / f"{name}.json").exists()]
         done, started = len(names) - len(left), time.monotonic()
-        with tempfile.TemporaryDirectory(prefix="cache-") as cache, ThreadPoolExecutor(self.jobs) as workers:
-            tasks = [(self.out, name, tuple(self.command), self.settings.fast, Path(cache)) for name in left]
+        reading, writing = os.pipe()
+        with (tempfile.TemporaryDirectory(prefix="cache-") as cache, open(reading, "rb") as line,
+              ThreadPoolExecutor(self.jobs) as workers, open(writing, "wb")):  # closed before workers are waited for
+            tasks = [(self.out, name, tuple(self.command), self.settings.fast, Path(cache), line) for name in left]
             for k, (name, seconds) in enumerate(each(workers, diagnose_one, tasks), 1):
                 ahead = (time.monotonic() - started) / k * (len(left) - k)
                 self.say(f"diagnosed {name} in {seconds:.0f} s ({done + k}/{len(names)}, {ahead / 60.0:.0f} min left)")
@@ -175,10 +176,15 @@ def make_one(out: Path, name: str, cases: int, seed: int, place: int, secret: by
     return name
 
 
-def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache: Path) -> float:
+def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache: Path, line: IO[bytes]) -> float:
     """Diagnose one recording in a process that sees nothing but a copy of it; return the seconds it took.
 
-    The folder `cache` keeps what does not depend on the recording.
+    The folder `cache` keeps what does not depend on the recording; the process ends where its stdin, `line`, does.
+
+    Raises
+    ------
+    TrialError
+        If it was interrupted, which says nothing about the recording.
     """
     started = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="recording-") as scratch:
@@ -190,7 +196,9 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
                 str(Path(scratch) / "results"), *(["--fast"] if fast else [])]
         try:
             run = subprocess.run(full, cwd=home, env=scrubbed(home, cache), capture_output=True, text=True,
-                                 check=False, timeout=LONGEST, stdin=subprocess.DEVNULL)
+                                 check=False, timeout=LONGEST, stdin=line)
+            if run.returncode == INTERRUPTED:
+                raise TrialError(f"{name}: its diagnosis was interrupted; the same command goes on")
             lines = run.stderr.strip().splitlines()
             failure = "" if run.returncode == 0 else f"exit code {run.returncode}: {lines[-1] if lines else ''}"
         except subprocess.TimeoutExpired:
