@@ -22,15 +22,16 @@ def public_names() -> str:
     """Return a section of reST for each kind of public name."""
     import fretflow
 
-    groups: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": [], "Modules": [], "Values": []}
+    groups: dict[str, list[str]] = {
+        title: [] for title in ("Functions", "Classes", "Errors and warnings", "Modules", "Values")}
     for name in fretflow.__all__:
         value = getattr(fretflow, name)
         where = ("Modules" if isinstance(value, types.ModuleType) else "Values" if not callable(value)
                  else "Functions" if not isinstance(value, type)
-                 else "Errors" if issubclass(value, Exception) else "Classes")
+                 else "Errors and warnings" if issubclass(value, Exception) else "Classes")
         groups[where].append(name)
     directives = {"Functions": "autofunction", "Classes": "autoclass", "Modules": "automodule",
-                  "Errors": "autoexception", "Values": "autodata"}
+                  "Errors and warnings": "autoexception", "Values": "autodata"}
     lines = []
     for title, names in groups.items():
         if names:

@@ -14,7 +14,6 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.directional_friction import DirectionalFriction
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
-from fretflow.effects.effect import in_sensing_order
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.model import EffectModel
 from fretflow.effects.parallel_stiffness import ParallelStiffness
@@ -25,7 +24,7 @@ from fretflow.effects.viscous import Viscous
 from fretflow.pipeline.problem import rig_problem
 from fretflow.recordings.hysteresis import HysteresisLoop, read_loop
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.structure.sensors import Signals
+from fretflow.structure.sensors import Signals, in_sensing_order
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.integrate import solve_ivp

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tomllib
 from enum import Enum
+from graphlib import TopologicalSorter
 from pathlib import Path
 from types import ModuleType
 
@@ -92,6 +93,18 @@ def test_no_package_is_imported_by_one_that_it_imports():
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else [
                 alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             assert not any(module.startswith(("fretflow_post", "fretflow_meshes")) for module in modules), file
+
+
+def test_no_file_is_imported_by_one_that_it_imports():
+    """Imports within functions and those for type checkers included."""
+    files = {".".join(file.relative_to(SOURCE.parents[1]).with_suffix("").parts).removesuffix(".__init__"): file
+             for file in SOURCE.parent.rglob("*.py") if file != SOURCE}
+    imports = {name: {module if module in files else node.module
+                      for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+                      if isinstance(node, ast.ImportFrom) for alias in node.names
+                      for module in (f"{node.module}.{alias.name}",)} for name, file in files.items()}
+    assert any(imports.values())
+    TopologicalSorter(imports).prepare()  # CycleError names the circle
 
 
 @pytest.mark.parametrize("room", sorted(ff._PUBLIC))

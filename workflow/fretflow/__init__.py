@@ -16,9 +16,12 @@ if TYPE_CHECKING:
     from fretflow.core import units as units
     from fretflow.core.errors import AuditError as AuditError
     from fretflow.core.errors import FretflowError as FretflowError
+    from fretflow.core.errors import FretflowWarning as FretflowWarning
+    from fretflow.core.errors import HeavyContactWarning as HeavyContactWarning
     from fretflow.core.errors import InputError as InputError
     from fretflow.core.errors import NonConvergenceError as NonConvergenceError
     from fretflow.core.errors import RecordingError as RecordingError
+    from fretflow.core.errors import UnstablePeriodWarning as UnstablePeriodWarning
     from fretflow.core.provenance import own_version
     from fretflow.effects.bolted_cycle import BoltedCycle as BoltedCycle
     from fretflow.effects.catalogue import add_effects as add_effects
@@ -65,7 +68,8 @@ _PUBLIC = {
     "contact.coulomb": ("Coulomb",),
     "contact.interface": ("Interface",),
     "core": ("units",),
-    "core.errors": ("AuditError", "FretflowError", "InputError", "NonConvergenceError", "RecordingError"),
+    "core.errors": ("AuditError", "FretflowError", "FretflowWarning", "HeavyContactWarning", "InputError",
+                    "NonConvergenceError", "RecordingError", "UnstablePeriodWarning"),
     "effects.bolted_cycle": ("BoltedCycle",),
     "effects.catalogue": ("add_effects", "catalogue"),
     "effects.cycle": ("march_wear",),
@@ -96,12 +100,12 @@ _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "BoltedCycle", "BoltedJoint", "Case", "Coulomb", "Diagnosis",
-    "Effect", "FretflowError", "Harmonic", "HysteresisLoop", "InputError", "Interface", "Joint", "JointStudy",
-    "LoopReadings", "Material", "Motion", "NonConvergenceError", "NormalLoad", "PeriodicProblem", "PeriodicSolution",
-    "RecordingError", "ResponseCurve", "RunResults", "StructureMatrices", "add_effects", "catalogue",
-    "continue_response", "diagnose", "follow_mode", "load_case", "march_wear", "parameter", "quasi_static_backbone",
-    "read_loop", "read_recording", "reduce_structure", "run", "solve_periodic", "structure_from_mesh", "study_joint",
-    "units",
+    "Effect", "FretflowError", "FretflowWarning", "Harmonic", "HeavyContactWarning", "HysteresisLoop", "InputError",
+    "Interface", "Joint", "JointStudy", "LoopReadings", "Material", "Motion", "NonConvergenceError", "NormalLoad",
+    "PeriodicProblem", "PeriodicSolution", "RecordingError", "ResponseCurve", "RunResults", "StructureMatrices",
+    "UnstablePeriodWarning", "add_effects", "catalogue", "continue_response", "diagnose", "follow_mode", "load_case",
+    "march_wear", "parameter", "quasi_static_backbone", "read_loop", "read_recording", "reduce_structure", "run",
+    "solve_periodic", "structure_from_mesh", "study_joint", "units",
 ]
 
 

@@ -19,7 +19,6 @@ import numpy as np
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
-from fretflow.core.records import quantity, record
 from fretflow.effects.catalogue import check_together
 from fretflow.effects.effect import (
     Array,
@@ -27,14 +26,12 @@ from fretflow.effects.effect import (
     Prior,
     RecordingKind,
     declared_priors,
-    in_sensing_order,
     parameter,
     parameter_limits,
 )
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
-from fretflow.structure.driven import Sliders
+from fretflow.structure.driven import DrivenForce, Sliders, driven_force
 from fretflow.structure.motion import Motion
-from fretflow.structure.sensors import Signals
 
 BASELINE = "baseline"
 DIFFERENCE = 1e-5  # of a parameter's size, for derivatives
@@ -84,16 +81,6 @@ class LumpedBaseline(Baseline):
                           + self.stiffness * motion.displacement)
 
 
-@record
-class DrivenForce:
-    """The force of a driven joint."""
-
-    measured: Array = quantity("N", "(N,), as recorded")
-    displacement: Array = quantity("m", "(N,), as recorded")
-    friction: Array = quantity("N", "(N,), of the sliders")
-    at_contact: Array = quantity("m", "(N,), motion that reaches the contact")
-
-
 @dataclass(frozen=True)
 class DrivenJoint:
     """A baseline and effects, sorted by id."""
@@ -122,23 +109,7 @@ class DrivenJoint:
 
     def predict(self, motion: Motion) -> DrivenForce:
         """Return the force that `motion` makes."""
-        moved, sliders = motion, self.baseline.sliders()
-        for effect in self.effects:
-            moved, sliders = effect.moved(moved), effect.sliders(sliders)
-        up: Array | float = 1.0
-        down: Array | float = 1.0
-        force = self.baseline.force(motion)
-        for effect in self.effects:
-            more, less = effect.limit(moved)
-            up, down, force = up * more, down * less, force + effect.force(moved)
-        friction = sliders.force(moved, up, down)
-        signals = Signals(step=motion.step, displacement=motion.displacement, friction_force=friction + force,
-                          arm=motion.displacement, arm_velocity=motion.velocity,
-                          arm_acceleration=motion.acceleration, periodic=False)
-        for effect in in_sensing_order(self.effects):
-            signals = effect.sense(signals)
-        return DrivenForce(measured=signals.friction_force, displacement=signals.displacement, friction=friction,
-                           at_contact=moved.displacement)
+        return driven_force(motion, self.baseline.sliders(), self.baseline.force(motion), self.effects)
 
     @property
     def parts(self) -> dict[str, Section]:

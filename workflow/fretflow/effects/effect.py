@@ -16,7 +16,7 @@ Derivatives by parameters need not be written: `model` differentiates the data o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -28,11 +28,14 @@ from pydantic import Field
 
 from fretflow.case.config import Case, Section
 from fretflow.core import units as u
+from fretflow.effects.sketches import Sketch as Sketch
+from fretflow.effects.sketches import loop_sketch
 from fretflow.recordings.kinds import RecordingKind as RecordingKind
 from fretflow.recordings.kinds.joints import FRETTING_RIG, IMPOSED_DISPLACEMENT
 from fretflow.recordings.kinds.joints import LUMPED as LUMPED
 from fretflow.recordings.kinds.joints import STRUCTURE as STRUCTURE
 from fretflow.structure.motion import Motion as Motion  # what effects need is in this file
+from fretflow.structure.sensors import Signals
 
 if TYPE_CHECKING:
     from fretflow.contact.interface import Interface
@@ -40,7 +43,6 @@ if TYPE_CHECKING:
     from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
     from fretflow.solvers.periodic import PeriodicProblem
     from fretflow.structure.driven import Sliders
-    from fretflow.structure.sensors import Signals
     from fretflow.wear.cycle import CycleResponse
     from fretflow.wear.slow import SlowState
 
@@ -132,15 +134,6 @@ def parameter_limits(section: type[Section], field: str) -> tuple[float, float]:
     return low, high
 
 
-@dataclass(frozen=True)
-class Sketch:
-    """A small picture of an effect: labelled curves (x, y) in the units that the axes name."""
-
-    x_label: str
-    y_label: str
-    curves: Mapping[str, tuple[Array, Array]]
-
-
 class Effect(Section):
     """One effect; subclasses set the class variables and override what they need.
 
@@ -190,8 +183,6 @@ class Effect(Section):
 
     def sketch(self) -> Sketch:
         """Return a small picture of what the effect does; by default a loop without and with it."""
-        from fretflow.effects.sketches import loop_sketch
-
         return loop_sketch(self)
 
     # Within the period
@@ -297,8 +288,3 @@ class Effect(Section):
 def in_sensors_alone(kind: type[Effect]) -> bool:
     """Tell whether an effect changes nothing but what the sensors show."""
     return kind.sense is not Effect.sense and kind.period is Effect.period
-
-
-def in_sensing_order(effects: Iterable[Effect]) -> list[Effect]:
-    """Return `effects` as their `sense` follow each other on the way from the joint to the recording, then by id."""
-    return sorted(effects, key=lambda effect: (effect.sensed_at, effect.id))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from fretflow.core.records import record
 from fretflow.effects.catalogue import check_together
-from fretflow.effects.effect import Array, Effect, in_sensing_order
+from fretflow.effects.effect import Array, Effect
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.structure.sensors import Signals
+from fretflow.structure.sensors import Signals, in_sensing_order
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 

@@ -8,13 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from fretflow.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
@@ -56,7 +52,7 @@ class VolumeLaw:
     effect: str
     parameters: tuple[LawParameter, ...]
     wear: Callable[[Array, Mapping[str, Array], Array], Array]  # volumes without it (n,), states, values (p,): (n,)
-    built: Callable[[Mapping[str, float]], Effect | None]  # the effect of a case file; None where that needs more
-    needs: str = ""  # what a case file needs besides, in words
+    in_case: Callable[[Mapping[str, float]], Mapping[str, float]] = dict  # the effect's parameters in a case file
+    needs: str = ""  # what a case file needs besides, in words; it then holds no parameters
     powers: tuple[str, ...] = ()
     of_volume: bool = False  # whether it follows the worn volume itself: it then acts after the others

@@ -62,7 +62,7 @@ class WearCoefficientEvolution(Effect):
         own = (LawParameter("final_share", "1", "x: coefficient in the end over that at the start", share.low,
                             share.high),
                LawParameter("settling", "1", "n_K: cycles over which it changes", 0.1 * float(n.min()), float(n.max())))
-        return (VolumeLaw(cls.id, own, worn, lambda values: cls().changed(**values)),)
+        return (VolumeLaw(cls.id, own, worn),)
 
     def sketch(self) -> Sketch:
         """Return the coefficient against cycles."""

@@ -70,7 +70,7 @@ class WearThreshold(Effect):
 
         own = LawParameter("power_density", "W/m^2", "q_th: power per area below which nothing wears",
                            0.1 * float(tests.states[POWER].min()), 0.6 * tests.middle(POWER))
-        return (VolumeLaw(cls.id, (own,), worn, lambda values: cls().changed(**values)),)
+        return (VolumeLaw(cls.id, (own,), worn),)
 
     def sketch(self) -> Sketch:
         """Return the rate against power."""

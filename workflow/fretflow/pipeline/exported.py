@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +13,13 @@ from fretflow.core.errors import InputError
 from fretflow.core.store import write_csv, write_whole
 from fretflow.recordings.schema import FILE
 
-if TYPE_CHECKING:
-    from fretflow.pipeline.results import RunResults
-
 REPEATS = 3  # drawn where there is noise: the fewest whose scatter has a scatter of its own
 SEED = 20320  # of the noise, so that a run exported twice is the same recording
 CHANNELS = {"excitation": ("excitation_N", "N"), "displacement": ("displacement_um", "um"),
             "friction_force": ("friction_force_N", "N")}
 
 
-def export_recording(run: RunResults, folder: Path, noise: float = 0.0) -> list[Path]:
+def export_recording(run: Any, folder: Path, noise: float = 0.0) -> list[Path]:
     """Write a run's loops, and where there is wear the worn volume and depth, as a recording of its rig.
 
     Parameters
@@ -74,7 +71,7 @@ def export_recording(run: RunResults, folder: Path, noise: float = 0.0) -> list[
     return [folder / FILE, *files]
 
 
-def _loops(run: RunResults, noise: float) -> dict[str, Any]:
+def _loops(run: Any, noise: float) -> dict[str, Any]:
     """Return the columns of all periods, one after the other."""
     rng, parts = np.random.default_rng(SEED), []
     amplitude, frequency = run.case.test.excitation_amplitude, run.case.test.excitation_frequency

@@ -14,12 +14,16 @@ march of N samples is log2 N vectorised steps, exact for any motion and for limi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.structure.motion import Motion
+from fretflow.structure.sensors import Senses, Signals, in_sensing_order
 
 Array = NDArray[np.float64]
 
@@ -98,3 +102,50 @@ def clipped_march(steps: Array, low: Array, high: Array, begin: Array | float) -
     even = slice(0, None, 2)
     found[even] = np.minimum(np.maximum(before + steps[even], low[even]), high[even])
     return found
+
+
+class ActsOnMotion(Senses, Protocol):
+    """What acts where a measured motion drives a joint."""
+
+    def moved(self, motion: Motion) -> Motion:
+        """Return the motion that reaches the contact."""
+
+    def sliders(self, sliders: Sliders) -> Sliders:
+        """Return the friction elements in place of `sliders`."""
+
+    def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
+        """Return the factors on the friction limit for sliding to positive and to negative x, () or (N,)."""
+
+    def force(self, motion: Motion) -> Array | float:
+        """Return the force that is added to the friction, () or (N,) in N, positive against positive motion."""
+
+
+@record
+class DrivenForce:
+    """The force of a driven joint."""
+
+    measured: Array = quantity("N", "(N,), as recorded")
+    displacement: Array = quantity("m", "(N,), as recorded")
+    friction: Array = quantity("N", "(N,), of the sliders")
+    at_contact: Array = quantity("m", "(N,), motion that reaches the contact")
+
+
+def driven_force(motion: Motion, sliders: Sliders, force: Array | float, effects: Sequence[ActsOnMotion]
+                 ) -> DrivenForce:
+    """Return the force that `motion` makes with `sliders`, `force` (N, () or (N,)) beside them, and `effects`."""
+    moved = motion
+    for effect in effects:
+        moved, sliders = effect.moved(moved), effect.sliders(sliders)
+    up: Array | float = 1.0
+    down: Array | float = 1.0
+    for effect in effects:
+        more, less = effect.limit(moved)
+        up, down, force = up * more, down * less, force + effect.force(moved)
+    friction = sliders.force(moved, up, down)
+    signals = Signals(step=motion.step, displacement=motion.displacement, friction_force=friction + force,
+                      arm=motion.displacement, arm_velocity=motion.velocity, arm_acceleration=motion.acceleration,
+                      periodic=False)
+    for effect in in_sensing_order(effects):
+        signals = effect.sense(signals)
+    return DrivenForce(measured=signals.friction_force, displacement=signals.displacement, friction=friction,
+                       at_contact=moved.displacement)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +139,24 @@ class Signals:
         if len(self.displacement) % 2 == 0:
             turning[-1] = 0.0  # the last one has no phase
         return turning
+
+
+class Senses(Protocol):
+    """What changes the channels on their way from the joint to the recording, at a place of its own."""
+
+    id: ClassVar[str]
+    sensed_at: ClassVar[int]
+
+    def sense(self, signals: Signals) -> Signals:
+        """Return what the sensors show of `signals`."""
+
+
+SensesT = TypeVar("SensesT", bound=Senses)
+
+
+def in_sensing_order(effects: Iterable[SensesT]) -> list[SensesT]:
+    """Return `effects` as their `sense` follow each other on the way from the joint to the recording, then by id."""
+    return sorted(effects, key=lambda effect: (effect.sensed_at, effect.id))
 
 
 @record

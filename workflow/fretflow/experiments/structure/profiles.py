@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class ProfileExperiment:
 
     recording: WornRecording
     jumps: int = JUMPS
+    many: ClassVar[bool] = False  # predictions are quick
 
     @property
     def tests(self) -> tuple[WornArea, ...]:

@@ -1,9 +1,7 @@
-"""The diagnosis of worn profiles of a line contact: one wear coefficient, or what it leaves out."""
+"""What worn profiles of a line contact tell: how far one wear coefficient explains each, and where it does not."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,52 +11,24 @@ from scipy.stats import chi2
 from fretflow.core.errors import NonConvergenceError
 from fretflow.experiments.rig.held_out import HIDDEN
 from fretflow.experiments.structure.profiles import ProfileExperiment
-from fretflow.experiments.structure.run import MOST_RANKED, NOTHING, detect, estimates, remainder
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.least_squares import Fitter
-from fretflow.inference.posterior import Found, decide, smallest_visible
-from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
-from fretflow.inference.verdict import Diagnosis, HeldOut, Location, MeasuredCurve, Place, Verdict
-from fretflow.inference.words import after_model, blocks_of, separating
-from fretflow.recordings.kinds.structures import WornRecording
-
-Progress = Callable[[float, str], None]
+from fretflow.inference.posterior import Found
+from fretflow.inference.search import Names, Search
+from fretflow.inference.verdict import HeldOut, Location, MeasuredCurve, Place, Verdict
+from fretflow.inference.words import blocks_of
 
 REGIONS = ("borders of the scar", "middle of the scar")
 NEXT = "profiles of each body, of shorter tests, and at other frequencies and loads"
 
 
-def diagnose_profiles(recording: WornRecording, fast: bool, progress: Progress, pool: Any) -> Diagnosis:
-    """Return what worn profiles show that one wear coefficient leaves out.
-
-    Raises
-    ------
-    NonConvergenceError
-        If the baseline has no pressure.
-    """
-    began = time.monotonic()
-    experiment = ProfileExperiment(recording)
-    progress(0.1, "refitting one wear coefficient")
-    found = start_search(experiment, experiment.first_prediction(), FAST if fast else FULL, pool)
-    detection = detect(found)
-    if detection.p_value < detection.false_alarm_rate:
-        search(found, lambda share, text: progress(0.15 + 0.65 * share, text))
-    else:
-        begin_all(found)
-    judged = decide(found)
-    progress(0.85, "each profile from the others")
+def told(experiment: ProfileExperiment, found: Search, judged: Found) -> dict[str, Any]:
+    """Return the fields of a diagnosis that are of worn profiles alone."""
     location = _locate(found, judged)
-    return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
-        effects=judged.effects, probability=judged.probability, sentence=_sentence(judged, found, location.text),
-        ranking=judged.ranking[:MOST_RANKED], detection=detection, location=location,
-        parameters=estimates(found, judged.after), held_out=_held_out(experiment, found, judged.after),
-        remainder=remainder(found, judged),
-        separating_measurement=NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
-        smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
-        curves=_curves(experiment, found, judged.after), notes=(*map(str, recording.notes), *_areas(
-            experiment, found, judged.after)),
-        after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast)
+    return {"held_out": _held_out(experiment, found, judged.after), "location": location,
+            "sentence": _sentence(judged, found, location.text),
+            "curves": _curves(experiment, found, judged.after),
+            "notes": (*map(str, experiment.recording.notes), *_areas(experiment, found, judged.after))}
 
 
 def _sentence(judged: Found, found: Search, where: str) -> str:
@@ -78,7 +48,7 @@ def _held_out(experiment: ProfileExperiment, found: Search, names: Names) -> Hel
     own, sizes = experiment.measurement, []
     if len(own.groups) < 2:
         return None
-    for one in (NOTHING, names):
+    for one in (frozenset[str](), names):
         square = 0.0
         for k in range(len(own.groups)):
             out = own.group == k

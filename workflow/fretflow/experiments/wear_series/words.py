@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from fretflow.effects.catalogue import tables
+from fretflow.effects.catalogue import catalogue, tables
 from fretflow.effects.volume_law import FREQUENCY, PRESSURE, SLIDING, VolumeLaw
 from fretflow.experiments.wear_series.data import WearData
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
@@ -86,10 +86,10 @@ def case_text(title: str, experiment: WearSeriesExperiment, effects: Iterable[st
     for name in sorted(effects):
         law = experiment.forms[name]
         own = {one.name: float(f"{values[f'{name}.{one.name}']:.6g}") for one in law.parameters}
-        if (effect := law.built(own)) is not None:
-            found.append(effect)
-        else:
+        if law.needs:
             lines += [f"# {name}: {law.needs.format(**own)}"]
+        else:
+            found.append(catalogue()[name]().changed(**law.in_case(own)))
     for name, table in tables(found).items():
         lines += ["", f"[effects.{name}]"]
         lines += [f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}"

@@ -1,0 +1,124 @@
+"""What a recorded backbone tells of a structure: held-out amplitudes, where it parts, periodic motions as a check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.units import pretty_quantity
+from fretflow.experiments.structure.experiment import StructureExperiment
+from fretflow.inference.least_squares import Fit
+from fretflow.inference.posterior import Found
+from fretflow.inference.search import Names, Search
+from fretflow.inference.verdict import HeldOut, Location, Place, Verdict
+from fretflow.inference.words import blocks_of
+from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
+
+CHECKED = 5  # amplitudes at which the fitted model is solved as periodic motion too
+THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")
+NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
+
+
+def told(experiment: StructureExperiment, found: Search, judged: Found) -> dict[str, Any]:
+    """Return the fields of a diagnosis that are of a backbone alone."""
+    location, after = _locate(found, judged), found.fits[judged.after]
+    return {"held_out": _held_out(experiment, found, judged.after), "location": location,
+            "sentence": _sentence(judged.verdict, judged.sets, found.explained(judged.after), location.text),
+            "curves": experiment.curves(found.baseline.prediction, after.prediction),
+            "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(experiment, after))}
+
+
+def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
+    """Return how well amplitudes above those that are fitted are predicted, before and after."""
+    own, last = experiment.measurement, experiment.measurement.held_out
+    count = len(experiment.points.amplitude)
+    head = int(np.sum(~last[:count]))
+    below = replace(experiment, points=experiment.points.first(head))
+    sd = np.sqrt(own.variance[last])
+    sizes = []
+    for one in (frozenset[str](), names):
+        fit = found.fits[one]
+        try:
+            refitted = replace(found.fitter, experiment=below, covariance=below.measurement.covariance()).fit(
+                fit.prediction.point, None, 6)
+            rest = (experiment.predict(refitted.prediction.point).values - own.values)[last] / sd
+        except NonConvergenceError:
+            return None
+        sizes.append(float(np.sqrt(np.mean(rest**2))))
+    above = pretty_quantity(float(experiment.points.amplitude[head - 1]), experiment.recorded.amplitude_unit, 3)
+    return HeldOut(what=f"amplitudes above {above}", before=sizes[0], after=sizes[1], floor=1.0)
+
+
+def _locate(found: Search, judged: Found) -> Location:
+    """Return by channel and amplitude where the baseline and the recording part."""
+    if judged.verdict is Verdict.NONE:
+        return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
+    own, fit = found.experiment.measurement, found.baseline
+    square = np.square(own.values - fit.predicted) / own.variance
+    total = max(float(square.sum()), 1e-300)
+    third = np.digitize(own.phase, (0.5 / 3.0, 1.0 / 3.0))
+    places = []
+    for cut, labels, index in (("channel", own.channels, own.channel), ("amplitude", THIRDS, third)):
+        for k, label in enumerate(labels):
+            rows = index == k
+            if rows.any():
+                places.append(Place(cut=cut, where=label, share=float(square[rows].sum()) / total,
+                                    p_value=min(1.0, 5.0 * float(chi2.sf(square[rows].sum(), int(rows.sum()))))))
+    channel, zone = (max((one for one in places if one.cut == cut), key=lambda one: one.share) for cut in (
+        "channel", "amplitude"))
+    block = blocks_of(frozenset().union(*judged.sets)) if judged.sets else "contact law"
+    return Location(block=block, channel=channel.where, phase="", cycles=(0, 0), zone=zone.where, places=tuple(places),
+                    text=_parted(channel, zone))
+
+
+def _notes(experiment: StructureExperiment) -> list[str]:
+    own = experiment.structure
+    notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
+             f"motions that strain nothing; mode {experiment.mode + 1} is compared"]
+    if own.error > 0.0:
+        notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
+    if experiment.recording.responses:
+        notes.append("frequency and damping are compared; of responses the force that their motion needs is shown, and "
+                     "where there is no other backbone it is read off them")
+    if experiment.recording.ring_down is not None:
+        notes.append("the backbone alone is compared; where there is none, that of the first output in ring_down is")
+    return notes
+
+
+def _checked(experiment: StructureExperiment, fit: Fit) -> str:
+    """Return in words how far static loads and periodic motion differ for the fitted model."""
+    joint = experiment.joint(fit.prediction.point)
+    try:
+        mode = joint.linear_modes(experiment.mode + 1)[experiment.mode]
+        curve = experiment.backbone(joint, mode)
+        some = np.unique(np.linspace(0, len(curve.amplitude) - 1, CHECKED).round().astype(int))
+        periodic = follow_mode(joint, mode, np.sort(curve.amplitude)[some])
+    except FretflowError as error:
+        return f"the fitted model was not confirmed by periodic motions: {error}"
+    order = np.argsort(curve.amplitude)[some]
+    frequency = np.max(np.abs([one.frequency for one in periodic] / curve.frequency[order] - 1.0))
+    damping = np.max(np.abs([one.damping for one in periodic] - curve.damping[order]))
+    return (f"periodic motions of the fitted model (4 harmonics) differ from static loads by {100.0 * frequency:.2g} % "
+            f"of the frequency and {damping:.2g} of the damping ratio at most")
+
+
+def _sentence(verdict: Verdict, sets: Sequence[frozenset[str]], explained: float, where: str) -> str:
+    """Return the verdict in a sentence or two."""
+    if verdict is Verdict.NONE:
+        return "Bolt load, friction and modal damping explain frequency and damping over the amplitude."
+    if verdict is Verdict.UNKNOWN:
+        return (f"Something is missing that no effect of the catalogue explains; the best leaves "
+                f"{100.0 * (1.0 - explained):.0f} % of the difference. {where}").strip()
+    names = " or ".join(" with ".join(sorted(one)) for one in sets)
+    return f"What is missing is {names}: {100.0 * explained:.0f} % of the difference. {where}".strip()
+
+
+def _parted(channel: Place, zone: Place) -> str:
+    """Return where measured and predicted part."""
+    return (f"They part most in the {channel.where} ({100.0 * channel.share:.0f} % of the difference) and at "
+            f"{zone.where} ({100.0 * zone.share:.0f} %).")
