@@ -9,6 +9,7 @@ from pathlib import Path
 
 import matplotlib.style
 import numpy as np
+from fretflow.core.errors import printable
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, PowerNorm
@@ -56,7 +57,7 @@ def styled() -> AbstractContextManager[None]:
 def new_figure(title: str, subtitle: str, width: float = WIDTH, height: float = HEIGHT) -> Figure:
     """Return an empty figure with its title and one line of explanation at the top."""
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
-    figure.suptitle(title, y=1.0 - 0.32 / height, va="center", fontweight="bold")
+    figure.suptitle(printable(title), y=1.0 - 0.32 / height, va="center", fontweight="bold", parse_math=False)
     figure.text(0.5, 1.0 - 0.78 / height, subtitle, ha="center", va="center", fontsize=15)
     return figure
 

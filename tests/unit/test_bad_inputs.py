@@ -8,6 +8,7 @@ import datetime
 import os
 import resource
 import signal
+import struct
 import tomllib
 
 import h5py
@@ -141,6 +142,54 @@ def nested_groups(file):
         file = file.create_group("g")
 
 
+def element(kind, content):
+    """Return an element of a MATLAB file of version 5."""
+    return struct.pack("<II", kind, len(content)) + content + b"\0" * (-len(content) % 8)
+
+
+def cells_in_cells(path, depth):
+    """Write cells of flags, shape, name and a cell: ten times as many would end the process that reads them."""
+    item = element(9, struct.pack("<d", 1.0))
+    for level in range(depth):
+        flags = struct.pack("<II", 1 if level else 6, 0)
+        item = element(14, element(6, flags) + element(5, struct.pack("<ii", 1, 1)) + element(1, b"") + item)
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + item)
+
+
+def named_in_bytes(file):
+    file.create_dataset(b"\xff\xfe", data=MOTION)
+
+
+def many_columns(file):
+    for k in range(1001):
+        file[f"c{k}"] = MOTION[:2]
+
+
+def deep_data(file):
+    for _ in range(700):
+        file = file.create_group("g")
+    file["a"] = np.column_stack([MOTION, MOTION]).T
+
+
+def letters(values):
+    def fill(file):
+        file["a"] = values
+        file["a"].attrs["MATLAB_class"] = np.bytes_(b"char")
+
+    return fill
+
+
+def sparse_in_words(file):
+    file.create_group("a").attrs["MATLAB_sparse"] = [1, 2]
+
+
+def loops_with(unit='"um"', test=""):
+    """Return a recording.toml of a file of loops, so far as it is not what is refused."""
+    return (f'{TEST}normal_load = "60 N"\n{test}[loops]\nfile = "a.csv"\n'
+            'displacement_of = "contact-faces"\n'
+            f'displacement = {{ column = "x", unit = {unit} }}\nfriction_force = {{ column = "f", unit = "N" }}\n')
+
+
 DEEP, NO_UNIT, UNWRITTEN = "deep in each other", "no unit that is known", "next to nothing was ever written"
 FILES = {
     # commands, name, content (text, bytes or a function of the path), words of the refusal
@@ -166,6 +215,21 @@ FILES = {
     "a table's pipe": ("loops diagnose", "a.csv", os.mkfifo, "is no file"),
     "an HDF5 pipe": ("loops", "a.h5", os.mkfifo, "is no file"),
     "a MATLAB pipe": ("loops", "a.mat", os.mkfifo, "is no file"),
+    "bytes that are no text": ("loops init", "a.csv", b"displacement_um,force_N\n" + b"1,2\n" * 30_000 + b"\xff,3\n",
+                               "is no utf-8 text"),
+    "half a letter": ("loops", "a.csv", ("displacement_um,force_N\n" + "1,2\n" * 300).encode("utf-16")[:-1],
+                      "no utf-16"),
+    "a long unit": ("loops diagnose", "recording.toml", loops_with('"' + "m" * 100_000 + '"'), "known unit"),
+    "a unit of powers": ("loops", "recording.toml", loops_with('"m**9**9**9"'), "known unit"),
+    "a unit of numbers' powers": ("loops", "recording.toml", loops_with('"((9^99)^99)^99 m"'), "known unit"),
+    "a long title": ("loops", "recording.toml", 'title = "' + "a" * 4_000_000 + '"\n' + loops_with(), "200 characters"),
+    "a case's long title": ("show", "case.toml", CASE.replace("[test]", f'title = "{"a" * 300}"\n[test]'),
+                            "200 characters"),
+    "a block of nothing": ("loops", "recording.toml", TEST + '[series]\nfile = "a.csv"', "series: names no column"),
+    "a load's deviation in kN": ("loops", "recording.toml", loops_with(test='normal_load_sd = "60 kN"\n'),
+                                 "check its unit"),
+    "no conditions": ("loops", "recording.toml", loops_with() + '[sweep]\nfile = "a.csv"\n'
+                      'same_channels_as = "loops"\nconditions = []', "one at least"),
     "no HDF5": ("loops", "a.h5", b"no HDF5", "cannot be read"),
     "no MATLAB": ("loops", "a.mat", b"no MATLAB" * 100, "no whole MATLAB file"),
     "rows never written": ("loops", "a.h5", lambda path: hdf5(path, claiming(1_400_000_000)), UNWRITTEN),
@@ -176,11 +240,21 @@ FILES = {
     "a unit in Latin-1": ("loops", "a.h5", lambda path: hdf5(path, with_unit(np.bytes_(b"\xb5m"))), NO_UNIT),
     "a unit that is a number": ("loops", "a.h5", lambda path: hdf5(path, with_unit(5)), NO_UNIT),
     "an empty unit": ("loops", "a.h5", lambda path: hdf5(path, with_unit(h5py.Empty("S1"))), NO_UNIT),
+    "a unit without end": ("loops", "a.h5", lambda path: hdf5(path, with_unit("m" * 60_000)), NO_UNIT),
+    "a name in bytes": ("loops", "a.h5", lambda path: hdf5(path, named_in_bytes), "no UTF-8 text"),
+    "a thousand columns": ("loops", "a.h5", lambda path: hdf5(path, many_columns), "1,001 items"),
     "groups without end": ("loops", "a.h5", lambda path: hdf5(path, nested_groups), "cannot be read"),
     "a cell in itself": ("loops", "a.mat", lambda path: matlab(path, referring("itself")), "refers to itself"),
     "a cell of nothing": ("loops", "a.mat", lambda path: matlab(path, referring("nothing")), "refers to nothing"),
     "a cell of what is gone": ("loops", "a.mat", lambda path: matlab(path, referring("removed")), "refers to nothing"),
     "cells without end": ("loops", "a.mat", lambda path: matlab(path, referring("many")), "cells and fields"),
+    "data below groups without end": ("loops", "a.mat", lambda path: matlab(path, deep_data), DEEP),
+    "cells in cells": ("loops", "a.mat", lambda path: cells_in_cells(path, 2_000), DEEP),
+    "letters beyond all": ("loops", "a.mat", lambda path: matlab(path, letters(np.array([2**40], dtype="u8"))),
+                           "no N x 2"),
+    "letters that are none": ("loops", "a.mat", lambda path: matlab(path, letters(np.array([np.nan, 1.5]))),
+                              "no N x 2"),
+    "a sparse matrix of two heights": ("loops", "a.mat", lambda path: matlab(path, sparse_in_words), "no N x 2"),
     "a matrix never written": ("loops", "a.mat", lambda path: matlab(path, lambda file: file.create_dataset(
         "a", shape=(2, 10**11), dtype="f8", chunks=(2, 1000))), UNWRITTEN),
 }
@@ -195,7 +269,9 @@ def test_files_that_are_none(tmp_path, capsys, command, what):
         content(path)
     else:
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    assert words in refused(capsys, command, path, *([] if command == "show" else ["--out", tmp_path / "out"]))
+    arguments = {"show": [path], "init": [tmp_path / "b.toml", "--recording", path]}.get(
+        command, [path, "--out", tmp_path / "out"])
+    assert words in refused(capsys, command, *arguments)
 
 
 @pytest.mark.parametrize("command", ["show", "run", "modes", "calibrate", "response", "verify", "loops", "diagnose"])

@@ -85,3 +85,9 @@ def test_the_text_of_every_effect_s_picture_is_within_it(name, tmp_path, monkeyp
     boxes = [text.get_window_extent() for text in figure.texts]
     assert min(box.x0 for box in boxes) >= 0.0
     assert max(box.x1 for box in boxes) <= figure.bbox.x1
+
+
+def test_titles_are_text_whatever_stands_in_them(tmp_path):
+    with style.styled():
+        figure = style.new_figure("costs $5 and \\frac{$ \x1b[2J\x07", "none")
+        assert style.save_figure(figure, tmp_path / "a.png").is_file()

@@ -360,3 +360,10 @@ def test_numbers_do_not_depend_on_the_unit_they_are_written_in(tmp_path_factory,
     heading, column = table.column(1)
     read = column * unit_size("displacement", unit_in_heading("displacement", heading))[0]
     assert read == pytest.approx(value * np.arange(3), rel=1e-9, abs=1e-300)
+
+
+def test_a_byte_order_mark_as_some_editors_write_it_is_no_key(make, tmp_path):
+    folder = make().write(tmp_path)
+    toml = folder / "recording.toml"
+    toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes())
+    assert read_joint_recording(folder).loops.cycles.tolist() == [0, 1000]

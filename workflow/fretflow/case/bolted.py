@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from fretflow.case.config import BOLTED_FORMAT, explain
-from fretflow.case.sections import Section
+from fretflow.case.sections import Section, Title
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
 from fretflow.core.files import read_toml
@@ -116,7 +116,7 @@ class BoltedCase(Section):
 
     format: Literal["fretflow-structure/1"]
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)
-    title: str = ""
+    title: Title = ""
     structure: Bodies
     joint: BoltedJointTable
     backbone: BackboneTable

@@ -29,6 +29,7 @@ from fretflow.case.sections import (
     Specimen,
     Specimens,
     Test,
+    Title,
     Wear,
     WearScheme,
 )
@@ -61,7 +62,7 @@ class Case(Section):
         pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100,  # of a file's 255, as other names are made of it
         description="name of the case; names its result folder"
     )
-    title: str = Field("", description="one line for people")
+    title: Title = Field("", description="one line for people")
     test: Test
     rig: Rig = Field(default_factory=Rig)
     specimen: Specimens = Field(default_factory=Specimens)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from fretflow.core import units as u
 
 SIDES = ("upper", "lower")
+Title = Annotated[str, Field(max_length=200)]  # two lines above a picture
 MOST_CYCLES = 10**15  # still whole numbers as floats, and far beyond any test
 
 

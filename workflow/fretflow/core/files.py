@@ -24,7 +24,7 @@ def read_toml(path: Path, refusal: type[InputError], way_out: str) -> dict[str, 
             raise refusal(f"{path}: is no file but a pipe or a device; {way_out}")
         if path.is_file() and path.stat().st_size > LARGEST:
             raise refusal(f"{path}: {path.stat().st_size / 1e6:.0f} MB are no file of keys and values; {way_out}")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise refusal(f"{path}: cannot be read ({error.strerror}); {way_out}") from error
     except RecursionError as error:

@@ -107,6 +107,8 @@ def _elsewhere(group: h5py.Group, within: tuple[int, ...], seen: set[int]) -> st
     """Return the name of the first item at or below `group` that is not stored there or leads back to it, if any."""
     within = (*within, h5py.h5o.get_info(group.id).addr)
     for name in group:
+        if isinstance(name, bytes):
+            raise KeyError(f"a name is no UTF-8 text: {name!r}")
         if group.id.links.get_info(name.encode(errors="surrogateescape")).type != h5py.h5l.TYPE_HARD:
             return f"{group.name.rstrip('/')}/{name}"
         item = group[name]

@@ -44,6 +44,11 @@ _READABLE = {
 # Of any quantity in SI; squares and products of such numbers still fit into a float.
 BEYOND = 1e24
 
+# Of a unit as text: what is longer, or holds a number that is no power of a unit, would be computed without end.
+LONGEST = 60
+_POWER = re.compile(r"(?:\^|\*\*)\s*\(?\s*[-+]?\d(?:\.\d+)?(?:/\d)?\s*\)?(?!\s*(?:\^|\*\*)|[\d.])")
+_STRANGE = re.compile(r"\^|\*\*|(?<![\w.])(?!1(?![\w.]))[\d.]")
+
 _NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -82,6 +87,8 @@ def _factor(given: str, unit: str, value: str, example: str) -> float:
         return 1.0
     if given in (sizes := dict(_READABLE.get(unit, ()))):
         return sizes[given]
+    if len(given) > LONGEST or _STRANGE.search(_POWER.sub("", given)):
+        raise ValueError(f"{value} is not a number with a known unit; {example}")
     import pint
 
     try:

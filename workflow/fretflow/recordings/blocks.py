@@ -93,9 +93,9 @@ def columns_of(table: Table, name: str, block: FileBlock) -> Columns:
         _agree(table, name, channel, heading, spec.unit)
         size, units[channel] = unit_size(channel, spec.unit)
         size *= spec.scale
-        wild = np.flatnonzero(np.abs(column) > LARGEST)
-        if wild.size:
-            column = np.where(np.abs(column) > LARGEST, np.nan, column)
+        if (wild := np.flatnonzero(np.abs(column) > LARGEST / max(1.0, abs(size)))).size:
+            column = column.copy()
+            column[wild] = np.nan
             notes += (Note(name, f"beyond {LARGEST:g}, taken as missing", channel, row_ranges(wild)),)
         values[channel] = column if size == 1.0 else column * size
     if isinstance(block, LoopsBlock):

@@ -15,6 +15,7 @@ from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, ValidationEr
 from pydantic_core import ErrorDetails
 
 from fretflow.case.config import Rig, Section, Specimens
+from fretflow.case.sections import Title
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, missing_last, reason
 from fretflow.core.files import read_toml
@@ -85,6 +86,8 @@ class RecordedTest(Section):
     def _sd_of_something(self) -> RecordedTest:
         if self.normal_load is None and self.normal_load_sd is not None:
             raise ValueError("normal_load_sd is given without normal_load")
+        if self.normal_load is not None and (self.normal_load_sd or 0.0) >= self.normal_load:
+            raise ValueError(f"normal_load_sd: {self.normal_load_sd:g} N is no less than the load; check its unit")
         return self
 
 
@@ -128,6 +131,8 @@ class FileBlock(Section):
     @field_validator("channels", mode="before")
     @classmethod
     def _known(cls, value: dict[str, Any]) -> dict[str, Any]:
+        if not value:
+            raise ValueError('names no column; write them such as displacement = { column = "a", unit = "um" }')
         for name, entry in value.items():
             if name not in CHANNELS:
                 raise ValueError(f"{name}: unknown key; channels are {', '.join(CHANNELS)}")
@@ -209,7 +214,7 @@ class RecordingFile(Section):
     """A whole ``recording.toml``."""
 
     format: Literal["fretflow-recording/1"] = Field(description="format of this file")
-    title: str = Field("", description="one line for people")
+    title: Title = Field("", description="one line for people")
     source: str = Field("", description="where the recording comes from")
     licence: str = Field("", description="terms of its use")
     test: RecordedTest
@@ -269,6 +274,7 @@ def load_recording_file(path: Path) -> RecordingFile:
 
 def _in_words(error: ErrorDetails) -> str:
     clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
+               "too_short": "must hold one at least",
                "model_type": "must be a table of keys"}
     field = ".".join(str(part) for part in error["loc"] if part != "channels")
     text = reason(error, clearer, RecordingFile)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from fretflow.case.config import Section
+from fretflow.case.sections import Title
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
 from fretflow.core.files import read_toml
@@ -158,7 +159,7 @@ class StructureFile(Section):
     """A whole ``recording.toml`` of a structure."""
 
     format: Literal["fretflow-recording/1"]
-    title: str = ""
+    title: Title = ""
     source: str = ""
     licence: str = ""
     test: StructureTest

@@ -17,11 +17,10 @@ import numpy as np
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
 from fretflow.recordings.notes import Note
-from fretflow.recordings.readers.tables import Array, Table
+from fretflow.recordings.readers.tables import MOST_COLUMNS, Array, Table
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn")
 COMMENTS = ("#", "%")
-MOST_COLUMNS = 1000
 EMPTY = {"", "nan", "na", "n/a", "-", "--", "null", "none"}
 
 _NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")

@@ -10,7 +10,7 @@ import numpy as np
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
 from fretflow.core.store import array_of, open_hdf5, unit_of
-from fretflow.recordings.readers.tables import Table
+from fretflow.recordings.readers.tables import MOST_COLUMNS, Table
 
 SUFFIXES = (".h5", ".hdf5", ".hdf")
 
@@ -27,6 +27,9 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
     """
     columns, units = {}, {}
     with open_hdf5(path, UnsupportedRecordingError) as file:
+        if wanted is None and len(file) > MOST_COLUMNS:
+            raise UnsupportedRecordingError(f"{path}: holds {len(file):,} items, and at most {MOST_COLUMNS:,} columns "
+                                            "are read; save the channels alone")
         there = [name for name, item in file.items() if isinstance(item, h5py.Dataset) and item.ndim == 1]
         for name in there if wanted is None else wanted:
             item = file.get(name)

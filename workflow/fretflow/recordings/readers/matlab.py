@@ -7,16 +7,18 @@ beside it, or the number in the name of a field on the way to it, or else its pl
 
 from __future__ import annotations
 
+import itertools
 import re
 import zlib
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from struct import unpack_from
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
 from fretflow.core.store import array_of, open_hdf5
@@ -26,6 +28,8 @@ from fretflow.recordings.readers.tables import Array, Table
 SUFFIXES = (".mat",)
 SHORTEST = 8  # samples of a loop
 MOST_ITEMS = 20_000  # cells and fields of a file
+DEEPEST = 200  # cells in each other
+MATRIX, COMPRESSED = 14, 15  # kinds of elements, "MAT-File Format", table 1-1
 COUNTS = ("cycle", "cycles", "cycle_count", "cyclecount", "n_cycles", "ncycles", "num_cycles", "numcycles")
 PAIRS = (("displacement", "force"), ("displacement", "friction_force"), ("disp", "force"), ("x", "f"), ("u", "f"),
          ("d", "f"), ("delta", "q"), ("displacement", "friction"))
@@ -62,17 +66,12 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
         counts = [float(place) for place in range(len(found))]
         if len(found) > 1:
             notes = (Note(path.name, f"cycle counts are not told; the {len(found)} loops count from 0 in their order"),)
-    seen: dict[float, int] = {}
-    repeats = []
-    for count in counts:
-        repeats.append(seen.setdefault(count or 0.0, 0))
-        seen[count or 0.0] += 1
+    seen: defaultdict[float | None, Iterator[int]] = defaultdict(itertools.count)
     sizes = [len(loop.samples) for loop in found]
-    samples = np.concatenate([loop.samples for loop in found])
-    columns = {"cycle": np.repeat(np.array(counts, dtype=float), sizes),
-               "repeat": np.repeat(np.array(repeats, dtype=float), sizes),
-               "displacement": samples[:, 0].copy(), "force": samples[:, 1].copy()}
-    return Table(path, columns, notes=notes)
+    columns = {name: np.repeat(np.array(values, dtype=float), sizes) for name, values in (
+        ("cycle", counts), ("repeat", [next(seen[count]) for count in counts]))}
+    samples = np.concatenate([loop.samples for loop in found]).T.copy()
+    return Table(path, columns | dict(zip(("displacement", "force"), samples, strict=True)), notes=notes)
 
 
 def load_matlab(path: Path) -> dict[str, Any]:
@@ -87,14 +86,44 @@ def load_matlab(path: Path) -> dict[str, Any]:
     from scipy.io.matlab import MatReadError
 
     try:
+        _check_depth(path)
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5
         with open_hdf5(path, UnsupportedRecordingError) as file:
             items = _Items(file)
             content = {name: items.read(item) for name, item in file.items() if not name.startswith("#")}
-    except (MatReadError, ValueError, TypeError, EOFError, KeyError, IndexError, zlib.error) as error:
+    except (MatReadError, ValueError, TypeError, EOFError, LookupError, NameError, AttributeError, OverflowError,
+            zlib.error) as error:
         raise CorruptRecordingError(f"{path}: is no whole MATLAB file ({error}); save it again") from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _check_depth(path: Path) -> None:
+    """Refuse a file of versions 5 to 7 with cells in cells by the thousand, at which SciPy ends the process."""
+    content = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    if order is not None and content[124:126].strip(b"\0") and _depth(content[128:], order) > DEEPEST:
+        raise CorruptRecordingError(f"{path}: its cells or structures lie hundreds deep in each other; save the loops "
+                                    "alone")
+
+
+def _depth(content: bytes, order: str, packed: bool = False) -> int:
+    """Return how deep arrays lie in each other, of the elements (kind, size, content) in a file or `packed` in one."""
+    at, ends, deepest = 0, [0], 0
+    while at + 8 <= len(content) and deepest <= DEEPEST:
+        kind, size = unpack_from(f"{order}II", content, at)
+        at += 8
+        while len(ends) > 1 and at > ends[-1]:
+            ends.pop()
+        if kind == MATRIX:
+            ends.append(at + size)
+            deepest = max(deepest, len(ends) - 1)
+        elif kind == COMPRESSED and not packed:
+            deepest = max(deepest, _depth(zlib.decompress(content[at:at + size]), order, packed=True))
+            at += size
+        elif kind < 1 << 16:  # others hold their few bytes in place of the size
+            at += size + -size % 8
+    return deepest
 
 
 class _Items:
@@ -122,11 +151,13 @@ class _Items:
                                             "the loops alone")
         within = (*within, address)
         if isinstance(item, h5py.Group):
-            tall = {"rows": int(item.attrs["MATLAB_sparse"])} if "MATLAB_sparse" in item.attrs else {}
+            rows = np.ravel(item.attrs.get("MATLAB_sparse", ()))
+            tall = {"rows": int(rows[0])} if rows.size == 1 and rows.dtype.kind in "iu" else {}
             return {name: self.read(child, within) for name, child in item.items()} | tall
         values = array_of(item, CorruptRecordingError)
         if item.attrs.get("MATLAB_class") == b"char":
-            return "".join(map(chr, np.ravel(values)))
+            letters = np.ravel(values) if np.asarray(values).dtype.kind == "u" else np.zeros(0)
+            return letters.astype("<u2").tobytes().decode("utf-16-le", errors="replace")
         if item.dtype == h5py.ref_dtype:
             return [self.read(self._behind(reference), within) for reference in np.ravel(values.T)]
         return np.squeeze(np.asarray(values).T)
@@ -141,72 +172,57 @@ class _Items:
 
 def _loops(node: Any, name: str, cycle: float | None = None) -> Iterator[FoundLoop]:
     """Yield the loops at and below `node`; `cycle` is the count that holds for it from outside."""
-    fields = _fields(node)
-    if fields is not None:
-        yield from _loops_of_fields(fields, name, cycle)
-    elif (items := _items(node)) is not None:
-        for place, item in enumerate(items):
+    node = _plain(node)
+    if isinstance(node, list):
+        for place, item in enumerate(node):
             yield from _loops(item, f"{name}({place + 1})", cycle)
-    elif (samples := _as_samples(node)) is not None:
-        yield FoundLoop(name, samples, cycle if cycle is not None else _count_in_name(name))
-
-
-def _loops_of_fields(fields: dict[str, Any], name: str, cycle: float | None) -> Iterator[FoundLoop]:
-    lower = {key.lower(): value for key, value in fields.items()}
-    counts = next((np.ravel(lower[key]) for key in COUNTS if key in lower and _is_numeric(lower[key])), None)
-    own = float(counts[0]) if counts is not None and len(counts) == 1 else cycle
-    if (pair := next((p for p in PAIRS if p[0] in lower and p[1] in lower), None)) is not None:
-        values = [np.ravel(lower[key]) if _is_numeric(lower[key]) else np.zeros(0) for key in pair]
-        if len(values[0]) == len(values[1]) >= SHORTEST:
-            samples = np.column_stack(values).astype(float)
-            yield FoundLoop(name, samples, own if own is not None else _count_in_name(name))
-            return
-    for key, value in fields.items():
-        items = _items(value)
-        here = f"{name}.{key}" if name else key
-        if counts is not None and items is not None and len(items) == len(counts) > 1:
+        return
+    fields = {key.lower(): _plain(value) for key, value in node.items()} if isinstance(node, dict) else {}
+    counts = next((np.ravel(fields[key]) for key in COUNTS if _is_numeric(fields.get(key))), np.zeros(0))
+    own = float(counts[0]) if len(counts) == 1 else cycle
+    if (samples := _samples(fields or node)) is not None:
+        yield FoundLoop(name, samples, own if own is not None else _count_in_name(name))
+        return
+    for key in node if fields else ():
+        items, here = _plain(node[key]), f"{name}.{key}" if name else key
+        if isinstance(items, list) and len(items) == len(counts) > 1:
             for count, item in zip(counts, items, strict=True):
                 yield from _loops(item, here, float(count))
         else:
-            yield from _loops(value, here, own)
+            yield from _loops(items, here, own)
 
 
-def _fields(node: Any) -> dict[str, Any] | None:
-    if isinstance(node, dict):
-        return _structure_array(node)
-    names = getattr(node, "_fieldnames", None)
-    return None if names is None else {name: getattr(node, name) for name in names}
-
-
-def _structure_array(node: dict[str, Any]) -> dict[str, Any]:
-    """Turn a structure array of version 7.3, a dict of equally long lists, into one structure an element."""
-    lengths = {len(value) if isinstance(value, list) else 0 for value in node.values()}
-    if len(lengths) != 1 or lengths == {0}:
-        return node
-    return {"": [dict(zip(node, values, strict=True)) for values in zip(*node.values(), strict=True)]}
-
-
-def _items(node: Any) -> list[Any] | None:
-    """Return the elements of a cell or structure array, or the pages of an N x 2 x K array."""
+def _plain(node: Any) -> Any:
+    """Return what MATLAB holds as a dict of fields, a list of cells, structures or pages (N x 2 x K), or an array."""
+    if (names := getattr(node, "_fieldnames", None)) is not None:
+        return {name: getattr(node, name) for name in names}
+    if isinstance(node, dict):  # a structure array of version 7.3 is a dict of equally long lists
+        lengths = {len(value) if isinstance(value, list) else 0 for value in node.values()}
+        alike = len(lengths) == 1 and lengths != {0}
+        return [dict(zip(node, values, strict=True)) for values in zip(*node.values(), strict=True)] if alike else node
     if isinstance(node, list):
         return node
-    if isinstance(node, np.ndarray) and node.dtype == object:
+    node = np.asarray(node)
+    if node.dtype == object:
         return list(np.ravel(node))
-    if isinstance(node, np.ndarray) and node.ndim == 3 and _is_numeric(node):
-        return list(np.moveaxis(node, 2, 0))
-    return None
+    return list(np.moveaxis(node, 2, 0)) if node.ndim == 3 and _is_numeric(node) else node
 
 
 def _is_numeric(node: Any) -> bool:
-    return np.asarray(node).dtype.kind in "fiu"
+    return isinstance(node, np.ndarray) and node.dtype.kind in "fiu"
 
 
-def _as_samples(node: Any) -> Array | None:
-    values: NDArray[Any] = np.asarray(node)
-    if values.dtype.kind not in "fiu" or values.ndim != 2 or 2 not in values.shape:
+def _samples(node: Any) -> Array | None:
+    """Return the loop (N, 2) that an array is, or that two fields of a structure hold, if they do."""
+    if isinstance(node, dict):
+        pair = [[node[name] for name in names] for names in PAIRS if all(_is_numeric(node.get(name)) for name in names)]
+        if not pair or pair[0][0].size != pair[0][1].size:
+            return None
+        node = np.column_stack([np.ravel(values) for values in pair[0]])
+    if not _is_numeric(node) or node.ndim != 2 or 2 not in node.shape:
         return None
-    values = values if values.shape[1] == 2 else values.T
-    return values.astype(float) if len(values) >= SHORTEST else None
+    samples = node if node.shape[1] == 2 else node.T
+    return np.asarray(samples, dtype=float) if len(samples) >= SHORTEST else None
 
 
 def _count_in_name(name: str) -> float | None:

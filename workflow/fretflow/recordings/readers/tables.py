@@ -19,6 +19,7 @@ from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingErro
 from fretflow.recordings.notes import Note
 
 Array = NDArray[np.float64]
+MOST_COLUMNS = 1000
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,11 @@ def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
                                         f"one of {' '.join(readers())}")
     try:
         return reader.read(path, wanted)
+    except RecursionError as error:
+        raise CorruptRecordingError(f"{path}: its items lie hundreds deep in each other; export it again") from error
+    except UnicodeDecodeError as error:
+        raise CorruptRecordingError(f"{path}: byte {error.start + 1:,} of a part of it is no {error.encoding} text; "
+                                    "export it again") from error
     except OSError as error:
         raise CorruptRecordingError(f"{path}: cannot be read ({error.strerror or error}); export it again") from error
     except MemoryError as error:
