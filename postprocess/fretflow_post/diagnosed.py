@@ -54,7 +54,7 @@ def _loops(diagnosis: Diagnosis) -> Figure:
     every = diagnosis.comparisons
     some = np.linspace(0, len(every) - 1, min(MOST_LOOPS, len(every))).round().astype(int)
     shown = [every[k] for k in np.unique(some)]
-    figure = _titled(diagnosis)
+    figure = _titled(diagnosis, f"{len(shown)} of {len(every)} loops" if len(shown) < len(every) else "")
     columns = min(3, max(1, len(shown)))
     grid = figure.add_gridspec(max(1, -(-len(shown) // columns)), columns, left=0.07, right=0.97, bottom=0.08,
                                top=0.84, hspace=0.35, wspace=0.28)

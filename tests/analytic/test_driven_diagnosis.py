@@ -12,6 +12,7 @@ from fretflow.core.errors import RecordingError, UnreliableRecordingError, Unsup
 from fretflow.experiments.driven.data import driven_data
 from fretflow.experiments.driven.noise import correlation_length, effective
 from fretflow.experiments.driven.run import diagnose_driven, searched
+from fretflow.experiments.driven.views import comparisons
 from fretflow.experiments.independent import estimates
 from fretflow.inference.verdict import Verdict
 from fretflow.pipeline.diagnose import diagnose
@@ -169,6 +170,18 @@ def test_loops_with_repeats_are_diagnosed_too():
     play = next(one for one in played.parameters if one.name == "backlash.play")
     assert play.value == pytest.approx(2e-6, rel=0.1)
     assert {one.held_out for one in played.comparisons} == {True, False}
+
+
+def test_all_loops_that_are_held_out_are_drawn():
+    """Of 30 cycles the last ten are held out, of ten loops of three repeats every third row."""
+    t = STEP * np.arange(round(30.6 / HERTZ / STEP))
+    x = -X * np.cos(2.0 * np.pi * HERTZ * t)
+    for data in (driven_data(recording(t, x, slid(x))), driven_data(loops(slid, samples=100, counts=10))):
+        out = {one.label for one in data.cycles if one.held_out}
+        shown = comparisons(data, data.force, data.force)
+        assert len(out) == 10
+        assert {one.label for one in shown if one.held_out} == out
+        assert sum(not one.held_out for one in shown) in range(4, 9)
 
 
 def test_effects_that_need_time_are_left_out_where_there_is_none():

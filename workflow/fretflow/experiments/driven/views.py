@@ -20,7 +20,7 @@ from fretflow.recordings.kinds.joints import LUMPED
 
 
 def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparison, ...]:
-    """Return up to eight cycles, those held out among them, or the two halves of a record without cycles.
+    """Return up to eight cycles and all that are held out, or the two halves of a record without cycles.
 
     Parameters
     ----------
@@ -29,11 +29,8 @@ def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparis
     before, after
         Predicted forces (N,) without and with the effects.
     """
-    kept = data.cycles
-    if len(kept) > MOST_SHOWN:
-        kept = tuple(kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, MOST_SHOWN).round().astype(int)))
-        if not any(one.held_out for one in kept):
-            kept = (*kept[:-1], next(one for one in data.cycles if one.held_out))
+    spread = set(np.linspace(0, len(data.cycles) - 1, min(MOST_SHOWN, len(data.cycles))).round().astype(int))
+    kept = [one for k, one in enumerate(data.cycles) if k in spread or one.held_out]
     groups = [(one.label, one.held_out, data.samples_of(one)) for one in kept]
     if not groups and data.kind is LUMPED:
         groups = [(name, out, np.flatnonzero(mask)) for name, out, mask in (
