@@ -11,8 +11,7 @@ import pytest
 import xarray as xr
 from fretflow.core.errors import InputError
 from fretflow.inference.evidence import DRAWS, drawn
-from fretflow.inference.parameters import Coordinate
-from fretflow.inference.search import HALF
+from fretflow.inference.parameters import HALF, Coordinate
 from fretflow_post import corner, style
 from fretflow_post.report import render_report
 from fretflow_post.wear_maps import profile

@@ -20,8 +20,8 @@ import numpy as np
 from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, drawn, size_prior, sizes
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.parameters import Array, Coordinate
-from fretflow.inference.search import HALF, Names, Search, basis
+from fretflow.inference.parameters import HALF, Array, Coordinate
+from fretflow.inference.search import Names, Search, basis
 from fretflow.inference.verdict import Estimate
 
 FREEDOM = 5  # squares from which a standard deviation is known to a third, 1 / sqrt(2 n)

@@ -32,7 +32,7 @@ from fretflow.inference.experiment import Covariance, Measurement
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array
 
-HARMONICS = 7  # of the loop phase that a discrepancy is made of; sd falls with the order, as of continuous functions
+LOOP_HARMONICS = 7  # of what no law tells, by the phase; their sd falls with the order, as of continuous functions
 MODULATING = 2  # the same, of what a law of another form does to a signature
 LEAST = 0.01  # of the rms of all, below which what a loop shows of an effect is round-off and has no direction
 SIZES = np.geomspace(1e-3, 1.0, 10)  # sigma and tau, from what hardly any channel resolves to all of it
@@ -127,7 +127,7 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     the same relative size, and corners, which are not smooth, move.
     """
     found = [np.hstack([
-        _products(measurement, harmonics(measurement.phase, HARMONICS), courses, sizes(measurement)),
+        _products(measurement, harmonics(measurement.phase, LOOP_HARMONICS), courses, sizes(measurement)),
         _products(measurement, harmonics(measurement.phase, MODULATING), courses, rates(measurement))])
         for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
     return found[0], found[1]

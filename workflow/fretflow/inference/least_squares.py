@@ -14,7 +14,7 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.experiment import Covariance, Experiment, Point, Prediction, jacobian
-from fretflow.inference.parameters import FARTHEST, WIDTH, Array, Parameters
+from fretflow.inference.parameters import FARTHEST, HALF, Array, Parameters
 
 # Fall of the objective that is not worth another prediction: a factor e in probability, "not worth more than a bare
 # mention" (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795).
@@ -144,7 +144,7 @@ def _step(now: Fit, damping: float = 0.0) -> Array:
             break
         step = np.zeros(len(step))
         step[own] = np.linalg.solve(curved[np.ix_(own, own)], slope[own])
-        step *= min(1.0, 0.5 * WIDTH / max(float(np.abs(step).max()), 1e-300))
+        step *= min(1.0, HALF / max(float(np.abs(step).max()), 1e-300))
         beyond = free & (np.abs(now.z + step) > FARTHEST) & (np.abs(now.z) >= FARTHEST)
         if not beyond.any():
             break

@@ -19,7 +19,7 @@ from fretflow.effects.effect import Effect, Prior, parameter_limits
 
 Array = NDArray[np.float64]
 
-WIDTH = 2.0 * float(norm.ppf(0.95))  # of a 90 % interval, in standard deviations
+HALF = float(norm.ppf(0.95))  # standard deviations of half a 90 % interval
 FARTHEST = 6.0  # standard deviations that a coordinate may go: beyond, the prior holds two of 1e9
 
 Scaled = Callable[[str, str, Prior], Prior]  # effect, field and its range: the range at the size of what was measured
@@ -37,6 +37,13 @@ class Coordinate:
     lowest: float = -math.inf
     highest: float = math.inf
     sign: float = 1.0
+
+    @classmethod
+    def within(cls, effect: str, field: str, low: float, high: float, logarithmic: bool, *limits: float) -> Coordinate:
+        """Return a parameter that lies in a range by 90 %; `limits` are lowest, highest and sign."""
+        if logarithmic:
+            low, high = math.log(low), math.log(high)
+        return cls(effect, field, 0.5 * (low + high), (high - low) / (2.0 * HALF), logarithmic, *limits)
 
     @property
     def name(self) -> str:
@@ -120,13 +127,8 @@ def _of_effect(kind: type[Effect], signs: Mapping[str, float], scaled: Scaled | 
             continue
         prior = stated if scaled is None else scaled(kind.id, name, stated)
         lowest, highest = parameter_limits(kind, name)
-        if prior.logarithmic:
-            low, high = math.log(prior.low), math.log(prior.high)
-        else:
-            low, high = prior.low, prior.high
         sign = signs.get(f"{kind.id}.{name}", 1.0) if lowest < 0.0 <= prior.low else 1.0
-        found.append(Coordinate(kind.id, name, 0.5 * (low + high), (high - low) / WIDTH, prior.logarithmic, lowest,
-                                highest, sign))
+        found.append(Coordinate.within(kind.id, name, prior.low, prior.high, prior.logarithmic, lowest, highest, sign))
     return found
 
 

@@ -20,14 +20,13 @@ from scipy.special import logit
 from scipy.stats import norm
 
 from fretflow.effects.catalogue import catalogue
-from fretflow.inference.evidence import FORMS
+from fretflow.inference.evidence import FORMS, SEED
 from fretflow.inference.law_forms import density
-from fretflow.inference.parameters import Array
-from fretflow.inference.search import HALF, Names, Search, Start, basis, log_gain
+from fretflow.inference.parameters import HALF, Array
+from fretflow.inference.search import Names, Search, Start, basis, log_gain
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
-SEED = 2026
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,6 @@ Progress = Callable[[float, str], None]
 BENT = float(norm.ppf(0.9995))  # coordinate of the baseline that one in a thousand of its prior is beyond
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
 QUARTILE = float(norm.ppf(0.75))  # coordinates of the points of a range at which an effect is begun, beside its middle
-HALF = float(norm.ppf(0.95))  # standard deviations of half a 90 % interval
 NEGLIGIBLE = log(1e3)  # of log evidence: "decisive" twice over (H. Jeffreys, Theory of Probability (1961), app. B)
 
 

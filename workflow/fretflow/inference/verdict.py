@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+FALSE_ALARMS = 0.05  # that all tests of a kind together may raise
+
 
 class Verdict(StrEnum):
     """What is said of the physics that the model leaves out."""

@@ -14,6 +14,7 @@ from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
 
+BACKWARDS = -0.05  # of the rectangle about a loop: work that no friction gives back
 MIN_SAMPLES = 16  # of a loop: fewer tell neither reversal nor plateau
 
 BESIDE = ("friction_force", "arm", "excitation", "normal_force", "approach", "arm_velocity", "arm_acceleration")
@@ -196,7 +197,7 @@ class HysteresisLoop:
             raise InputError("loop: displacement or force is NaN or infinite; clean the recording first")
         if not (np.ptp(x) > 0.0 and np.ptp(force) > 0.0):
             raise InputError("loop: displacement or force is constant; nothing can be read off it")
-        if dissipated_energy(self) < -0.05 * np.ptp(x) * np.ptp(force):
+        if dissipated_energy(self) < BACKWARDS * np.ptp(x) * np.ptp(force):
             raise InputError("loop: its energy is negative; reverse the sign of one channel, or displacement and "
                              "force are swapped")
 

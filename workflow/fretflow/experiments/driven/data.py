@@ -23,6 +23,7 @@ from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.series import closes
 from fretflow.structure.motion import FEWEST, Motion, measure
+from fretflow.structure.sensors import BACKWARDS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,7 +31,6 @@ Mask = NDArray[np.bool_]
 MOST_ROWS = 200_000  # of a record; longer ones are thinned, and cut
 SAMPLES = 2500  # that a motion is marched at: fewer would miss where it turns
 LEAST_OF_CYCLE = 100  # rows, of what is thinned: corners are then seen to a hundredth of the cycle
-BACKWARDS = -0.05  # of the rectangle about a cycle: work that no friction gives back
 EQUAL = 0.02  # relative difference of amplitude and length of cycles that count as repeats
 STRETCHES = 12  # of a single cycle
 

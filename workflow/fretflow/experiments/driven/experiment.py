@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from math import log
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from fretflow.experiments.driven.noise import Noise
 from fretflow.inference.evidence import MODULATING, harmonics
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.least_squares import Fit
-from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.structure.motion import Motion
 
@@ -164,9 +163,8 @@ class DrivenExperiment:
         unit, (lowest, highest) = unit_of(section, field), parameter_limits(section, field)
         prior = self.scale.prior(stated, unit)
         by_factor = prior.logarithmic or (prior.low > 0.0 and any(similarity(unit)))  # as is what similarity tells
-        low, high = (log(prior.low), log(prior.high)) if by_factor else (prior.low, prior.high)
         sign = signs.get(f"{part}.{field}", 1.0) if lowest < 0.0 <= prior.low else 1.0
-        return Coordinate(part, field, 0.5 * (low + high), (high - low) / WIDTH, by_factor, lowest, highest, sign)
+        return Coordinate.within(part, field, prior.low, prior.high, by_factor, lowest, highest, sign)
 
     def joint(self, point: Point) -> DrivenJoint:
         """Return the joint of a hypothesis."""

@@ -11,9 +11,9 @@ from fretflow.core.units import readable_unit
 from fretflow.experiments.driven.data import Array, DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.law import BINS
-from fretflow.experiments.rig.location import PARITIES, PARITY_BINS, SIGNIFICANT
+from fretflow.experiments.rig.location import PARITIES, PARITY_BINS
 from fretflow.experiments.rig.phases import PHASES, Strokes
-from fretflow.inference.verdict import Detection, Location, Place, ResidualLaw
+from fretflow.inference.verdict import FALSE_ALARMS, Detection, Location, Place, ResidualLaw
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 
 
@@ -52,7 +52,7 @@ def locate(data: DrivenData, noise: Noise, left: Array, block: str) -> Location:
                for name, size in parity.items()]
     phase = max((one for one in places if one.cut == "phase"), key=lambda one: one.share, default=None)
     side = max(parity, key=lambda name: parity[name], default="")
-    shown = {one.where for one in places if one.cut == "cycles" and one.p_value < SIGNIFICANT}
+    shown = {one.where for one in places if one.cut == "cycles" and one.p_value < FALSE_ALARMS}
     parts = [one.number for one in cycles if one.label in shown]
     text = ""
     if phase is not None and block:
@@ -68,7 +68,7 @@ def locate(data: DrivenData, noise: Noise, left: Array, block: str) -> Location:
 def detect(data: DrivenData, noise: Noise, left: Array) -> Detection:
     """Return whether the baseline leaves (N,) more than noise, by a classical test beside the posterior's answer."""
     p, name = _p(left[data.used], noise), "mean square of what is left"
-    return Detection(p_value=p, statistic=name, tests={name: p}, false_alarm_rate=SIGNIFICANT)
+    return Detection(p_value=p, statistic=name, tests={name: p}, false_alarm_rate=FALSE_ALARMS)
 
 
 def _force(value: float) -> str:

@@ -16,6 +16,7 @@ from fretflow.experiments.rig.experiment import simulation_of
 from fretflow.experiments.rig.model import HARMONICS, Period, RigModel
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
+from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
 from fretflow.solvers.direction import Direction, gap, rig_force
 from fretflow.solvers.fourier import derivative_matrix
@@ -25,7 +26,6 @@ from fretflow.structure.sensors import Signals, band_limited
 
 CONTACT, WEAR, RIG, EXCITATION, GEOMETRY, SENSOR = (
     "contact law", "wear law", "rig", "excitation", "geometry", "sensor")
-FORCE_HARMONICS = 7  # of a loop's friction force or of a channel
 LAW_POINTS = 8
 RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
 OVERTONES = (2, 3, 4, 5)
@@ -135,7 +135,7 @@ def _by_loop(rig: RigModel, loops: list[Loop], changes: Callable[[Loop], list[di
 def _contact(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     """Return friction forces of any shape, and those that all loops share as functions of travel and speed."""
     def anything(loop: Loop) -> list[dict[str, Array]]:
-        forces = loop.force_size * loop.harmonics(FORCE_HARMONICS).T
+        forces = loop.force_size * loop.harmonics(LOOP_HARMONICS).T
         return [_followed(loop, force) for force in forces] + _pressed(loop)
 
     def alike(loop: Loop) -> list[dict[str, Array]]:
@@ -239,7 +239,7 @@ def _sensor(rig: RigModel, base: Fit, loops: list[Loop], name: str, other: str) 
         return [{name: change} for change in _likenesses(loop, loops, name, other)]
 
     def anything(loop: Loop) -> list[dict[str, Array]]:
-        return [{name: size * history} for history in loop.harmonics(FORCE_HARMONICS).T]
+        return [{name: size * history} for history in loop.harmonics(LOOP_HARMONICS).T]
 
     return _by_loop(rig, loops, alike)[0], _by_loop(rig, loops, anything)[1]
 
@@ -259,7 +259,7 @@ def _likenesses(loop: Loop, loops: list[Loop], name: str, other: str) -> list[Ar
     mine, its = getattr(loop.signals, name), size / across * getattr(loop.signals, other)
     drive, share = size * loop.harmonics(1)[:, 1], loop.period.elapsed
     found = [size * (mine / size)**2, size * (mine / size)**3, share * mine, _early(share) * mine]
-    for signal, orders in ((mine, FORCE_HARMONICS), (its, FORCE_HARMONICS), (drive, 1)):
+    for signal, orders in ((mine, LOOP_HARMONICS), (its, LOOP_HARMONICS), (drive, 1)):
         spectrum = np.fft.rfft(signal)
         for k in range(1, orders + 1):
             for turn in (1.0, 1j):

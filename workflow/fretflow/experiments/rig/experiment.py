@@ -22,8 +22,8 @@ from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
-SPREAD = {"friction": 0.3, "wear": 0.7, "mass": 0.1, "compliance": 0.05}
-BASELINE = tuple(Coordinate("", name, 0.0, sd, True) for name, sd in SPREAD.items())
+BASELINE = tuple(Coordinate("", name, 0.0, sd, True) for name, sd in (
+    ("friction", 0.3), ("wear", 0.7), ("mass", 0.1), ("compliance", 0.05)))
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,9 @@ from fretflow.experiments.rig.views import held_out_error
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.search import Names, Search, Task, fit_task
-from fretflow.inference.verdict import Detection, HeldOut
+from fretflow.inference.verdict import FALSE_ALARMS, Detection, HeldOut
 
 HIDDEN = 1e12  # factor on the variance of what is held out: beyond all that single precision would tell
-FALSE_ALARMS = 0.05
 
 
 @dataclass(frozen=True)

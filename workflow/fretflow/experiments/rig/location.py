@@ -18,16 +18,15 @@ from fretflow.experiments.rig.experiment import RigExperiment
 from fretflow.experiments.rig.observation import Array, Observation, count_label
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.views import loop_pieces
+from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
-from fretflow.inference.verdict import Location, Place
+from fretflow.inference.verdict import FALSE_ALARMS, Location, Place
 
 CHANNEL_WORDS = {"friction_force": "friction force", "normal_force": "normal force", "worn_volume": "worn volume",
                  "wear_depth": "wear depth"}
 PARITIES = {(1, 1): "a constant", (-1, 1): "odd in the displacement", (1, -1): "odd in the direction of motion",
             (-1, -1): "odd in the displacement and in the direction of motion"}
-HARMONICS = range(1, 8)
 PARITY_BINS = 10
-SIGNIFICANT = 0.05
 INNER = 0.6  # of the half width: the middle of the contact from there inward
 Mask = NDArray[np.bool_]
 
@@ -74,12 +73,12 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
 
 def _block(found: tuple[Cut, ...], looked: int) -> str:
     first = found[0] if found else None
-    return first.block if first is not None and looked * first.p_value < SIGNIFICANT else ""
+    return first.block if first is not None and looked * first.p_value < FALSE_ALARMS else ""
 
 
 def _largest(places: list[Place], cut: str) -> str:
     """Return the place that holds most of the excess, empty where none is more than chance."""
-    own = [one for one in places if one.cut == cut and one.p_value < SIGNIFICANT]
+    own = [one for one in places if one.cut == cut and one.p_value < FALSE_ALARMS]
     return max(own, key=lambda one: one.share).where if own else ""
 
 
@@ -148,11 +147,10 @@ def _by_harmonic(observation: Observation, left: Array) -> Iterator[_Part]:
     pieces = [piece for one in loop_pieces(observation).values() for piece in one.values()]
     lines = np.array([np.fft.rfft(left[piece.place]) for piece in pieces]) * np.sqrt(2.0 / observation.samples)
     shown = np.array([observation.noise[piece.place].mean() for piece in pieces])
-    for k in HARMONICS:
-        if k < lines.shape[1] - 1:
-            squares = float(np.sum(np.abs(lines[:, k])**2))
-            yield _Part("harmonic", str(k), squares - 2.0 * float(shown.sum()),
-                        float(stats.chi2.sf(squares, 2 * len(pieces))))
+    for k in range(1, min(LOOP_HARMONICS + 1, lines.shape[1] - 1)):
+        squares = float(np.sum(np.abs(lines[:, k])**2))
+        yield _Part("harmonic", str(k), squares - 2.0 * float(shown.sum()),
+                    float(stats.chi2.sf(squares, 2 * len(pieces))))
 
 
 def _by_parity(observation: Observation, left: Array) -> Iterator[_Part]:
@@ -205,9 +203,9 @@ def _by_zone(observation: Observation, left: Array) -> Iterator[_Part]:
 
 def _span(observation: Observation, places: list[Place]) -> tuple[tuple[int, int], Place | None]:
     """Return the cycle counts between which loops differ, from the change point on where there is one."""
-    shown = {one.where for one in places if one.cut == "cycles" and one.p_value < SIGNIFICANT}
+    shown = {one.where for one in places if one.cut == "cycles" and one.p_value < FALSE_ALARMS}
     counts = [count for count in observation.counts if count_label(count) in shown]
-    jump = next((one for one in places if one.cut == "change" and one.p_value < SIGNIFICANT), None)
+    jump = next((one for one in places if one.cut == "change" and one.p_value < FALSE_ALARMS), None)
     return ((counts[0], counts[-1]) if counts else (0, 0)), jump
 
 

@@ -101,6 +101,10 @@ class RigModel:
         return replace(self.problem, structure=scaled).vary(
             friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
 
+    def denser(self) -> RigModel:
+        """Return the same with twice the samples of a period."""
+        return replace(self, samples=2 * self.samples)
+
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=min(HARMONICS, self.samples // 4),

@@ -30,7 +30,6 @@ NEEDED = ("displacement", "friction_force")
 ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
 GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
 HARMONICS = 12  # of a loop that are compared
-LEAST_SAMPLES = 4 * HARMONICS  # of a loop: what lies above half of their frequency folds into these harmonics
 # A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
 # size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
 LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002, "normal_force": 0.003,
@@ -214,9 +213,10 @@ def _check_samples(recording: Recording) -> None:
     """
     sweep = None if recording.sweep is None else recording.sweep.loops
     measured = min(len(loops.phase) for loops in (recording.loops, sweep) if loops is not None)
-    if measured < LEAST_SAMPLES:
+    least = 4 * HARMONICS  # what lies above half of their frequency folds into the harmonics
+    if measured < least:
         raise UnreliableRecordingError(f"{recording.path}: {measured} samples a period are too few to tell the physics "
-                                       f"of a rig by; record {LEAST_SAMPLES} or more")
+                                       f"of a rig by; record {least} or more")
 
 
 def from_zero(loops: Array, phase: Array) -> Array:

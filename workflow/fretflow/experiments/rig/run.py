@@ -16,7 +16,7 @@ from fretflow.case.config import Case, Reduction
 from fretflow.core.errors import FretflowError
 from fretflow.experiments.rig import words
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
-from fretflow.experiments.rig.held_out import FALSE_ALARMS, HeldOutPrediction, detect, held_out
+from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_out
 from fretflow.experiments.rig.instruments import faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
@@ -43,13 +43,12 @@ from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide, detected, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Search, search, start_search
-from fretflow.inference.verdict import Detection, Diagnosis, Location, Remainder, Verdict
+from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
 STEEPER = 1.01  # friction, to see how loops follow it
-FULL_PERIODS = 2  # times the samples, on the mesh that confirms
 
 
 @dataclass(frozen=True)
@@ -189,7 +188,7 @@ def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, 
                  first_wear(recording, friction)) for friction in read])
     progress(0.08, "what the coarse mesh leaves out")
     finer = replace(model, problem=fine.vary(friction_coefficient=model.problem.friction_coefficient))
-    denser = replace(model, samples=2 * model.samples)
+    denser = model.denser()
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
     slope = neighbours(model, first, [Hypothesis(friction=STEEPER)])[:, 0]
@@ -206,7 +205,7 @@ def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = experiment.rig, experiment.rig.observation
     problem = tools.reduce(case).vary(friction_coefficient=rig.problem.friction_coefficient)
-    full = replace(rig, problem=problem, samples=FULL_PERIODS * rig.samples)
+    full = replace(rig, problem=problem).denser()
     try:
         found = tools.pool(predict_task, [_Prediction(full, hypothesis(fit.prediction.point)) for fit in fits])
     except FretflowError as error:

@@ -13,9 +13,9 @@ from fretflow.experiments.rig.experiment import hypothesis
 from fretflow.experiments.rig.model import RigModel
 from fretflow.inference.evidence import drawn
 from fretflow.inference.experiment import Point
-from fretflow.inference.parameters import Array, Coordinate, Parameters
+from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
 from fretflow.inference.posterior import Found
-from fretflow.inference.search import BENT, HALF
+from fretflow.inference.search import BENT
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed

@@ -21,7 +21,7 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Prior
 from fretflow.experiments.structure.responses import POWERS, backbone_of, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
-from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
@@ -237,7 +237,7 @@ class StructureExperiment:
         try:
             return self.predict(Point(space, np.zeros(space.size)))
         except NonConvergenceError:
-            return self.predict(Point(space, 0.5 * WIDTH * tight))
+            return self.predict(Point(space, HALF * tight))
 
     @cached_property
     def _coarse(self) -> Array:
@@ -266,8 +266,7 @@ class StructureExperiment:
         baseline = []
         for name in ("bolt_load", "friction_coefficient", "modal_damping"):
             if name in self.recording.unknown:
-                low, high = (log(end) for end in self.recording.unknown[name])
-                baseline.append(Coordinate("", name, 0.5 * (low + high), (high - low) / WIDTH, True))
+                baseline.append(Coordinate.within("", name, *self.recording.unknown[name], True))
             else:
                 value = max(self.recording.known[name], NEGLIGIBLE_DAMPING)
                 baseline.append(Coordinate("", name, log(value), STATED, True))

@@ -20,7 +20,7 @@ from fretflow.effects.effect import Array, Effect, Prior
 from fretflow.effects.line_cycle import LineContact, LineCycle
 from fretflow.experiments.structure.experiment import STATED, scatter
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
-from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.recordings.kinds.structures import WornRecording
 from fretflow.recordings.kinds.worn_profiles import WornArea
 
@@ -107,9 +107,9 @@ class ProfileExperiment:
         ratio = np.log([one.area / (load * 4.0 * one.amplitude * one.cycles) for one in self.tests])
         spread = max(float(np.ptp(ratio)), 2.0 * log(10.0))
         low, high = (log(end) for end in self.recording.friction)
-        return Parameters.of([Coordinate("", "wear_coefficient", float(np.mean(ratio)), spread / WIDTH, True),
+        return Parameters.of([Coordinate("", "wear_coefficient", float(np.mean(ratio)), spread / (2.0 * HALF), True),
                               Coordinate("", "friction_coefficient", 0.5 * (low + high),
-                                         max((high - low) / WIDTH, STATED), True)], effects, signs, self._scaled)
+                                         max((high - low) / (2.0 * HALF), STATED), True)], effects, signs, self._scaled)
 
     def _scaled(self, effect: str, field: str, prior: Prior) -> Prior:
         deepest = max(float(one.depth.max()) for one in self.recording.profiles)

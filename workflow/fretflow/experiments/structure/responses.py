@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.inference.verdict import MeasuredCurve
-from fretflow.recordings.kinds.structures import FEWEST, Control, ControlledResponse, MeasuredBackbone
+from fretflow.recordings.kinds.structures import FEWEST, MOTIONS, Control, ControlledResponse, MeasuredBackbone
 from fretflow.solvers.nonlinear_modes.joint import LinearMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
 from fretflow.solvers.nonlinear_modes.response import force_of_response
@@ -27,7 +27,7 @@ from fretflow.structure.reduction.contact_modes import ReducedStructure
 
 Array = NDArray[np.float64]
 
-POWERS = {"m": 0, "m/s": 1, "m/s^2": 2}  # of the angular frequency, in an amplitude of motion
+POWERS = {unit: power for power, unit in enumerate(MOTIONS)}  # of the angular frequency, in an amplitude of motion
 
 
 def backbone_of(responses: Sequence[ControlledResponse]) -> MeasuredBackbone:

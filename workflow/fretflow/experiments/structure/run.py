@@ -14,16 +14,15 @@ from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
-from fretflow.inference.parameters import WIDTH
+from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
-from fretflow.inference.verdict import Detection, Diagnosis, Estimate, Remainder, Verdict
+from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
 
 Progress = Callable[[float, str], None]
 
-FALSE_ALARMS = 0.05
 MOST_RANKED = 40
 MEANINGS = {"bolt_load": "load of the bolts", "friction_coefficient": "friction of the faces",
             "modal_damping": "damping ratio of the structure without its joint",
@@ -94,7 +93,7 @@ def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     made = []
     for k, one in enumerate(fit.parameters.coordinates):
         middle = float(fit.z[k])
-        ends = sorted(one.value(middle + way * 0.5 * WIDTH * float(spread[k])) for way in (-1.0, 1.0))
+        ends = sorted(one.value(middle + way * HALF * float(spread[k])) for way in (-1.0, 1.0))
         info = catalogue()[one.effect].model_fields[one.field] if one.effect else None
         marks = [] if info is None else [mark.unit for mark in info.metadata if hasattr(mark, "unit")]
         made.append(Estimate(

@@ -14,10 +14,10 @@ from math import log
 import numpy as np
 
 from fretflow.core.units import pretty_quantity
-from fretflow.effects.volume_law import UNITS, LawParameter, VolumeLaw
+from fretflow.effects.volume_law import UNITS, VolumeLaw
 from fretflow.experiments.wear_series.data import Array, WearData
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
-from fretflow.inference.parameters import WIDTH, Coordinate, Parameters
+from fretflow.inference.parameters import HALF, Coordinate, Parameters
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,10 @@ class WearSeriesExperiment:
         The range of the coefficient is that of worn volume over energy among the tests, and at least a decade.
         """
         ratio, weight = np.log(self.data.tests.volume / self.data.tests.energy), self.data.tests.weight
-        spread = max(float(np.ptp(ratio)), log(10.0))
-        own = [Coordinate("", "wear_coefficient", float(np.average(ratio, weights=weight)), spread / WIDTH, True)]
-        own += [_coordinate(name, parameter) for name in sorted(effects) for parameter in self.forms[name].parameters]
+        middle, spread = float(np.average(ratio, weights=weight)), max(float(np.ptp(ratio)), log(10.0))
+        own = [Coordinate("", "wear_coefficient", middle, spread / (2.0 * HALF), True),
+               *(Coordinate.within(name, one.name, one.low, one.high, one.logarithmic)
+                 for name in sorted(effects) for one in self.forms[name].parameters)]
         return Parameters(tuple(sorted(effects)), tuple(own), dict(signs or {}))
 
     def volumes(self, point: Point) -> Array:
@@ -120,8 +121,3 @@ class WearSeriesExperiment:
         if "load" in series.states:
             return "m^2/N", f"K_w: worn volume per load and sliding{where}"
         return "m^2/Pa", f"worn volume per pressure and sliding, K_w times the area{where}"
-
-
-def _coordinate(effect: str, parameter: LawParameter) -> Coordinate:
-    low, high = (log(parameter.low), log(parameter.high)) if parameter.logarithmic else (parameter.low, parameter.high)
-    return Coordinate(effect, parameter.name, 0.5 * (low + high), (high - low) / WIDTH, parameter.logarithmic)

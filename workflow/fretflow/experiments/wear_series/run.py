@@ -14,7 +14,7 @@ import numpy as np
 
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
-from fretflow.experiments.rig.held_out import FALSE_ALARMS, HIDDEN
+from fretflow.experiments.rig.held_out import HIDDEN
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import Array, WearData, tests_of_detection, wear_data
@@ -23,9 +23,19 @@ from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
 from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import decide, detected
-from fretflow.inference.search import FAST, FULL, HALF, NEGLIGIBLE, search
-from fretflow.inference.verdict import Detection, Diagnosis, Estimate, HeldOut, Remainder, Verdict, WearTests
+from fretflow.inference.search import FAST, FULL, NEGLIGIBLE, search
+from fretflow.inference.verdict import (
+    FALSE_ALARMS,
+    Detection,
+    Diagnosis,
+    Estimate,
+    HeldOut,
+    Remainder,
+    Verdict,
+    WearTests,
+)
 from fretflow.inference.words import after_model, implausible, listed
 from fretflow.recordings.kinds.wear_series import WearSeries
 
