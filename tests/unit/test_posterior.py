@@ -4,10 +4,13 @@ What carries the weight: the odds of a p-value against the best of all alternati
 search; and how often rows of plain noise are said to be predicted worse.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from fretflow.experiments.wear_series.run import left_to_chance
 from fretflow.inference.posterior import Found, Posterior, detected, held_to, largest_odds
-from fretflow.inference.verdict import Detection, HeldOut, Verdict
+from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 
 def found(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Found:
@@ -50,6 +53,23 @@ def test_what_the_test_sees_is_left_to_the_posterior() -> None:
     """What codes differ by is not in the test's null: a clear p-value makes nothing of a verdict, and changes none."""
     for verdict, p in ((Verdict.NONE, 1e-30), (Verdict.NONE, 0.5), (Verdict.NAMED, 1e-3), (Verdict.UNKNOWN, 1e-3)):
         assert detected(found(verdict), test_of(p)) == found(verdict)
+
+
+def test_probabilities_leave_to_nothing_what_the_test_of_few_tests_leaves() -> None:
+    """A p-value of 0.022 is worth odds of 4.4 at most: beside it nothing is not out of the question."""
+    sets = {frozenset({"viscous"}): 0.899, frozenset(): 0.001}
+    told = replace(found(Verdict.NAMED), posterior=Posterior(sets, 0.1, {}))
+    sure = replace(told, ranking=tuple(Candidate(
+        effects=tuple(sorted(names)), probability=share, explained=0.0, chi_squared=0.0, degrees_of_freedom=1,
+        log_evidence=0.0) for names, share in told.posterior.sets.items()))
+    held = left_to_chance(sure, 0.022)
+    assert held.posterior.none == pytest.approx(1.0 / (1.0 + largest_odds(0.022)), rel=1e-12)
+    assert 0.18 < held.posterior.none < 0.19
+    assert sum(held.posterior.sets.values()) + held.posterior.unlisted == pytest.approx(1.0)
+    assert held.probability / sure.probability == pytest.approx((1.0 - held.posterior.none) / 0.999)
+    for one in held.ranking:
+        assert one.probability == held.posterior.sets[frozenset(one.effects)]
+    assert left_to_chance(sure, 1e-9) == sure
 
 
 def test_effects_that_predict_worse_or_explain_nothing_are_not_named() -> None:

@@ -179,6 +179,14 @@ def _power(tests: Tests, designs: Sequence[Array]) -> float:
     return max(best, key=lambda power: best[power])
 
 
+def scatter_odds(data: WearData, powers: tuple[str, ...], power: float) -> float:
+    """Return how many times less probable a law with `powers` of states is if scatter grew with another `power`."""
+    design = power_designs(data.tests)[powers]
+    own, other = (_log_evidence(curve_square(design, one), design.shape[1], one)
+                  for one in (data.tests, replace(data.tests, power=power)))
+    return float(np.exp(own - other))
+
+
 def _log_evidence(square: float, size: int, tests: Tests) -> float:
     """Return log Z of a fit with `size` parameters up to a constant.
 
@@ -199,6 +207,16 @@ def tests_of_detection(data: WearData) -> dict[str, float]:
     base = replace(data.tests, power=data.base_power)
     found = _tests(data, data.tests)
     return {name: max(p, found[name]) for name, p in _tests(data, base).items()}
+
+
+def growths(data: WearData, model: Array) -> tuple[tuple[Array, float], ...]:
+    """Return what a `model` (n,) leaves, (n,) m^3, and its scatter in m^3, with both of these growths of scatter."""
+    base = replace(data.tests, power=data.base_power)
+    left, free = base.residual(model), data.tests.count - data.curve.shape[1]
+    left = left - np.average(left, weights=base.weight)  # its coefficient fitted with this growth
+    square, freedom = _repeats(base, data.condition)
+    sd = square / freedom if freedom >= FREEDOM else curve_square(data.curve, base) / free
+    return (data.tests.residual(model), data.sd), (left, float(np.sqrt(sd)))
 
 
 def _tests(data: WearData, tests: Tests) -> dict[str, float]:

@@ -7,14 +7,17 @@ from scipy import stats
 
 from fretflow.core.units import pretty_number, pretty_quantity
 from fretflow.effects.volume_law import CYCLES, UNITS
-from fretflow.experiments.wear_series.data import Array, Ids, WearData
+from fretflow.experiments.wear_series.data import Array, Ids, WearData, growths
 from fretflow.inference.verdict import Location, Place, ResidualLaw
 
 PARTS = 3  # of the range of a condition: low, middle and high
 
 
 def locate(data: WearData, model: Array) -> Location:
-    """Return the ranges of each condition in which the mean of what the baseline's `model` (n,) leaves is not zero."""
+    """Return the ranges of each condition in which the mean of what the baseline's `model` (n,) leaves is not zero.
+
+    As of the tests of detection, a p-value is the larger one of two growths of scatter.
+    """
     tests = data.tests
     left, excess = tests.residual(model), _excess(data, model)
     groups = [(name, x[own], own) for name, x in _conditions(data).items() for own in _split(x, PARTS)]
@@ -24,7 +27,8 @@ def locate(data: WearData, model: Array) -> Location:
         weight = tests.weight[own]
         mean, ratio = np.average(left[own], weights=weight), weight @ tests.volume[own] / (weight @ model[own])
         square = float(mean**2 * weight.sum())
-        p = 2.0 * float(stats.t.sf(np.sqrt(square) / data.sd, free))
+        p = max(2.0 * float(stats.t.sf(abs(np.average(one[own], weights=weight)) * np.sqrt(weight.sum()) / sd, free))
+                for one, sd in growths(data, model))
         places.append(Place(
             cut="condition", where=f"{within(name, float(x.min()), float(x.max()))}, with {ratio:.2g} times the "
                                    "wear that it predicts",

@@ -17,14 +17,14 @@ from fretflow.experiments.independent import IndependentSearch, at_rest, estimat
 from fretflow.experiments.rig.held_out import HIDDEN
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
-from fretflow.experiments.wear_series.data import Array, WearData, tests_of_detection, wear_data
+from fretflow.experiments.wear_series.data import Array, WearData, scatter_odds, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
 from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import decide, detected
+from fretflow.inference.posterior import Found, decide, detected, largest_odds
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE, search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
@@ -36,7 +36,7 @@ from fretflow.inference.verdict import (
     Verdict,
     WearTests,
 )
-from fretflow.inference.words import after_model, implausible, listed
+from fretflow.inference.words import after_model, implausible, listed, number
 from fretflow.recordings.kinds.wear_series import WearSeries
 
 Progress = Callable[[float, str], None]
@@ -72,7 +72,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     hypotheses = start_search(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
     search(hypotheses, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
-    found = detected(decide(hypotheses), detection)  # few tests do not tell their scatter well
+    found = left_to_chance(detected(decide(hypotheses), detection), detection.p_value)
     experiment, base, fit = experiment_of(hypotheses), hypotheses.baseline, hypotheses.fits[found.after]
     unseen = held_out(experiment, base, fit)
     progress(0.95, "parameters and pictures")
@@ -100,6 +100,23 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
         notes=(*words.warnings(data, view), *_of_law(hypotheses, fit, powers, rivals, parameters)),
         case_file=words.case_text(series.title, experiment, found.after, parameters) if found.effects else "",
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
+
+
+def left_to_chance(found: Found, p: float) -> Found:
+    """Return a verdict with as much probability of nothing as a p-value leaves at least.
+
+    Few tests do not tell their scatter well. Each hypothesis' evidence takes the growth of scatter for known, the tests
+    do not: without this the one would be sure of what the other is not.
+    """
+    least, none = 1.0 / (1.0 + largest_odds(p)), found.posterior.none
+    if found.verdict is Verdict.NONE or none >= least:
+        return found
+    rest = (1.0 - least) / (1.0 - none)
+    sets = {names: rest * share if names else least for names, share in found.posterior.sets.items()}
+    ranking = sorted((replace(one, probability=sets.get(frozenset(one.effects), 0.0)) for one in found.ranking),
+                     key=lambda one: -one.probability)
+    return replace(found, probability=rest * found.probability, ranking=tuple(ranking),
+                   posterior=replace(found.posterior, sets=sets, unlisted=rest * found.posterior.unlisted))
 
 
 def detect(data: WearData) -> Detection:
@@ -170,8 +187,9 @@ def _of_law(hypotheses: IndependentSearch, fit: Fit, powers: tuple[str, ...], ri
         values = {one.name: one.value(float(z)) for one, z in zip(other.parameters.coordinates, other.z, strict=True)}
         if share < 0.5 or any(not one.low <= values[name] <= one.high for name, one in known.items()):
             exponents = ", ".join(f"{name.rpartition('.')[2].replace('_', ' ')} {values[name]:.2f}" for name in known)
-            notes.append(f"if scatter grew {told}, the law would remove {100.0 * share:.0f} % of all squares, with the "
-                         f"{exponents}")
+            odds = scatter_odds(experiment_of(hypotheses).data, powers, power)
+            notes.append(f"if scatter grew {told}, of which these tests make the law {number(odds, 1.0)} times less "
+                         f"probable, it would remove {100.0 * share:.0f} % of all squares, with the {exponents}")
     return notes
 
 
