@@ -363,6 +363,31 @@ def test_a_spike_is_named_by_its_row_and_moves_no_reading(tmp_path, make, exact,
     assert_readings(loops, exact, mu=5e-3, stiffness=2e-2, lengths=5e-3)
 
 
+@pytest.mark.parametrize("block", ["loops", "series"])
+@pytest.mark.parametrize("channel", ["displacement", "friction_force"])
+@pytest.mark.parametrize("rows", [(60, 61, 62), (0, 1, 2, 3, 4, 5, 6), (10, 90, 91, 330),
+                                  (199, 200, 201, 202), (396, 397, 398, 399)])
+def test_many_spikes_far_off_the_range_are_named_and_move_no_reading(tmp_path, make, exact, rows, channel, block):
+    made = make() if block == "loops" else make(cycles=(0,), repeats=1, periods=6.5)
+    if block == "series":
+        del made.columns["cycle"], made.columns["repeat"]
+    made.columns[channel][list(rows)] *= np.where(np.arange(len(rows)) % 2, -1.0, 1.0)
+    made.columns[channel][list(rows)] += {"displacement": 1e-3, "friction_force": -900.0}[channel]
+    recording = read_joint_recording(made.write(tmp_path, block=block))
+    (note,) = notes_about(recording, "spike")
+    assert (note.channel, tuple(k - 1 for a, b in note.rows for k in range(a, b + 1))) == (channel, rows)
+    loops = recording.loops if block == "loops" else loops_of_series(recording.series)[0]
+    assert_readings(loops, exact, mu=5e-3, stiffness=2e-2, lengths=5e-3)
+
+
+def test_a_few_larger_loops_and_a_decay_have_no_spikes():
+    """What is large in some cycles only gets there by slopes, or stays for half a period."""
+    turns = np.arange(100 * 64) / 64
+    force = np.clip(3.0 * np.sin(2.0 * np.pi * turns), -1.0, 1.0) * np.where(turns // 1 == 40, 5.0, 1.0)
+    for signal in (force, np.exp(-0.05 * turns) * np.sin(2.0 * np.pi * turns), np.sign(np.sin(2.0 * np.pi * turns))):
+        assert not len(periods.spikes(signal, np.zeros(len(signal), dtype=bool)))
+
+
 def test_peaks_of_the_signal_s_own_are_no_spikes(tmp_path, make):
     """Friction that sticks at first peaks for one sample in every period, and comes back."""
     made = make(noise=(3e-8, 0.3))

@@ -15,6 +15,7 @@ from scipy.ndimage import convolve1d
 
 Array = NDArray[np.float64]
 
+SHORTEST = 16  # samples a period
 HYSTERESIS = 0.1  # of half the range: what a signal must pass beyond its middle to have crossed it
 SMOOTHED_SHARE = 1.0 / 64.0  # of a period: half-width of the smoothing
 EDGE_SHARE = 0.05  # of a period: what the ends of a record are extrapolated from
@@ -22,6 +23,9 @@ SIGMA_OF_MAD = 1.4826
 AROUND = 5  # samples: spikes of one or two stand out of their median
 FEW = 5e-4  # of the samples, at least two, that may be spikes
 ABOVE_OWN = 4.0  # times the largest peak of the signal's own
+RARE = 0.02  # of the samples on either side, which do not count as its range
+FEW_GROSS = 4e-3  # of the samples may begin a spike far off it: own peaks come back in every period, of 200 samples say
+BESIDE = 0.25  # of the range: what may be beyond it next to a spike, by noise
 SPIKE = 0.02  # of the range
 
 
@@ -83,12 +87,15 @@ def spikes(values: Array, begins: NDArray[np.bool_]) -> NDArray[np.int64]:
 
     Off the median of five (a running median keeps edges, F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383), by more than
     a share of the range and a multiple of the signal's own peaks, which come back in every period while spikes are few.
-    Beside a sample (T,) that `begins` something else, and at the ends, they are off the range.
+    Beside a sample (T,) that `begins` something else, and at the ends, they are off the range. Of those off it by all
+    of it again, which no friction is, more may stand, and several together.
     """
     there = np.flatnonzero(np.isfinite(values))
+    gross = there[_off_range(values[there])]
+    there = np.setdiff1d(there, gross, assume_unique=True)
     half = AROUND // 2
     if len(there) < 4 * AROUND:
-        return there[:0]
+        return gross
     known = values[there]
     few = max(2, round(FEW * len(known)))
     low, high = np.partition(known, [few, len(known) - few - 1])[[few, len(known) - few - 1]]
@@ -97,7 +104,25 @@ def spikes(values: Array, begins: NDArray[np.bool_]) -> NDArray[np.int64]:
     inner = ~apart[half:-half]
     off[half:-half][inner] = np.abs(known[half:-half] - np.median(sliding_window_view(known, AROUND), axis=1))[inner]
     own = float(np.partition(off, len(off) - few - 1)[len(off) - few - 1])
-    return np.asarray(there[off > max(ABOVE_OWN * own, SPIKE * (high - low))])
+    return np.union1d(gross, there[off > max(ABOVE_OWN * own, SPIKE * (high - low))])
+
+
+def _off_range(known: Array) -> NDArray[np.bool_]:
+    """Return which samples of a signal (T,) are beyond the range of nearly all by that range, and briefly so.
+
+    They leave and come back within a sample, and are fewer than half a period of the fewest samples, as a plateau has.
+    """
+    if not len(known):
+        return np.zeros(0, dtype=bool)
+    low, high = np.quantile(known, [RARE, 1.0 - RARE])
+    away = np.pad(np.maximum(low - known, known - high), 1, constant_values=-1.0)
+    off = away > high - low
+    starts, ends = np.flatnonzero(np.diff(off)).reshape(-1, 2).T + 1
+    sudden = np.maximum(away[starts - 1], away[ends]) <= BESIDE * (high - low)
+    brief = ends - starts < SHORTEST // 2
+    rare = len(starts) <= max(2, FEW_GROSS * len(known))
+    off[off] = np.repeat(rare & sudden & brief, ends - starts)
+    return np.asarray(off[1:-1])
 
 
 def upward_crossings(values: Array) -> Array:

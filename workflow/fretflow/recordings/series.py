@@ -14,7 +14,8 @@ from fretflow.recordings import periods as p
 from fretflow.recordings.blocks import Columns
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.notes import Note, row_ranges
-from fretflow.recordings.stretches import GAP, SHORTEST
+from fretflow.recordings.periods import SHORTEST
+from fretflow.recordings.stretches import GAP
 
 Array = NDArray[np.float64]
 

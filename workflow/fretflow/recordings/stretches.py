@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from fretflow.recordings import periods as p
 from fretflow.recordings.notes import Note, row_ranges
+from fretflow.recordings.periods import SHORTEST
 
 Array = NDArray[np.float64]
 
-SHORTEST = 16  # samples a period
 LONGEST_HOLE = 0.05  # of a period that is bridged
 UNEVEN = 0.1  # of the sampling interval
 GAP = 1.8  # sampling intervals
