@@ -166,6 +166,19 @@ def test_code_error_sets_the_size_of_what_codes_differ_by() -> None:
     assert formed[1, SIZES > 0.04].sum() > 0.5  # laws of another form make larger differences
 
 
+def test_a_channel_of_noise_alone_sets_no_size() -> None:
+    """Codes differ there by a third of what is no size; beside a channel that moves by fifty noises that is nothing."""
+    own, generator = measurement(), np.random.default_rng(2)
+    silent = SD * generator.standard_normal(len(own.values))
+    both = replace(
+        own, values=np.append(own.values, silent), variance=np.tile(own.variance, 2),
+        modes=np.zeros((2 * len(own.values), 0)), repeatable=np.ones(2 * len(own.values)),
+        code_error=np.vstack([own.code_error, 0.3 * SD * np.sqrt(2.0) * np.sin(2.0 * np.pi * own.phase)[:, None]]),
+        channel=np.repeat([0, 1], len(own.values)), channels=("force", "approach"),
+        **{name: np.tile(getattr(own, name), 2) for name in ("phase", "group", "cycles", "condition", "held_out")})
+    assert code_size(both) == pytest.approx(code_size(own), rel=0.4)
+
+
 def test_forms_of_one_law_differ_by_a_tenth_and_not_by_all() -> None:
     """Refitted published forms leave some hundredths of a law in the middle, and hardly ever half of it."""
     errors = law_form_errors()

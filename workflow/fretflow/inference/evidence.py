@@ -161,20 +161,20 @@ def _levelled(measurement: Measurement, signature: Array) -> Array:
 
 
 def relative_size(measurement: Measurement, signatures: Array) -> float:
-    """Return what `signatures` (M, E) come to over the sizes of the channels, rms over the rows.
+    """Return what `signatures` (M, E) come to over the sizes of the channels, both over the noise.
 
     What they do to a loop's zero counts over that of the whole channel.
     """
     zero = np.zeros(np.shape(signatures))
     for own in loops_of(measurement):
         zero[own] = np.asarray(signatures)[own].mean(axis=0)
-    share = np.square((signatures - zero) / sizes(measurement)[:, None]) + np.square(
-        zero / sizes(measurement, whole=True)[:, None])
-    return float(np.sqrt(np.mean(np.sum(share, axis=1))))
+    larger = sizes(measurement, whole=True) / sizes(measurement)
+    squares = np.sum(np.square(signatures - zero), axis=1) + np.sum(np.square(zero), axis=1) / larger**2
+    return _over_sizes(measurement, squares, np.ones(len(squares), dtype=bool))
 
 
 def code_size(measurement: Measurement) -> float:
-    """Return what codes differ by over the size of the channels, rms over the rows; that of noise where nothing tells.
+    """Return what codes differ by over the size of the channels, both over the noise; noise itself if nothing tells.
 
     It is what finer meshes and steps change of the model's prediction, loops' zeros aside: two codes of this resolution
     differ by as much.
@@ -185,8 +185,16 @@ def code_size(measurement: Measurement) -> float:
     squares = np.sum(error**2, axis=1)
     if not squares.any():
         squares = measurement.variance * measurement.repeatable
-    share = squares / sizes(measurement)**2
-    return float(np.sqrt(np.mean(share[squares > 0.0])))
+    return _over_sizes(measurement, squares, squares > 0.0)
+
+
+def _over_sizes(measurement: Measurement, squares: Array, rows: NDArray[np.bool_]) -> float:
+    """Return the root of what `squares` (M,) and the channels' sizes come to over the noise, by each other.
+
+    A channel that holds noise alone has no size that anything could be compared with, and does not count so.
+    """
+    noise = measurement.variance[rows]
+    return float(np.sqrt(np.sum(squares[rows] / noise) / np.sum(sizes(measurement)[rows]**2 / noise)))
 
 
 def size_prior(code: float, formed: Array | None = None) -> Array:

@@ -75,6 +75,10 @@ class Point:
         """Return the effects with their parameters."""
         return tuple(put_out(one) if one.id in self.neutral else one for one in self.parameters.built(self.z))
 
+    def turned(self) -> Point:
+        """Return the same hypothesis, its ranges on the side of zero where its parameters are."""
+        return Point(*self.parameters.turned(self.z), self.neutral)
+
     def beside(self, step: float = STEP) -> tuple[list[Point], Array]:
         """Return the points a step away along each coordinate, toward the middle, and the steps (size,) taken."""
         steps = np.where(self.z <= 0.0, step, -step)

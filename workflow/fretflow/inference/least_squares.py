@@ -125,7 +125,7 @@ class Fitter:
                 continue
             residual = self.covariance.whiten(self.experiment.measurement.values - found.values)
             if float(residual @ residual + z @ z) < now.objective:
-                return self.linearised(found), place
+                return self.linearised(replace(found, point=found.point.turned())), place
         return now, len(DAMPINGS)
 
 

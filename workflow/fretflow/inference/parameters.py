@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,11 @@ class Coordinate:
     def name(self) -> str:
         """Return its full name."""
         return f"{self.effect}.{self.field}" if self.effect else f"baseline.{self.field}"
+
+    @property
+    def signed(self) -> bool:
+        """Tell whether it may be on the other side of zero than its range."""
+        return not self.logarithmic and self.lowest < 0.0 < self.highest and self.middle > 0.0
 
     def value(self, z: float) -> float:
         """Return the parameter at coordinate z."""
@@ -114,6 +119,16 @@ class Parameters:
         """Return the effects at coordinates z (size,)."""
         values = self.values(z)
         return tuple(catalogue()[name]().changed(**values[name]) for name in self.effects)
+
+    def turned(self, z: Array) -> tuple[Parameters, Array]:
+        """Return the same values with ranges on the side of zero where the parameters at coordinates z (size,) are."""
+        coordinates, signs, at = list(self.coordinates), dict(self.signs), np.array(z, dtype=float)
+        for place, one in enumerate(self.coordinates):
+            value = one.value(float(z[place]))
+            if one.signed and one.sign * value < 0.0:
+                coordinates[place] = replace(one, sign=-one.sign)
+                signs[one.name], at[place] = -one.sign, coordinates[place].place(value)
+        return replace(self, coordinates=tuple(coordinates), signs=signs), at
 
     def own(self, effect: str) -> NDArray[np.bool_]:
         """Return which coordinates (size,) are those of an effect; of the baseline where its name is empty."""

@@ -346,13 +346,15 @@ def to_rest(found: Search, size: int) -> None:
 class Beginning:
     """A point beside a fit at which an effect is begun, the squares that it would `leave` to first order, if known.
 
-    Then its derivative `slopes` (M, k), in SI, by the effect's own coordinates at the fit's motion is known too.
+    Then its derivative `slopes` (M, k), in SI, by the effect's own coordinates at the fit's motion is known too, and
+    the point of its ranges at which it does `least`.
     """
 
     origin: Fit
     point: Point
     leaves: float = np.inf
     slopes: Array | None = None
+    least: Point | None = None
 
 
 def begin_all(found: Search) -> None:
@@ -368,13 +370,19 @@ def begin_all(found: Search) -> None:
             elif key not in laid or one.leaves < laid[key].leaves:  # of two origins the one that promises more
                 laid[key] = one
     begun = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
+    # what would not be as probable as none of the effects even if all were linear is not gone on with
+    worth = found.baseline.objective - 2.0 * log(max(len(found.experiment.candidates()), 1))
+    # an effect that does more than first order tells may be worth it where it does least
+    anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), begun, strict=True)
+            if one.least is not None and (fit is None or fit.promise >= worth)}
+    weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
     best: dict[Names, list[Fit]] = {}
-    for one, fit in zip(laid.values(), begun, strict=True):
+    for (key, one), first in zip(laid.items(), begun, strict=True):
+        fit = min((own for own in (first, weaker.get(key)) if own is not None), key=lambda own: own.promise,
+                  default=None)
         if fit is not None:
             best.setdefault(fit.effects, []).append(fit)
             found.starts.append(_start(found, one.origin, fit))
-    # what would not be as probable as none of the effects even if all were linear is not gone on with
-    worth = found.baseline.objective - 2.0 * log(max(len(found.experiment.candidates()), 1))
     going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]
              if fit.promise < worth or not _tells(fit.prediction.point, found.baseline)]
     going = sorted(going, key=lambda one: one.promise)[:found.effort.going]
@@ -413,18 +421,21 @@ def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, Beginning]:
     rest = basis(origin.whitened_jacobian)
     left = origin.residual[:, None] - white
     reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
-    best: dict[Hashable, int] = {}
-    for place, (point, value) in enumerate(zip(told, reached, strict=True)):
-        key = (point.effects, tuple(point.parameters.signs.values()))
-        if key not in best or value < reached[best[key]]:
-            best[key] = place
-    found: dict[Hashable, Beginning] = dict(zip(best, _sloping(
-        fitter.experiment, origin, [(told[place], changes[:, place], float(reached[place]))
-                                    for place in best.values()]), strict=True))
+    size = np.sum((white - rest @ (rest.T @ white))**2, axis=0)
+    own: dict[Hashable, list[int]] = {}
+    for place, point in enumerate(told):
+        own.setdefault((point.effects, tuple(point.parameters.signs.values())), []).append(place)
+    best = {key: min(places, key=lambda place: float(reached[place])) for key, places in own.items()}
+    least = {key: min(places, key=lambda place: float(size[place])) for key, places in own.items()}
+    sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place], float(reached[place]))
+                                                   for place in best.values()])
+    found: dict[Hashable, Beginning] = {
+        key: one if least[key] == best[key] else replace(one, least=told[least[key]])
+        for key, one in zip(best, sloping, strict=True)}
     for point in laid:  # of the others nothing is known before they are simulated
-        own = point.z[len(origin.z):]
-        if not _tells(point, origin) and np.sum(np.abs(own) > 0.0) < 2:
-            found[point.effects, tuple(point.parameters.signs.values()), tuple(own)] = Beginning(origin, point)
+        at = point.z[len(origin.z):]
+        if not _tells(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
+            found[point.effects, tuple(point.parameters.signs.values()), tuple(at)] = Beginning(origin, point)
     return found
 
 
