@@ -79,7 +79,7 @@ def entries(model: BaseModel, table: tuple[str, ...] = ()) -> Iterator[Entry]:
     for name, info in fields.items():
         if name not in tables:
             value = getattr(model, name)
-            yield Entry(table, name, value, _unit(info), _meaning(info),
+            yield Entry(table, name, value, unit_of(type(model), name), _meaning(info),
                         not info.is_required() and value == info.get_default(call_default_factory=True),
                         getattr(model, f"resolved_{name}", value))
     for name in tables:
@@ -147,7 +147,9 @@ def _meaning(info: FieldInfo) -> str:
     return text
 
 
-def _unit(info: FieldInfo) -> str:
+def unit_of(model: type[BaseModel], name: str) -> str:
+    """Return the SI unit of a field, nothing where it has none."""
+    info = model.model_fields[name]
     for mark in (*info.metadata, *_nested_metadata(info.annotation)):
         if isinstance(mark, Unit):
             return mark.unit

@@ -21,6 +21,7 @@ from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, cod
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, Coordinate
+from fretflow.inference.posterior import estimate
 from fretflow.inference.search import Names, Search, basis
 from fretflow.inference.verdict import Estimate
 
@@ -117,14 +118,9 @@ class IndependentSearch(Search):
 def estimates(hypotheses: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
     mean, covariance = hypotheses.evidence(names).coordinates(hypotheses.any_size(names))
-    made = []
-    for coordinate, middle, sd, draws in zip(hypotheses.fits[names].parameters.coordinates, mean,
-                                             np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True):
-        value, *ends = (coordinate.value(float(middle + way * HALF * sd)) for way in (0.0, -1.0, 1.0))
-        unit, meaning = hypotheses.experiment.described(coordinate)
-        made.append(Estimate(name=coordinate.name, value=value, low=min(ends), high=max(ends), unit=unit,
-                             meaning=meaning, draws=coordinate.values(draws)))
-    return tuple(made)
+    return tuple(estimate(one, float(middle), HALF * float(sd), draws, hypotheses.experiment.described(one))
+                 for one, middle, sd, draws in zip(hypotheses.fits[names].parameters.coordinates, mean,
+                                                   np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
 
 
 def visible(hypotheses: IndependentSearch) -> dict[str, float]:

@@ -21,11 +21,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import FretflowError
+from fretflow.core.errors import ConfigError, FretflowError
 from fretflow.core.records import quantity, record
+from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Effect
 from fretflow.inference.parameters import Array, Parameters
 
+HIDDEN = 1e12  # factor on the variance of what is held out: beyond all that single precision would tell
 STEP = 0.02  # of a coordinate, for derivatives: a fiftieth of what was uncertain beforehand
 
 
@@ -102,7 +104,7 @@ class Prediction:
 
 
 class Experiment(Protocol):
-    """An experiment under the engine."""
+    """An experiment under the engine; what derives from it has the members below that return something."""
 
     @property
     def measurement(self) -> Measurement:
@@ -115,7 +117,11 @@ class Experiment(Protocol):
 
     def together(self, effects: Sequence[str]) -> bool:
         """Tell whether effects may act at once."""
-        ...
+        try:
+            check_together([catalogue()[name]() for name in effects])
+        except ConfigError:
+            return False
+        return True
 
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
         """Return the coordinates of the baseline with `effects`."""
@@ -132,19 +138,19 @@ class Experiment(Protocol):
         ...
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
-        """Return the first-order changes (M, V) from a prediction to hypotheses beside it.
+        """Return the first-order changes (M, V) from a prediction to hypotheses beside it; each predicted, by default.
 
-        A column of nan says that nothing is known of one. `differences` does for models that are cheap.
+        A column of nan says that nothing is known of one.
         """
-        ...
+        return differences(self, prediction, points)
 
     def finer(self) -> Experiment | None:
         """Return the same with smaller numerical errors, for fits that these bring to a halt; None if there is none."""
-        ...
+        return None
 
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with its numerical errors at a prediction put right; None where nothing finer tells them."""
-        ...
+        return None
 
 
 def differences(experiment: Experiment, prediction: Prediction, points: Sequence[Point]) -> Array:
@@ -184,6 +190,10 @@ class Covariance:
             return np.zeros((len(self.variance), 0)), np.zeros(0)
         left, size, _ = np.linalg.svd(scaled, full_matrices=False)
         return left, 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+
+    def hiding(self, rows: NDArray[np.bool_]) -> Covariance:
+        """Return the same with errors of some rows (M,) so large that these tell nothing."""
+        return Covariance(np.where(rows, HIDDEN, 1.0) * self.variance, self.modes)
 
     def whiten(self, values: Array) -> Array:
         """Return `values` (M, ...) in units of which each is independent with unit variance."""

@@ -19,12 +19,13 @@ import numpy as np
 from scipy.special import logit
 from scipy.stats import norm
 
+from fretflow.case.casefile import unit_of
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import FORMS, SEED
 from fretflow.inference.law_forms import density
-from fretflow.inference.parameters import HALF, Array
+from fretflow.inference.parameters import HALF, Array, Coordinate
 from fretflow.inference.search import Names, Search, Start, basis, log_gain
-from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
+from fretflow.inference.verdict import Candidate, Detection, Estimate, HeldOut, Verdict
 
 DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
 
@@ -257,6 +258,19 @@ def taken_by_chance(found: Search, names: Names) -> Array:
             own = basis(start.changes - rest @ (rest.T @ start.changes))
             best = np.maximum(best, np.sum((own.T @ draws)**2, axis=0))
     return best
+
+
+def described(coordinate: Coordinate) -> tuple[str, str]:
+    """Return the unit and the meaning of an effect's parameter."""
+    kind = catalogue()[coordinate.effect]
+    return unit_of(kind, coordinate.field) or "1", kind.model_fields[coordinate.field].description or ""
+
+
+def estimate(coordinate: Coordinate, z: float, half: float, draws: Array, told: tuple[str, str]) -> Estimate:
+    """Return a parameter at coordinate `z` with its interval `half` to either side, its unit and meaning as told."""
+    ends = sorted(coordinate.value(z + way * half) for way in (-1.0, 1.0))
+    return Estimate(name=coordinate.name, value=coordinate.value(z), low=ends[0], high=ends[1], unit=told[0],
+                    meaning=told[1], draws=coordinate.values(draws))
 
 
 def smallest_visible(found: Search) -> dict[str, float]:

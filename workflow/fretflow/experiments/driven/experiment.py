@@ -15,18 +15,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.case.casefile import unit_of
 from fretflow.case.config import Section
-from fretflow.core.errors import ConfigError, InputError
-from fretflow.core.units import Unit, registry
+from fretflow.core.errors import InputError
+from fretflow.core.units import registry
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.driven import Baseline, DrivenJoint, LumpedBaseline, SliderBaseline
 from fretflow.effects.effect import Array, Prior, declared_priors, parameter_limits
 from fretflow.experiments.driven.data import DrivenData
 from fretflow.experiments.driven.noise import Noise
+from fretflow.experiments.independent import IndependentExperiment
 from fretflow.inference.evidence import MODULATING, harmonics
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
+from fretflow.inference.experiment import Measurement, Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Coordinate, Parameters
+from fretflow.inference.posterior import described
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.structure.motion import Motion
 
@@ -90,13 +93,8 @@ def baseline_of(kind: RecordingKind) -> type[Baseline]:
     return BASELINES[kind]
 
 
-def unit_of(section: type[Section], field: str) -> str:
-    """Return the SI unit of a parameter, nothing where it has none."""
-    return next((mark.unit for mark in section.model_fields[field].metadata if isinstance(mark, Unit)), "")
-
-
 @dataclass(frozen=True)
-class DrivenExperiment:
+class DrivenExperiment(IndependentExperiment):
     """A joint's model against the force of its record, at the samples that are used."""
 
     data: DrivenData
@@ -142,14 +140,6 @@ class DrivenExperiment:
         return tuple(name for name, kind in catalogue().items() if self.data.kind in kind.kinds
                      and (self.data.timed or not kind.needs_time))
 
-    def together(self, effects: Sequence[str]) -> bool:
-        """Tell whether effects may act at once."""
-        try:
-            DrivenJoint.build(baseline_of(self.data.kind)(), [catalogue()[name]() for name in effects])
-        except ConfigError:
-            return False
-        return True
-
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
         """Return the coordinates of the baseline and the effects, their ranges at the size of the record."""
         parts: dict[str, type[Section]] = {"": baseline_of(self.data.kind), **{
@@ -181,24 +171,13 @@ class DrivenExperiment:
         """Return the force that the measured motion makes in the joint."""
         return Prediction(point, (self.joint(point).predict(self.data.motion).measured + self.noise.rounded)[self.rows])
 
-    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
-        """Return the changes of the force, each predicted."""
-        return differences(self, prediction, points)
-
     def force(self, fit: Fit) -> Array:
         """Return the force (N,) that a fit predicts over the whole record."""
         return self.joint(fit.prediction.point).predict(self.data.motion).measured + self.noise.rounded
 
     def described(self, coordinate: Coordinate) -> tuple[str, str]:
         """Return the unit and the meaning of a parameter."""
-        section: type[Section] = catalogue()[coordinate.effect] if coordinate.effect else baseline_of(self.data.kind)
-        return (unit_of(section, coordinate.field) or "1",
-                section.model_fields[coordinate.field].description or "")
-
-    def finer(self) -> Experiment | None:
-        """Return nothing: the march is exact."""
-        return None
-
-    def corrected(self, prediction: Prediction) -> Experiment | None:
-        """Return nothing, as `finer`."""
-        return None
+        if coordinate.effect:
+            return described(coordinate)
+        section = baseline_of(self.data.kind)
+        return unit_of(section, coordinate.field), section.model_fields[coordinate.field].description or ""

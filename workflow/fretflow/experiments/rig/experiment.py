@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fretflow.core.errors import ConfigError, NonConvergenceError
-from fretflow.effects.catalogue import catalogue, check_together
+from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
@@ -27,7 +27,7 @@ BASELINE = tuple(Coordinate("", name, 0.0, sd, True) for name, sd in (
 
 
 @dataclass(frozen=True)
-class RigExperiment:
+class RigExperiment(Experiment):
     """A rig's model against its recording; `correction` (M,) is what the coarse model leaves out."""
 
     rig: RigModel
@@ -44,14 +44,6 @@ class RigExperiment:
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a rig."""
         return rig_effects()
-
-    def together(self, effects: Sequence[str]) -> bool:
-        """Tell whether effects may act at once."""
-        try:
-            check_together([catalogue()[name]() for name in effects])
-        except ConfigError:
-            return False
-        return True
 
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
         """Return the coordinates of friction, wear coefficient, mass and compliance, and of `effects`."""

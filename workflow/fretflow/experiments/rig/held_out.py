@@ -18,8 +18,6 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.search import Names, Search, Task, fit_task
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, HeldOut
 
-HIDDEN = 1e12  # factor on the variance of what is held out: beyond all that single precision would tell
-
 
 @dataclass(frozen=True)
 class HeldOutPrediction:
@@ -52,8 +50,7 @@ def held_out(looked: Search, experiment: RigExperiment, names: Names) -> HeldOut
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
     known = looked.fitter.covariance
-    hidden = Covariance(np.where(out, HIDDEN, 1.0) * known.variance,
-                        np.where(out[:, None], 0.0, known.modes))
+    hidden = Covariance(known.variance, np.where(out[:, None], 0.0, known.modes)).hiding(out)
     sets = list(dict.fromkeys((frozenset[str](), names)))
     refits = looked.pool(fit_task, [Task(Fitter(looked.fitter_of(one).experiment, hidden),
                                          looked.fits[one].prediction.point, looked.fits[one].prediction,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from fretflow.case.casefile import dump_case, entries
+from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case
 from fretflow.effects.catalogue import catalogue, tables
 from fretflow.experiments.rig.experiment import hypothesis
@@ -14,7 +15,7 @@ from fretflow.experiments.rig.model import RigModel
 from fretflow.inference.evidence import drawn
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
-from fretflow.inference.posterior import Found
+from fretflow.inference.posterior import Found, described, estimate
 from fretflow.inference.search import BENT
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
@@ -114,18 +115,17 @@ def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covaria
 
 
 def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:
+    if coordinate.effect:
+        found, prior = estimate(coordinate, z, half, draws, described(coordinate)), catalogue()[
+            coordinate.effect].priors()[coordinate.field]
+        turn = 2.0 * np.pi  # width of the range of an angle
+        if prior.high - prior.low != turn:
+            return found
+        turns = turn * np.round(found.value / turn)
+        return replace(found, value=found.value - turns, low=found.low - turns, high=found.high - turns,
+                       draws=found.draws - turns)
     ends = sorted(coordinate.value(z + way * half) for way in (-1.0, 1.0))
     value, draws = coordinate.value(z), coordinate.values(draws)
-    if coordinate.effect:
-        kind = catalogue()[coordinate.effect]
-        prior = kind.priors()[coordinate.field]
-        turn = 2.0 * np.pi  # width of the range of an angle
-        if prior.high - prior.low == turn:
-            turns = turn * np.round(value / turn)
-            value, ends, draws = value - turns, [end - turns for end in ends], draws - turns
-        unit = next(entry.unit for entry in entries(kind()) if entry.key == coordinate.field)
-        return Estimate(name=coordinate.name, value=value, low=ends[0], high=ends[1], unit=unit or "1",
-                        meaning=kind.model_fields[coordinate.field].description or "", draws=draws)
     name, unit, meaning = BASELINE[coordinate.field]
     size = {"friction": float(np.mean(rig.problem.friction_coefficient)), "wear": rig.wear_coefficient,
             "mass": case.rig.moving_mass, "compliance": case.specimen.lower.youngs_modulus}[coordinate.field]

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from fretflow.contact.coulomb import Coulomb
-from fretflow.core.errors import ConfigError, InputError, NonConvergenceError
-from fretflow.effects.catalogue import catalogue, check_together
+from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
 from fretflow.experiments.structure.responses import POWERS, backbone_of, response_curves
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
@@ -148,7 +148,7 @@ def _about_neighbours(place: Array, values: Array, size: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class StructureExperiment:
+class StructureExperiment(Experiment):
     """A structure's model against a backbone."""
 
     recording: StructureRecording
@@ -252,14 +252,6 @@ class StructureExperiment:
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
         return tuple(name for name, kind in catalogue().items() if "bolted" in vars(kind))
-
-    def together(self, effects: Sequence[str]) -> bool:
-        """Tell whether effects may act at once."""
-        try:
-            check_together([catalogue()[name]() for name in effects])
-        except ConfigError:
-            return False
-        return True
 
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
         """Return the coordinates of bolt load, friction and modal damping, and of `effects`."""
@@ -378,18 +370,6 @@ class StructureExperiment:
     @cached_property
     def _largest_modal(self) -> float:
         return float(self.points.amplitude[-1]) / self._gain(self._bare[1])
-
-    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
-        """Return the changes (M, V) from a prediction to hypotheses, each predicted."""
-        return differences(self, prediction, points)
-
-    def finer(self) -> Experiment | None:
-        """Return nothing: smaller steps are a matter of `code_error`."""
-        return None
-
-    def corrected(self, prediction: Prediction) -> Experiment | None:
-        """Return nothing, as `finer`."""
-        return None
 
 
 def _along(place: Array, values: Array, at: Array) -> Array:

@@ -14,12 +14,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from fretflow.core.errors import ConfigError
-from fretflow.effects.catalogue import catalogue, check_together
+from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Array, Effect, Prior
 from fretflow.effects.line_cycle import LineContact, LineCycle
 from fretflow.experiments.structure.experiment import STATED, scatter
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.recordings.kinds.structures import WornRecording
 from fretflow.recordings.kinds.worn_profiles import WornArea
@@ -31,7 +30,7 @@ HELD_SHARE = 0.1  # relative sd of a worn area without one: repeats of fretting 
 
 
 @dataclass(frozen=True)
-class ProfileExperiment:
+class ProfileExperiment(Experiment):
     """Laws of wear against worn profiles."""
 
     recording: WornRecording
@@ -90,14 +89,6 @@ class ProfileExperiment:
         """Return the effects that change how fast a place wears."""
         return tuple(name for name, kind in catalogue().items() if kind.wear_factor is not Effect.wear_factor)
 
-    def together(self, effects: Sequence[str]) -> bool:
-        """Tell whether effects may act at once."""
-        try:
-            check_together([catalogue()[name]() for name in effects])
-        except ConfigError:
-            return False
-        return True
-
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
         """Return the coordinates of the wear coefficient, of the friction, and of `effects`.
 
@@ -135,15 +126,3 @@ class ProfileExperiment:
             else:
                 made.append(np.array([float(line.interface.areas @ depth) / self._width]))
         return Prediction(point, np.concatenate(made))
-
-    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
-        """Return the changes (M, V) from a prediction to hypotheses, each predicted."""
-        return differences(self, prediction, points)
-
-    def finer(self) -> Experiment | None:
-        """Return nothing: shorter jumps are a matter of `code_error`."""
-        return None
-
-    def corrected(self, prediction: Prediction) -> Experiment | None:
-        """Return nothing: nothing finer tells the errors of jumps."""
-        return None

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
-from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, smallest_visible
+from fretflow.inference.posterior import Found, decide, described, estimate, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
@@ -24,10 +24,9 @@ from fretflow.recordings.kinds.structures import StructureRecording, WornRecordi
 Progress = Callable[[float, str], None]
 
 MOST_RANKED = 40
-MEANINGS = {"bolt_load": "load of the bolts", "friction_coefficient": "friction of the faces",
-            "modal_damping": "damping ratio of the structure without its joint",
-            "wear_coefficient": "K_w: worn volume over load and sliding"}
-UNITS = {"bolt_load": "N", "wear_coefficient": "m^2/N"}
+BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1", "friction of the faces"),
+            "modal_damping": ("1", "damping ratio of the structure without its joint"),
+            "wear_coefficient": ("m^2/N", "K_w: worn volume over load and sliding")}
 
 
 def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool, progress: Progress,
@@ -89,19 +88,10 @@ def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     fit = found.fits[names]
     _, covariance = found.evidence(names).coordinates(found.prior(names))
-    spread, draws = np.sqrt(np.diag(covariance)), drawn(fit.z, covariance)
-    made = []
-    for k, one in enumerate(fit.parameters.coordinates):
-        middle = float(fit.z[k])
-        ends = sorted(one.value(middle + way * HALF * float(spread[k])) for way in (-1.0, 1.0))
-        info = catalogue()[one.effect].model_fields[one.field] if one.effect else None
-        marks = [] if info is None else [mark.unit for mark in info.metadata if hasattr(mark, "unit")]
-        made.append(Estimate(
-            name=one.name if one.effect else f"structure.{one.field}", value=one.value(middle), low=ends[0],
-            high=ends[1], unit=UNITS.get(one.field, marks[0] if marks else "1"),
-            meaning=MEANINGS.get(one.field, "") if info is None else info.description or "",
-            draws=one.values(draws[k])))
-    return tuple(made)
+    made = (estimate(one, float(z), HALF * float(sd), draws, described(one) if one.effect else BASELINE[one.field])
+            for one, z, sd, draws in zip(fit.parameters.coordinates, fit.z, np.sqrt(np.diag(covariance)),
+                                         drawn(fit.z, covariance), strict=True))
+    return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
 
 
 def remainder(found: Search, judged: Found) -> Remainder:

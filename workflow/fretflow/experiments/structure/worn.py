@@ -9,9 +9,7 @@ from scipy.integrate import trapezoid
 from scipy.stats import chi2
 
 from fretflow.core.errors import NonConvergenceError
-from fretflow.experiments.rig.held_out import HIDDEN
 from fretflow.experiments.structure.profiles import ProfileExperiment
-from fretflow.inference.experiment import Covariance
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
@@ -52,9 +50,8 @@ def _held_out(experiment: ProfileExperiment, found: Search, names: Names) -> Hel
         square = 0.0
         for k in range(len(own.groups)):
             out = own.group == k
-            hidden = Covariance(np.where(out, HIDDEN, 1.0) * own.variance, np.hstack([own.modes, own.code_error]))
             try:
-                fit = Fitter(experiment, hidden).fit(found.fits[one].prediction.point, None, 6)
+                fit = Fitter(experiment, own.covariance().hiding(out)).fit(found.fits[one].prediction.point, None, 6)
             except NonConvergenceError:
                 return None
             square += float(np.sum(((own.values - fit.predicted)**2 / own.variance)[out]))

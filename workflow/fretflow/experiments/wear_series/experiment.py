@@ -15,13 +15,14 @@ import numpy as np
 
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.volume_law import UNITS, VolumeLaw
+from fretflow.experiments.independent import IndependentExperiment
 from fretflow.experiments.wear_series.data import Array, WearData
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
+from fretflow.inference.experiment import Measurement, Point, Prediction
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 
 
 @dataclass(frozen=True)
-class WearSeriesExperiment:
+class WearSeriesExperiment(IndependentExperiment):
     """Laws of worn volumes against tests; `forms` holds the law that each effect has here."""
 
     data: WearData
@@ -94,18 +95,6 @@ class WearSeriesExperiment:
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the transformed volumes that a hypothesis predicts."""
         return Prediction(point, self._shown(self.volumes(point)))
-
-    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
-        """Return the changes, each predicted."""
-        return differences(self, prediction, points)
-
-    def finer(self) -> Experiment | None:
-        """Return nothing: laws are closed forms."""
-        return None
-
-    def corrected(self, prediction: Prediction) -> Experiment | None:
-        """Return nothing, as `finer`."""
-        return None
 
     def described(self, coordinate: Coordinate) -> tuple[str, str]:
         """Return the unit and the meaning of a parameter."""

@@ -14,14 +14,13 @@ import numpy as np
 
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
-from fretflow.experiments.rig.held_out import HIDDEN
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import Array, WearData, scatter_odds, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
-from fretflow.inference.experiment import Covariance, Point
+from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, largest_odds
@@ -167,8 +166,8 @@ def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
         square = 0.0
         for k in np.unique(folds):
             out = folds == k
-            hidden = Covariance(np.where(out, HIDDEN, 1.0) * own.variance, own.modes)
-            rest = own.values - at_rest(Fitter(experiment, hidden), fit.prediction.point).predicted
+            fitter = Fitter(experiment, own.covariance().hiding(out))
+            rest = own.values - at_rest(fitter, fit.prediction.point).predicted
             square += float(np.sum((rest**2 / own.variance)[out]))
         sizes.append(float(np.sqrt(square / own.expected)))
     return HeldOut(what=f"each of the {int(folds.max()) + 1} conditions in turn, repeats and rows that stand twice "
