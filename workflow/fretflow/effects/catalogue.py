@@ -131,6 +131,12 @@ def tables(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
             for effect in sorted(effects, key=lambda effect: effect.id)}
 
 
+def table_lines(effects: Iterable[Effect]) -> list[str]:
+    """Return `effects` as lines of a case file, an empty one before each table."""
+    return [line for name, table in tables(effects).items() for line in ("", f"[effects.{name}]", *(
+        f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}" for key, value in table.items()))]
+
+
 @cache
 def _collect(folders: str) -> Mapping[str, type[Effect]]:
     found: dict[str, type[Effect]] = {}

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from fretflow.case.casefile import entries
-from fretflow.effects.catalogue import tables
+from fretflow.effects.catalogue import table_lines
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.evolution import evolution
-from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN
+from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN, evolution
 from fretflow.inference.verdict import Comparison, Estimate, Evolution, ResidualLaw, ResidualMap
 from fretflow.inference.words import interval
 from fretflow.recordings.kinds.joints import LUMPED
@@ -97,8 +96,4 @@ def case_text(title: str, joint: DrivenJoint) -> str:
         "that `fretflow run` needs these tables in a whole case.", f"recording: {title}".replace("\n", " "))]
     lines += [f"# baseline {entry.key} = {entry.value:.6g} {entry.unit}" for entry in entries(joint.baseline)
               if isinstance(entry.value, float)]
-    for name, table in tables(joint.effects).items():
-        lines += ["", f"[effects.{name}]"]
-        lines += [f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}"
-                  for key, value in table.items()]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *table_lines(joint.effects)]) + "\n"

@@ -28,7 +28,6 @@ CONTACT, WEAR, RIG, EXCITATION, GEOMETRY, SENSOR = (
     "contact law", "wear law", "rig", "excitation", "geometry", "sensor")
 LAW_POINTS = 8
 RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
-OVERTONES = (2, 3, 4, 5)
 SMALL = 1e-3  # of a channel's size: changes are first order
 GAP_SIZE = 3e-6  # m
 
@@ -222,9 +221,10 @@ def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
 
 def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     def changes(loop: Loop) -> list[dict[str, Array]]:
-        basis = loop.harmonics(max(OVERTONES))
+        basis = loop.harmonics(RIG_HARMONICS)
         drive = loop.period.condition.excitation.amplitude
-        histories = [drive * basis[:, 2 * k - 1 + part] for k in OVERTONES for part in (0, 1)]
+        histories = [drive * basis[:, 2 * k - 1 + part] for k in range(2, RIG_HARMONICS + 1)
+                     for part in (0, 1)]
         answers = loop.answers([_on_arm(loop, history, 1) for history in histories])
         return [change | {"excitation": history} for change, history in zip(answers, histories, strict=True)]
     shared, _ = _by_loop(rig, loops, changes)

@@ -32,7 +32,7 @@ EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 # Depths are another matter: most of their difference lies where the edge of the scar falls between coarse nodes, and is
 # gone with the next mesh. Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square
 # left elsewhere, most of it at the edges. That share of it stays as an error of each point.
-DEPTH_EXTRAPOLATED, DEPTH_ERROR = 1.0, 1.1
+DEPTH_ERROR = 1.1
 SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to twice as many
 # Kinks of the force fall at random between samples, so that errors are of second order, but not of a sign of their own:
 # the difference to twice as many is taken for the error, of which it leaves a third.
@@ -178,7 +178,7 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     for column, piece in enumerate(observation.pieces):
         modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
         modes[piece.place, 2 * column + 1] = SAMPLING_ERROR * sampled[piece.place]
-    known = np.where(observation.rows(block="map"), DEPTH_EXTRAPOLATED, EXTRAPOLATED)
+    known = np.where(observation.rows(block="map"), 1.0, EXTRAPOLATED)
     return known * mesh + sampled, modes
 
 

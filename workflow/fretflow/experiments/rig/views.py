@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.experiments.evolution import evolution
+from fretflow.core.errors import InputError
 from fretflow.experiments.rig.observation import ABSOLUTE, Array, Observation, Piece
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.verdict import Comparison, Evolution, ResidualMap, WearMap
+from fretflow.recordings.readings import read_noisy_loop
 from fretflow.structure.sensors import band_limited
 
 MOST_SHOWN = 8  # cycle counts
 LOOPS = ("loops", "sweep")
 DRAWN = 50  # harmonics of a loop as it is drawn: between its samples as they have it
+READ = ("friction_limit", "tangential_stiffness", "dissipated_energy", "sliding_distance")
 JUDGED = ("displacement", "friction_force")  # by how well held-out loops are predicted
 
 
@@ -82,6 +84,30 @@ def evolved(observation: Observation, before: Array, after: Array) -> Evolution 
     return evolution([pieces[JUDGED[0]].cycles for pieces in loops], [
         tuple((vector[pieces[JUDGED[0]].place], vector[pieces[JUDGED[1]].place])
               for vector in (observation.values, before, after)) for pieces in loops])
+
+
+def evolution(cycles: Sequence[int], loops: Sequence[Sequence[tuple[Array, Array]]]) -> Evolution | None:
+    """Return the readings of loops at their cycle counts; None where there are fewer than two.
+
+    Parameters
+    ----------
+    cycles
+        Count of each loop.
+    loops
+        Displacement in m and force in N, (N,) each: measured, before and after.
+    """
+    if len(cycles) < 2:
+        return None
+    read = np.array([[_readings(loop) for loop in three] for three in loops])
+    return Evolution(cycles=np.asarray(cycles, dtype=float), **{name: read[:, :, k].T for k, name in enumerate(READ)})
+
+
+def _readings(loop: tuple[Array, Array]) -> list[float]:
+    try:
+        found = read_noisy_loop(*loop)
+    except InputError:
+        return [np.nan] * len(READ)
+    return [np.nan if (value := getattr(found, name)) is None else value for name in READ]
 
 
 def residual_maps(observation: Observation, covariance: Covariance, before: Array, after: Array

@@ -23,7 +23,6 @@ from fretflow.recordings.kinds.structures import StructureRecording, WornRecordi
 
 Progress = Callable[[float, str], None]
 
-MOST_RANKED = 40
 BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1", "friction of the faces"),
             "modal_damping": ("1", "damping ratio of the structure without its joint"),
             "wear_coefficient": ("m^2/N", "K_w: worn volume over load and sliding")}
@@ -58,7 +57,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     own = room.told(experiment, found, judged)
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
-        effects=judged.effects, probability=judged.probability, ranking=judged.ranking[:MOST_RANKED],
+        effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
         detection=detection, parameters=estimates(found, judged.after), remainder=remainder(found, judged),
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from fretflow.effects.catalogue import catalogue, tables
+from fretflow.effects.catalogue import catalogue, table_lines
 from fretflow.effects.volume_law import FREQUENCY, PRESSURE, SLIDING, VolumeLaw
 from fretflow.experiments.wear_series.data import WearData
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
@@ -90,8 +90,4 @@ def case_text(title: str, experiment: WearSeriesExperiment, effects: Iterable[st
             lines += [f"# {name}: {law.needs.format(**own)}"]
         else:
             found.append(catalogue()[name]().changed(**law.in_case(own)))
-    for name, table in tables(found).items():
-        lines += ["", f"[effects.{name}]"]
-        lines += [f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}"
-                  for key, value in table.items()]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *table_lines(found)]) + "\n"
