@@ -11,6 +11,7 @@ from fretflow.core.store import write_csv
 from fretflow.pipeline.response import ForcedResponse, stated_error
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
+from fretflow.structure.two_mass_rig.lumped import RigModes
 from fretflow.wear.history import WearHistory
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -18,6 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from numpy.typing import NDArray
 
 from fretflow_post import style
+from fretflow_post.mode_shapes import plot_rig_modes
 
 UM, MM3 = 1e6, 1e9
 
@@ -176,8 +178,11 @@ def _cycle_unit(largest: int) -> tuple[str, float]:
     return "", 1.0
 
 
-def plot_modes(path: Path, upper: ReducedSpecimen, lower: ReducedSpecimen) -> list[Path]:
-    """Draw each specimen's natural frequencies, full model against Craig-Bampton; write PNG and CSV."""
+def plot_modes(path: Path, upper: ReducedSpecimen, lower: ReducedSpecimen, rig: RigModes | None = None) -> list[Path]:
+    """Draw each specimen's natural frequencies, full model against Craig-Bampton; write PNG and CSV.
+
+    The modes of the `rig` are ``rig_modes`` beside `path`.
+    """
     sides = {"upper": upper, "lower": lower}
     with style.styled():
         figure = style.new_figure("Natural frequencies of the specimens",
@@ -197,7 +202,8 @@ def plot_modes(path: Path, upper: ReducedSpecimen, lower: ReducedSpecimen) -> li
                "full_Hz": np.concatenate([s.full_frequencies for s in sides.values()]),
                "craig_bampton_Hz": np.concatenate([s.reduced_frequencies for s in sides.values()]),
                "error_percent": np.concatenate([100.0 * s.frequency_error for s in sides.values()])}
-    return [png, write_csv(path.with_suffix(".csv"), columns)]
+    files = [png, write_csv(path.with_suffix(".csv"), columns)]
+    return files if rig is None else [*files, plot_rig_modes(path.with_name("rig_modes.png"), rig)]
 
 
 def _frequency_bars(axes: Axes, specimen: ReducedSpecimen) -> None:

@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pyvista as pv
 from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ModeShapes
 from fretflow.wear.archard import split_between_faces
 from fretflow.wear.history import WearHistory
 from numpy.typing import NDArray
@@ -48,6 +49,14 @@ def write_specimen(path: Path, specimen: MeshedSpecimen, fields: Fields) -> Path
         spread = np.full((grid.n_points, *values.shape[1:]), np.nan)
         spread[points[here]] = values[here]
         grid.point_data[name] = spread
+    return _save(grid, path)
+
+
+def write_modes(path: Path, specimen: MeshedSpecimen, modes: ModeShapes) -> Path:
+    """Write a specimen's mesh as VTU with each natural mode as a vector, its largest displacement 1, for warping."""
+    grid, shapes = hexahedra(specimen.geometry.points, specimen.geometry.hexahedra), specimen.at_points(modes)
+    for number, (frequency, shape) in enumerate(zip(modes.frequency, shapes, strict=True), 1):
+        grid.point_data[f"mode_{number:02d}_{frequency:.0f}_Hz"] = shape
     return _save(grid, path)
 
 

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from fretflow_post import curves, faces, paraview, specimens, style
 from fretflow_post.contact_grid import state_shares
+from fretflow_post.mode_shapes import plot_mode_shapes
 from fretflow_post.offscreen import require_offscreen
 from fretflow_post.period import plot_period
 from fretflow_post.specimens import MeshedSpecimen
 
 PANELS = 4  # pairs of worn faces on one picture
-NAMES = ("specimens", "contact_closeup", "modes", "pressure", "stick_slip_unworn", "stick_slip_worn", "loops", "period",
-         "wear_depth", "wear_shape", "wear_volume", "response", "paraview")
+NAMES = ("specimens", "contact_closeup", "modes", "mode_shapes", "pressure", "stick_slip_unworn", "stick_slip_worn",
+         "loops", "period", "wear_depth", "wear_shape", "wear_volume", "response", "paraview")
 Draw = Callable[[Path], Path | list[Path]]
 
 
@@ -96,7 +97,10 @@ def _pictures(run: DrawnRun) -> Iterator[tuple[str, Draw]]:
         yield "specimens", lambda path: specimens.plot_specimens(path, *run.meshed)
         yield "contact_closeup", lambda path: specimens.plot_contact_closeup(path, *run.meshed)
     if run.has("reduce"):
-        yield "modes", lambda path: curves.plot_modes(path, *run.reduced)
+        rig = run.rig_modes if run.has("solve") else None
+        yield "modes", lambda path: curves.plot_modes(path, *run.reduced, rig)
+    if run.has("mesh", "reduce"):
+        yield "mode_shapes", lambda path: plot_mode_shapes(path, run.meshed, list(run.mode_shapes.values()))
     if run.has("reduce", "solve"):
         yield from _contact_pictures(run)
     if run.has("reduce", "wear") and len(run.history.cycles) > 1:
@@ -183,7 +187,8 @@ def _paraview_files(run: DrawnRun, out: Path) -> list[Path]:
     shares = state_shares(last)
     depth = run.history.depth[-1] if run.has("wear") else np.zeros(len(run.areas))
     worn = split_between_faces(depth, run.history.upper_share if run.has("wear") else 0.5)
-    files = []
+    files = [paraview.write_modes(out / f"{side}_modes.vtu", specimen, run.mode_shapes[side])
+             for side, specimen in zip(SIDES, run.meshed, strict=True)]
     for side, specimen, own, sign in zip(SIDES, run.meshed, worn, (1.0, -1.0), strict=True):
         files.append(paraview.write_specimen(out / f"{side}_specimen.vtu", specimen, {
             **paraview.period_fields(last, run.areas, moment, sign), "wear_depth_m": own,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
+from fretflow.structure.reduction.reduced_specimen import ModeShapes
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -45,6 +46,12 @@ class MeshedSpecimen:
         span = float(np.ptp(self.geometry.points, axis=0).max())
         distance, number = cKDTree(self.geometry.points).query(self.summary.contact_nodes)
         return np.where(distance < 1e-6 * span, number, -1)
+
+    def at_points(self, modes: ModeShapes) -> NDArray[np.float64]:
+        """Return the shapes of `modes` at the mesh's points, (modes, points, 3), the largest displacement of each 1."""
+        _, number = cKDTree(modes.points).query(self.geometry.points)
+        shapes = modes.shape[:, number]
+        return np.asarray(shapes / np.linalg.norm(shapes, axis=2).max(axis=1)[:, None, None])
 
     def faces(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the quads of the free boundary and those of the contact face."""

@@ -25,7 +25,7 @@ def pair(tmp_path_factory):
     for side in (Side.UPPER, Side.LOWER):
         path = folder / f"{side}.msh"
         summary = build_specimen(config.Specimen(), config.Mesh(contact_elements=SIDE - 1), side, path)
-        specimens.append(reduce_specimen(path, summary, config.Specimen(), reduction, 1, MPI.COMM_WORLD))
+        specimens.append(reduce_specimen(path, summary, config.Specimen(), reduction, 1, MPI.COMM_WORLD)[0])
     return specimens
 
 

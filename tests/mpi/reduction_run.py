@@ -21,4 +21,5 @@ if __name__ == "__main__":
         sys.exit(2)
     assert (reduced is None) == (comm.rank != 0)
     if reduced is not None:
-        write_record(result, reduced)
+        write_record(result, reduced[0])
+        write_record(result.with_name(f"{result.stem}_modes.h5"), reduced[1])

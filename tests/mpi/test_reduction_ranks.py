@@ -14,7 +14,7 @@ import pytest
 from fretflow.case import config
 from fretflow.core.store import read_record, write_record
 from fretflow.structure.reduction.reduce import reduce_specimen
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 from fretflow_meshes.specimen import Side, build_specimen
 from mpi4py import MPI
 
@@ -44,7 +44,8 @@ def test_two_ranks_give_the_same_matrices(meshed):
     done = on_two_ranks(folder / "upper.msh", folder / "upper.h5", folder / "two.h5")
     assert done.returncode == 0, done.stderr
     two = read_record(folder / "two.h5", ReducedSpecimen)
-    one = reduce_specimen(folder / "upper.msh", summary, config.Specimen(), config.Reduction(), 1, MPI.COMM_SELF)
+    one, shapes = reduce_specimen(folder / "upper.msh", summary, config.Specimen(), config.Reduction(), 1,
+                                  MPI.COMM_SELF)
     blocks = [slice(0, one.contact_size), one.rigid, one.observation, one.modal]
     for ours, theirs in ((one.stiffness, two.stiffness), (one.mass, two.mass)):
         scale = np.sqrt(np.diag(ours))
@@ -53,6 +54,10 @@ def test_two_ranks_give_the_same_matrices(meshed):
     assert two.contact_areas == pytest.approx(one.contact_areas, rel=1e-12)
     assert two.observation_point == pytest.approx(one.observation_point, abs=1e-15)
     assert two.full_frequencies == pytest.approx(one.full_frequencies, rel=1e-9)
+    gathered = read_record(folder / "two_modes.h5", ModeShapes)
+    order, other = (np.lexsort(np.round(found.points, 9).T) for found in (gathered, shapes))
+    assert gathered.points[order] == pytest.approx(shapes.points[other], abs=1e-12)
+    assert gathered.shape[0, order] == pytest.approx(shapes.shape[0, other], abs=1e-6 * shapes.shape[0].max())
 
 
 def test_a_bad_mesh_stops_both_ranks_with_the_same_line(meshed):

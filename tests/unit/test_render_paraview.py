@@ -5,8 +5,9 @@ import pytest
 import pyvista as pv
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.solvers.periodic import PeriodicSolution
+from fretflow.structure.reduction.reduced_specimen import ModeShapes
 from fretflow.wear.history import WearHistory
-from fretflow_post.paraview import write_period_series, write_specimen, write_wear_series
+from fretflow_post.paraview import write_modes, write_period_series, write_specimen, write_wear_series
 from fretflow_post.specimens import MeshedSpecimen
 
 RANDOM = np.random.default_rng(3)
@@ -80,3 +81,13 @@ def test_a_period_reads_back_in_time_and_its_tractions_carry_the_load(tmp_path):
     traction = face.integrate_data().point_data["traction_Pa"]  # over the area, by VTK
     assert traction[0] == pytest.approx([-30.0, 0.0, 60.0])  # N
     assert set(face.point_data["state"]) == {1}
+
+
+def test_natural_modes_stand_at_the_points_of_the_mesh_whatever_their_order(tmp_path):
+    made = block()
+    order = RANDOM.permutation(12)
+    shape = np.stack([made.geometry.points * [0.0, 0.0, 5.0], made.geometry.points * [7.0, 0.0, 0.0]])
+    modes = ModeShapes(frequency=np.array([1200.0, 3456.4]), points=made.geometry.points[order], shape=shape[:, order])
+    grid = pv.read(write_modes(tmp_path / "a.vtu", made, modes))
+    assert grid.point_data["mode_01_1200_Hz"] == pytest.approx(1e3 * made.geometry.points * [0, 0, 1])  # the largest 1
+    assert grid.point_data["mode_02_3456_Hz"] == pytest.approx(500.0 * made.geometry.points * [1, 0, 0])

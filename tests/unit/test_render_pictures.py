@@ -18,7 +18,8 @@ from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
 from fretflow.pipeline.response import ForcedResponse
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
+from fretflow.structure.two_mass_rig.lumped import RigModes
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.history import WearHistory, WearStep
 from fretflow_post import faces, period, style
@@ -124,6 +125,13 @@ def reduced(nodes, areas):
         rayleigh_stiffness=0.0, full_dofs=20655)
 
 
+def beam_modes(points):
+    """Return shapes that grow from the back: sliding along x, along y, and stretching, in another order of points."""
+    rise = 1.0 - np.abs(points[:, 2]) / np.abs(points[:, 2]).max()
+    shape = 3.0 * np.stack([rise[:, None] * np.eye(3)[axis] for axis in range(3)])
+    return ModeShapes(frequency=np.array([1e5, 1.1e5, 2e5]), points=points[::-1], shape=shape[:, ::-1])
+
+
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """Write the result files of a run and return the folder of each stage."""
@@ -139,7 +147,11 @@ def folders(tmp_path_factory):
         write_record(places["mesh"] / f"{side}_geometry.h5", geometry)
         write_record(places["mesh"] / f"{side}.h5", summary)
         write_record(places["reduce"] / f"{side}.h5", reduced(nodes, areas))
+        write_record(places["reduce"] / f"{side}_modes.h5", beam_modes(geometry.points))
     write_record(places["solve"] / "solution.h5", steady_period(nodes, areas))
+    pair, both = np.array([40.0, 2500.0]), np.array([[1.0, 1.0], [-0.05, 1.0]])
+    write_record(places["solve"] / "rig_modes.h5", RigModes(
+        apart_frequency=pair, apart_shape=both, stuck_frequency=2.0 * pair, stuck_shape=both))
     write_record(places["wear"] / "history.h5", history)
     response = CycleResponse(**{f.name: areas if f.metadata["shape"] else 1.0 for f in fields(CycleResponse)})
     for row in (0, 2, 4):
@@ -236,9 +248,9 @@ def test_every_picture_of_a_run_is_there_and_not_blank(folders, tmp_path, figure
     names = [path.name for path in files]
     pictures = names[:names.index("modes.csv")]
     assert pictures == [
-        "specimens.png", "contact_closeup.png", "modes.png", "pressure.png", "stick_slip_unworn.png",
-        "stick_slip_worn.png", "loops.png", "wear_depth.png", "wear_shape.png", "wear_volume.png",
-        "response.png"]
+        "specimens.png", "contact_closeup.png", "modes.png", "rig_modes.png", "mode_shapes.png", "pressure.png",
+        "stick_slip_unworn.png", "stick_slip_worn.png", "loops.png", "wear_depth.png", "wear_shape.png",
+        "wear_volume.png", "response.png"]
     assert {"modes.csv", "loops.csv", "wear_volume.csv", "response.csv", "wear.pvd", "period.pvd",
             "period.gif"} <= set(names)
     assert {"upper_specimen.vtu", "lower_specimen.vtu"} <= set(names)
@@ -288,7 +300,7 @@ def drawn_texts(figure):
 def test_an_unfinished_run_gives_what_it_has(folders, tmp_path):
     files = render_run({name: folders[name] for name in ("reduce", "solve")}, tmp_path)
     assert [path.name for path in files] == [
-        "modes.png", "pressure.png", "stick_slip_unworn.png", "loops.png", "modes.csv", "loops.csv",
+        "modes.png", "rig_modes.png", "pressure.png", "stick_slip_unworn.png", "loops.png", "modes.csv", "loops.csv",
         "period.gif"]
 
 

@@ -21,30 +21,50 @@ from fretflow.cli.terminal import (
 
 if TYPE_CHECKING:
     from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+    from fretflow.structure.two_mass_rig.lumped import RigModes
 
 
 def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False, json: Json = None) -> None:
-    """List each specimen's natural frequencies: full model against Craig-Bampton; with a CSV and a plot.
+    """List the natural modes of specimens and rig; with a CSV and pictures of the shapes.
+
+    Of each specimen, clamped at the back, the full model against Craig-Bampton; of the rig, faces apart and stuck.
 
     Parameters
     ----------
     case
         case file
     """
+    from fretflow.case.config import Output
     from fretflow.core.plugins import FIGURES, provided
-    from fretflow.core.store import read_record
+    from fretflow.pipeline.problem import make_model
+    from fretflow.pipeline.results import RunRecords
     from fretflow.pipeline.run import leading
-    from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+    from fretflow.structure.two_mass_rig.lumped import RigModes
 
     parsed = load(case)
     progress = Progress()
     with leading(out, progress) as runner, progress:
-        folder = runner.run(parsed, "reduce", force)["reduce"].folder
-    specimens = {side: read_record(folder / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")}
+        folders = {name: done.folder for name, done in runner.run(parsed, "reduce", force).items()}
+    specimens = dict(zip(("upper", "lower"), RunRecords(folders).reduced, strict=True))
     _show(specimens)
+    model = make_model(parsed, folders["reduce"])
+    rig = RigModes.of(model.problem(model.initial()).boundary)
+    _show_rig(rig)
     kept = keep_json(json, {side: {"full_Hz": one.full_frequencies, "reduced_Hz": one.reduced_frequencies,
-                                   "error": one.frequency_error} for side, one in specimens.items()})
-    show_files([*provided(FIGURES, "modes")(out / parsed.name / "modes.png", *specimens.values()), *kept], "files")
+                                   "error": one.frequency_error} for side, one in specimens.items()} | {"rig": rig})
+    home = out / parsed.name
+    drawn = provided(FIGURES, "run")(folders, home, Output(figures=("mode_shapes",)))
+    show_files([*provided(FIGURES, "modes")(home / "modes.png", *specimens.values(), rig), *drawn, *kept], "files")
+
+
+def _show_rig(rig: RigModes) -> None:
+    """Print the modes of block and arm."""
+    view = new_table("rig, block and arm along x, undamped", "faces", "mode", "frequency, Hz", "block", "arm")
+    for faces, frequencies, shapes in (("apart", rig.apart_frequency, rig.apart_shape),
+                                       ("stuck", rig.stuck_frequency, rig.stuck_shape)):
+        for number, (frequency, shape) in enumerate(zip(frequencies, shapes, strict=True), 1):
+            view.add_row(faces, str(number), f"{frequency:.2f}", *(f"{one:+.3f}" for one in shape[:2]))
+    Terminal().print(view)
 
 
 def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:

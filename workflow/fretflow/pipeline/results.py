@@ -22,7 +22,8 @@ from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS
 from fretflow.pipeline.summary import Figure, result_warnings, summarise
 from fretflow.pipeline.trends import Trend
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
+from fretflow.structure.two_mass_rig.lumped import RigModes
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 
@@ -53,6 +54,16 @@ class RunRecords:
         """Return the reduced upper and lower specimen."""
         upper, lower = (read_record(self._file("reduce", f"{side}.h5"), ReducedSpecimen) for side in SIDES)
         return upper, lower
+
+    @cached_property
+    def mode_shapes(self) -> dict[str, ModeShapes]:
+        """Return the natural modes of the upper and the lower specimen, clamped at the back, by side."""
+        return {side: read_record(self._file("reduce", f"{side}_modes.h5"), ModeShapes) for side in SIDES}
+
+    @cached_property
+    def rig_modes(self) -> RigModes:
+        """Return the modes of the rig's block and arm, faces apart and stuck."""
+        return read_record(self._file("solve", "rig_modes.h5"), RigModes)
 
     @property
     def nodes(self) -> Array:

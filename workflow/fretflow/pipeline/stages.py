@@ -73,7 +73,7 @@ def _reduce_slice(case: Case) -> list[object]:
 
 
 def _reduce(context: StageContext) -> Figures:
-    """Write ``upper.h5`` and ``lower.h5`` (ReducedSpecimen)."""
+    """Write ``upper.h5`` and ``lower.h5`` (ReducedSpecimen), ``upper_modes.h5`` and ``lower_modes.h5`` (ModeShapes)."""
     from mpi4py import MPI
 
     from fretflow.structure.reduction.reduce import reduce_specimen
@@ -83,16 +83,18 @@ def _reduce(context: StageContext) -> Figures:
     for index, side in enumerate(SIDES):
         context.progress(index / len(SIDES), f"reducing the {side} specimen")
         summary = read_record(meshes / f"{side}.h5", MeshSummary)
-        reduced = reduce_specimen(meshes / summary.file, summary, getattr(case.specimen, side), case.reduction,
-                                  case.mesh.degree, context.comm or MPI.COMM_SELF)
-        if reduced is not None:
+        found = reduce_specimen(meshes / summary.file, summary, getattr(case.specimen, side), case.reduction,
+                                case.mesh.degree, context.comm or MPI.COMM_SELF)
+        if found is not None:
+            reduced, shapes = found
             write_record(context.folder / f"{side}.h5", reduced)
+            write_record(context.folder / f"{side}_modes.h5", shapes)
             figures[f"{side}_full_dofs"] = reduced.full_dofs
             figures[f"{side}_frequency_error"] = float(reduced.frequency_error.max())
     return figures
 
 
-REDUCE = Stage("reduce", 1, _reduce_slice, ("mesh",), _reduce, collective=True)
+REDUCE = Stage("reduce", 2, _reduce_slice, ("mesh",), _reduce, collective=True)
 
 
 def _preload_slice(case: Case) -> list[object]:
@@ -145,23 +147,25 @@ def _solve_slice(case: Case) -> list[object]:
 
 
 def _solve(context: StageContext) -> Figures:
-    """Write ``solution.h5`` (PeriodicSolution)."""
+    """Write ``solution.h5`` (PeriodicSolution) and ``rig_modes.h5`` (RigModes)."""
     from fretflow.pipeline.problem import make_model
     from fretflow.solvers.quasi_static.solver import sliding_distance
     from fretflow.solvers.solve import make_solver
+    from fretflow.structure.two_mass_rig.lumped import RigModes
 
     context.progress(0.0, "finding the steady period")
     model = make_model(context.case, context.inputs["reduce"])
     problem = model.problem(model.initial())
     solution = make_solver(context.case.solver, estimate_error=True).solve(problem)
     write_record(context.folder / "solution.h5", solution)
+    write_record(context.folder / "rig_modes.h5", RigModes.of(problem.boundary))
     return {"method": solution.method, "iterations": len(solution.residual_history) - 1,
             "residual": solution.residual_history[-1],
             "sliding_distance_m": sliding_distance(solution, problem.interface),
             "relative_error": solution.error_estimate}
 
 
-SOLVE = Stage("solve", 3, _solve_slice, ("reduce",), _solve)
+SOLVE = Stage("solve", 4, _solve_slice, ("reduce",), _solve)
 
 
 def _stops(case: Case) -> tuple[int, ...]:

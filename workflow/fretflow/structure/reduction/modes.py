@@ -17,7 +17,7 @@ from slepc4py import SLEPc
 from fretflow.core.errors import AuditError, NonConvergenceError
 from fretflow.structure.fem.elasticity import ElasticBody
 from fretflow.structure.reduction.craig_bampton import ComponentModes, rigid_motions
-from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS
+from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS, ModeShapes
 
 _DENSE_BYTES = 1 << 29  # size of the dense blocks worked on at once, of which some five are held
 _MUMPS_COLUMNS = (27, 256)  # ICNTL(27), right-hand sides at a time: half as fast again as MUMPS' own choice
@@ -77,8 +77,10 @@ def component_modes(body: ElasticBody, observation: int, count: int) -> Componen
                           coupling=parts[2], modal_frequencies=np.sqrt(squares) / (2.0 * np.pi))
 
 
-def full_frequencies(body: ElasticBody, count: int) -> NDArray[np.float64]:
-    """Return the `count` lowest frequencies (Hz) of the full model with only its clamped face fixed.
+def natural_modes(body: ElasticBody, count: int) -> ModeShapes | None:
+    """Return the `count` lowest modes of the full model with only its clamped face fixed; on rank 0, else None.
+
+    A mode's largest component is positive, so that runs agree.
 
     Raises
     ------
@@ -89,8 +91,16 @@ def full_frequencies(body: ElasticBody, count: int) -> NDArray[np.float64]:
     free = np.repeat(~np.isin(nodes, body.clamped.nodes), 3)
     with (_inside(body.stiffness, free) as stiffness, _inside(body.mass, free) as mass,
           _factor(stiffness) as factor):
-        squares, _ = _lowest_modes(stiffness, mass, factor, count)
-    return np.sqrt(squares) / (2.0 * np.pi)
+        squares, modes = _lowest_modes(stiffness, mass, factor, count)
+    motion = np.zeros((len(free), count))
+    motion[free] = modes
+    parts = body.comm.gather((body.points, motion.reshape(-1, 3, count)))
+    if parts is None:
+        return None
+    points, shape = (np.concatenate(owned) for owned in zip(*parts, strict=True))
+    every = shape.reshape(-1, count)
+    shape = shape * np.sign(every[np.argmax(np.abs(every), axis=0), np.arange(count)])
+    return ModeShapes(frequency=np.sqrt(squares) / (2.0 * np.pi), points=points, shape=np.moveaxis(shape, 2, 0).copy())
 
 
 def _boundary_motion(body: ElasticBody, observation: int) -> sparse.csr_matrix:

@@ -14,14 +14,15 @@ from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.structure.fem.elasticity import ElasticBody, assemble
 from fretflow.structure.fem.mesh_file import on_root, read_mesh
 from fretflow.structure.reduction.craig_bampton import ComponentModes, audit, clamped_frequencies
-from fretflow.structure.reduction.modes import component_modes, full_frequencies
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
+from fretflow.structure.reduction.modes import component_modes, natural_modes
+from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 
 _MATCH = 1e-6  # of the contact's width
 
 
 def reduce_specimen(mesh_path: Path, summary: MeshSummary, specimen: config.Specimen,
-                    reduction: config.Reduction, degree: int, comm: Any) -> ReducedSpecimen | None:
+                    reduction: config.Reduction, degree: int, comm: Any
+                    ) -> tuple[ReducedSpecimen, ModeShapes] | None:
     """Assemble the specimen meshed in `mesh_path`, reduce it and compare it with the full model.
 
     Collective over the MPI communicator `comm`.
@@ -43,8 +44,8 @@ def reduce_specimen(mesh_path: Path, summary: MeshSummary, specimen: config.Spec
 
     Returns
     -------
-    ReducedSpecimen or None
-        On rank 0; None on the other ranks.
+    (ReducedSpecimen, ModeShapes) or None
+        And the natural modes that it was compared with; on rank 0, None on the other ranks.
 
     Raises
     ------
@@ -64,16 +65,16 @@ def reduce_specimen(mesh_path: Path, summary: MeshSummary, specimen: config.Spec
         _check_contact(body, summary, mesh_path)
         observation, point = body.nearest_inner_node(summary.observation_point)
         modes = component_modes(body, observation, reduction.fixed_interface_modes)
-        checked = full_frequencies(body, reduction.checked_frequencies)
+        shapes = natural_modes(body, reduction.checked_frequencies)
     finally:
         body.destroy()
 
-    def build() -> ReducedSpecimen | None:
-        if modes is None:
+    def build() -> tuple[ReducedSpecimen, ModeShapes] | None:
+        if modes is None or shapes is None:
             return None
-        reduced = _specimen(body, modes, summary, reduction, point, checked)
+        reduced = _specimen(body, modes, summary, reduction, point, shapes.frequency)
         audit(reduced, body.clamped.centroid, body.total_mass)
-        return reduced
+        return reduced, shapes
 
     return on_root(comm, build)
 

@@ -69,6 +69,15 @@ class ReducedSpecimen:
         return np.asarray(np.abs(self.reduced_frequencies / self.full_frequencies - 1.0))
 
 
+@record
+class ModeShapes:
+    """Natural modes of a body whose clamped face is fixed, by the full model."""
+
+    frequency: NDArray[np.float64] = quantity("Hz", "(modes,)", coordinate=True)
+    points: NDArray[np.float64] = quantity("m", "(points, 3), of all nodes")
+    shape: NDArray[np.float64] = quantity("kg^-0.5", "(modes, points, 3), mass-normalised")
+
+
 def reduction_warnings(specimens: Mapping[str, ReducedSpecimen]) -> list[str]:
     """Return a line for each of `specimens` by side whose frequencies are further off than they are held to."""
     return [f"{side} specimen: the reduction is {one.frequency_error.max():.2%} off the full model at mode "

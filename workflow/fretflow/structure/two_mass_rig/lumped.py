@@ -12,10 +12,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from fretflow.core.records import quantity, record
 from fretflow.structure.internal_forces import InternalForce
+from fretflow.structure.structure import MasslessBoundary
 
 MATRICES = ("moving_mass", "arm_mass", "ground_stiffness", "hinge_stiffness", "ground_damping", "hinge_damping")
 
@@ -73,6 +75,28 @@ class LumpedRig:
         """Return the dynamic stiffness (len(omega), 2, 2) in N/m at angular frequencies `omega` (rad/s)."""
         w = np.asarray(omega, dtype=float)[:, None, None]
         return np.asarray(self.stiffness - w**2 * self.mass + 1j * w * self.damping)
+
+
+@record
+class RigModes:
+    """Undamped modes of block and arm along x: faces apart, and stuck to each other; of each mode the largest is 1."""
+
+    apart_frequency: NDArray[np.float64] = quantity("Hz", "(modes,)")
+    apart_shape: NDArray[np.float64] = quantity("1", "(modes, d), of the internal coordinates, block and arm first")
+    stuck_frequency: NDArray[np.float64] = quantity("Hz", "(modes,)")
+    stuck_shape: NDArray[np.float64] = quantity("1", "(modes, d)")
+
+    @classmethod
+    def of(cls, boundary: MasslessBoundary) -> RigModes:
+        """Return the modes of a rig with its contact, whose stuck faces feel ``T R`` to the internal coordinates."""
+        internal, felt = boundary.internal, boundary.transfer @ boundary.coupling
+        found = {}
+        for faces, stiffness in (("apart", internal.stiffness), ("stuck", internal.stiffness + felt)):
+            squares, modes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), internal.mass)
+            largest = modes[np.argmax(np.abs(modes), axis=0), np.arange(modes.shape[1])]
+            found[f"{faces}_frequency"] = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+            found[f"{faces}_shape"] = (modes / largest).T.copy()
+        return cls(**found)
 
 
 def _chain(ground: float, hinge: float) -> NDArray[np.float64]:
