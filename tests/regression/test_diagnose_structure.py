@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from fretflow.experiments.structure.experiment import (
-    BackbonePoints,
-    StructureExperiment,
-    noise_of,
-    scatter,
-    with_backbone,
-)
+from fretflow.core.errors import NonConvergenceError
+from fretflow.experiments.structure.experiment import StructureExperiment
+from fretflow.experiments.structure.points import BackbonePoints, noise_of, scatter, with_backbone
 from fretflow.experiments.structure.run import diagnose_structure
+from fretflow.inference.experiment import Point
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
+from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
 from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
 
 TOML = """
@@ -116,6 +115,47 @@ def test_noise_is_told_in_proportion_or_the_same_for_all():
     assert relative[[0, -1]] == pytest.approx(0.01 * values[[0, -1]], rel=0.3)
     same = noise_of(place, values + 4e-5 * rng.standard_normal(200))
     assert same == pytest.approx(np.full(200, 4e-5), rel=0.3)
+
+
+def test_noise_is_told_on_steep_curves_too():
+    place = np.linspace(0.0, 4.0, 24)
+    values = 1500.0 - 300.0 / (1.0 + np.exp(-4.0 * (place - 2.5)))  # neighbours differ by up to 50
+    seen = [scatter(place, values + np.random.default_rng(seed).standard_normal(24)) for seed in range(40)]
+    assert np.median(seen) == pytest.approx(1.0, rel=0.4)
+
+
+def test_what_static_loads_leave_out_is_put_right_by_periodic_motions(structures, tmp_path):
+    """A joint that slides over much of its faces moves otherwise than its linear mode."""
+    beam, count = structures.lap_beam(9, 4), 24
+    seen = np.geomspace(5e-6, 1e-4, count)
+    np.savez(tmp_path / "structure.npz", M=beam.mass, K=beam.stiffness, contact_map=beam.contact_map, areas=beam.areas,
+             points=beam.points, preload=beam.preload, **{"outputs/tip": beam.outputs["tip"]})
+    np.savetxt(tmp_path / "backbone.csv", np.c_[1e6 * seen, np.full(count, 110.0), np.full(count, 0.2)], delimiter=",",
+               header="a,f,zeta", comments="")
+    (tmp_path / "recording.toml").write_text(TOML.format(bolts='"200 N", "2 kN"', of="tip"))
+    experiment = StructureExperiment.of(read_structure_recording(tmp_path))
+    static = experiment.first_prediction()
+    right = experiment.corrected(static).predict(static.point)
+    joint = experiment.joint(static.point)
+    mode = joint.linear_modes(1)[0]
+    reach = static.state.amplitude
+    motions = follow_mode(joint, mode, np.geomspace(0.5 * reach.min(), 1.5 * reach.max(), 80), tolerance=1e-4)
+    periodic = np.interp(seen, [one.outputs[0] for one in motions], [one.frequency for one in motions])
+    off = [np.median(np.abs(one.values[:count] - periodic)) for one in (static, right)]
+    assert off[0] > 0.03
+    assert off[1] < 0.2 * off[0]
+
+
+def test_a_hypothesis_that_leaves_no_path_for_the_bolts_has_no_solution(sprung):
+    class Gaping(StructureExperiment):
+        def joint(self, point):
+            joint = super().joint(point)
+            return replace(joint, structure=replace(joint.structure, preload=None)) if point.effects else joint
+
+    experiment = Gaping(**vars(StructureExperiment.of(sprung)))
+    space = experiment.parameters(["bending-gap"])
+    with pytest.raises(NonConvergenceError):
+        experiment.predict(Point(space, np.zeros(space.size)))
 
 
 def test_the_recorded_mode_is_that_of_the_frequency_or_the_stated_one(sprung):

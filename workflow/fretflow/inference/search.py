@@ -166,7 +166,8 @@ class Search:
 
     def beyond_codes(self) -> Array:
         """Return the prior of sizes without effects where something is missing: log-uniform beyond what codes do."""
-        wide = np.where(code_size(self.experiment.measurement) < SIZES, 1.0, 0.0)
+        known = min(code_size(self.experiment.measurement), SIZES[-2])  # codes may differ by more than there is
+        wide = np.where(known < SIZES, 1.0, 0.0)
         return np.multiply.outer(np.ones(1), np.outer(wide, wide) / wide.sum()**2)
 
     @property

@@ -38,15 +38,16 @@ def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> H
     own, last = experiment.measurement, experiment.measurement.held_out
     count = len(experiment.points.amplitude)
     head = int(np.sum(~last[:count]))
-    below = replace(experiment, points=experiment.points.first(head))
     sd = np.sqrt(own.variance[last])
     sizes = []
     for one in (frozenset[str](), names):
-        fit = found.fits[one]
+        fit, model = found.fits[one], found.fitter_of(one).experiment
+        model = model if isinstance(model, StructureExperiment) else experiment
+        below = model.first(head)
         try:
             refitted = replace(found.fitter, experiment=below, covariance=below.measurement.covariance()).fit(
                 fit.prediction.point, None, 6)
-            rest = (experiment.predict(refitted.prediction.point).values - own.values)[last] / sd
+            rest = (model.predict(refitted.prediction.point).values - own.values)[last] / sd
         except NonConvergenceError:
             return None
         sizes.append(float(np.sqrt(np.mean(rest**2))))

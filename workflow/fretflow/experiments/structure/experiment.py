@@ -19,15 +19,15 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
-from fretflow.experiments.structure.responses import POWERS, backbone_of, response_curves
+from fretflow.experiments.structure.points import BackbonePoints, scatter, with_backbone
+from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
-from fretflow.recordings.kinds.structures import FEWEST, MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
+from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
-from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, condensed
+from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, PeriodicMode, condensed, periodic_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
-from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
 from fretflow.structure.reduction.contact_modes import ReducedStructure, reduce_structure
 
 Array = NDArray[np.float64]
@@ -35,116 +35,16 @@ Array = NDArray[np.float64]
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
 NEGLIGIBLE_DAMPING = 1e-7  # in place of a damping ratio of zero, whose logarithm there is not
-MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighbours tell the same
 BELOW = 0.9  # of the smallest amplitude, from where on predictions are made
 MANY = 40  # contact points, from which on predictions take their time
 MODES = 8  # among which the recorded one is looked for
 HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
+HARMONICS, SAMPLES = 4, 128  # of a periodic motion
+SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
+SPARSE = 3  # where there are many contact points, every so many amplitudes of these are solved as periodic motions
 RETRIES = 6  # each with two thirds of the largest load, where the joint slides as a whole under it
 SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
           "the unit of the amplitude")
-ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
-
-
-@dataclass(frozen=True)
-class BackbonePoints:
-    """P points of a measured backbone, averaged: amplitude as recorded, frequency (Hz), damping, and their sd (P,)."""
-
-    amplitude: Array
-    frequency: Array
-    damping: Array | None
-    frequency_sd: Array
-    damping_sd: Array
-
-    @classmethod
-    def of(cls, backbone: MeasuredBackbone) -> BackbonePoints:
-        """Return at most `MOST_POINTS` points; noise that is not stated is read off how neighbours differ."""
-        count = len(backbone.amplitude)
-        place = np.log(backbone.amplitude)
-        groups = [own for own in np.array_split(np.arange(count), min(count, MOST_POINTS)) if len(own)]
-        size = np.sqrt([len(own) for own in groups])
-
-        def averaged(values: Array) -> Array:
-            return np.array([values[own].mean() for own in groups])
-
-        def noise(values: Array, stated: float | None, name: str) -> Array:
-            mean = np.abs(averaged(values))
-            if stated is not None:
-                one = np.full(len(groups), stated)
-            elif count < 8:
-                one = np.full(len(groups), ROUGH[name] * float(np.mean(values)))
-            else:
-                one = averaged(noise_of(place, values))
-            return np.maximum(one / size, 1e-6 * mean)
-
-        damping = backbone.damping
-        return cls(amplitude=np.exp(averaged(place)), frequency=averaged(backbone.frequency),
-                   damping=None if damping is None else averaged(damping),
-                   frequency_sd=noise(backbone.frequency, backbone.frequency_sd, "frequency"),
-                   damping_sd=np.zeros(0) if damping is None else noise(damping, backbone.damping_sd, "damping"))
-
-    def first(self, count: int) -> BackbonePoints:
-        """Return the `count` points of the smallest amplitudes."""
-        return BackbonePoints(self.amplitude[:count], self.frequency[:count],
-                      None if self.damping is None else self.damping[:count], self.frequency_sd[:count],
-                      self.damping_sd[:count])
-
-
-def with_backbone(recording: StructureRecording) -> StructureRecording:
-    """Return a recording with the backbone that its decay or its responses tell, where it has no other.
-
-    Raises
-    ------
-    InputError
-        If no channel of the decay is an output of the structure, or it is too short.
-    """
-    decay = recording.ring_down
-    if recording.backbone is None and decay is None and recording.responses:
-        return replace(recording, backbone=backbone_of(recording.responses))
-    if recording.backbone is not None or decay is None:
-        return recording
-    name = next((one for one in decay.channels if one in recording.matrices.outputs), None)
-    if name is None:
-        raise InputError(f"ring_down: none of {', '.join(decay.channels)} is an output of the structure; it has "
-                         f"{', '.join(recording.matrices.outputs) or 'none'}")
-    signal = decay.channels[name]
-    step = float(np.median(np.diff(decay.time)))
-    lines = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
-    seen = instantaneous_mode(decay.time, signal, float(np.argmax(lines)) / (len(signal) * step))
-    rising = np.argsort(seen.amplitude)
-    rising = rising[(seen.damping[rising] > 0.0) & (seen.amplitude[rising] > 0.0)]
-    if len(rising) < FEWEST:
-        raise InputError("ring_down: too little of it decays to tell frequency and damping over amplitude")
-    return replace(recording, backbone=MeasuredBackbone(
-        amplitude_of=name, mode=None, amplitude=seen.amplitude[rising], amplitude_unit=decay.units[name],
-        frequency=seen.frequency[rising], damping=seen.damping[rising], frequency_sd=None, damping_sd=None,
-        calibration_sd=0.0))
-
-
-def noise_of(place: Array, values: Array) -> Array:
-    """Return the sd (P,) of values: the same for all, or in proportion to them, whichever their scatter fits better."""
-    fits = []
-    for size in (np.ones_like(values), np.abs(values)):
-        left = _about_neighbours(place, values, np.maximum(size, np.finfo(float).tiny))
-        sd = max(float(1.4826 * np.median(np.abs(left))), 1e-12)
-        # robust likelihood: of Laplace's density, as kinks of a curve are among what is left
-        fits.append((float(np.sum(np.log(sd * size[1:-1]) + np.sqrt(2.0) * np.abs(left) / sd)), sd * size))
-    return min(fits, key=lambda one: one[0])[1]
-
-
-def scatter(place: Array, values: Array) -> float:
-    """Return the sd of values (P,) about straight lines through both neighbours, robust against few outliers."""
-    if len(values) < 3:
-        return 0.0
-    return float(1.4826 * np.median(np.abs(_about_neighbours(place, values, np.ones_like(values)))))
-
-
-def _about_neighbours(place: Array, values: Array, size: Array) -> Array:
-    """Return how far values (P,) are from lines through both neighbours, over the sd if that of each were `size`."""
-    gap = np.maximum(place[2:] - place[:-2], 1e-12)
-    weight = np.clip((place[1:-1] - place[:-2]) / gap, 0.0, 1.0)
-    left = values[1:-1] - (1.0 - weight) * values[:-2] - weight * values[2:]
-    return np.asarray(left / np.sqrt(size[1:-1]**2 + (weight * size[2:])**2 + ((1.0 - weight) * size[:-2])**2))
 
 
 @dataclass(frozen=True)
@@ -156,6 +56,9 @@ class StructureExperiment(Experiment):
     points: BackbonePoints
     mode: int  # among the linear modes of the preloaded structure, from 0
     steps: int = STEPS
+    about: Point | None = None  # the baseline whose numerical errors are told; the first prediction's by default
+    correction: Array | None = None  # (channels, points): what periodic motions add to static loads
+    truncation: Array | None = None  # what twice the harmonics and samples add to that
 
     @classmethod
     def of(cls, recording: StructureRecording) -> StructureExperiment:
@@ -219,7 +122,7 @@ class StructureExperiment(Experiment):
         last = np.arange(count) >= count - max(1, round(HELD_OUT * count))
         return Measurement(
             values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain]),
-            code_error=(fine - self._coarse)[:, None], repeatable=noise / (noise + rough**2),
+            code_error=self._code_error, repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
             group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
             condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
@@ -232,6 +135,8 @@ class StructureExperiment(Experiment):
         NonConvergenceError
             If all slides there too.
         """
+        if self.about is not None:
+            return self.predict(self.about)
         space = self.parameters(())
         tight = np.array([one.field == "bolt_load" for one in space.coordinates], dtype=float)
         try:
@@ -241,13 +146,19 @@ class StructureExperiment(Experiment):
 
     @cached_property
     def _coarse(self) -> Array:
-        """Return what the middle of the baseline's ranges predicts, (M,)."""
-        return self.first_prediction().values
+        """Return what static loads predict of the baseline whose numerical errors are told, (M,)."""
+        return replace(self, correction=None).first_prediction().values
 
     @cached_property
     def _fine(self) -> Array:
         """Return the same with twice the steps of load."""
         return replace(self, steps=2 * self.steps)._coarse
+
+    @property
+    def _code_error(self) -> Array:
+        """Return what more steps of load, and more harmonics of periodic motions change, (M, any)."""
+        modes = [self._fine - self._coarse]
+        return np.column_stack(modes if self.truncation is None else [*modes, self.truncation.ravel()])
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
@@ -285,24 +196,34 @@ class StructureExperiment(Experiment):
         Raises
         ------
         NonConvergenceError
-            If no amplitude has an equilibrium.
+            If no amplitude has an equilibrium, or with the effects of the hypothesis the bolts close no contact.
         """
-        joint = self.joint(point)
-        mode = joint.linear_modes(self.mode + 1)[self.mode]
+        try:
+            joint = self.joint(point)
+            mode = joint.linear_modes(self.mode + 1)[self.mode]
+        except InputError as error:
+            if point.effects:
+                raise NonConvergenceError(str(error)) from error
+            raise
         curve = self.backbone(joint, mode)
-        seen = self._seen(curve, mode)
+        values = self._read(self._seen(curve), curve.frequency, curve.damping)
+        return Prediction(point, (values if self.correction is None else values + self.correction).ravel(), curve)
+
+    def _read(self, seen: Array, frequency: Array, damping: Array) -> Array:
+        """Return frequency and damping (channels, points) at the recorded amplitudes from those `seen` at others."""
         order = np.argsort(seen)
         place = np.log(seen[order])
         keep = np.r_[True, np.diff(place) > 1e-9]
         place, order = place[keep], order[keep]
         if len(place) < 2:
             raise NonConvergenceError(SLIDES)
-        at = np.log(self.points.amplitude)
-        frequency = _along(place, curve.frequency[order], at)
-        values = [frequency]
-        if self.points.damping is not None:
-            values.append(_along(place, curve.damping[order], at))
-        return Prediction(point, np.concatenate(values), curve)
+        channels = (frequency,) if self.points.damping is None else (frequency, damping)
+        return np.array([_along(place, one[order], np.log(self.points.amplitude)) for one in channels])
+
+    def first(self, count: int) -> StructureExperiment:
+        """Return the experiment of the `count` points of the smallest amplitudes."""
+        correction, truncation = (None if one is None else one[:, :count] for one in (self.correction, self.truncation))
+        return replace(self, points=self.points.first(count), correction=correction, truncation=truncation)
 
     def curves(self, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
         """Return backbone and responses as measured and as two predictions, before and after, have them."""
@@ -347,13 +268,17 @@ class StructureExperiment(Experiment):
                              "backbone.mode, or another output")
         return size * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
 
-    def _seen(self, curve: ModalBackbone, mode: LinearMode) -> Array:
+    def _seen(self, curve: ModalBackbone) -> Array:
         """Return the amplitudes of a backbone as they were recorded."""
-        name = self.recorded.amplitude_of
-        if self.recorded.amplitude_unit == MODAL_UNIT:
-            return curve.amplitude
-        moved = np.abs(curve.outputs[:, curve.output_names.index(name)])
-        return np.asarray(moved * (2.0 * np.pi * curve.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
+        return self._seen_of(curve.outputs, curve.frequency, curve.amplitude)
+
+    def _seen_of(self, outputs: Array, frequency: Array, modal: Array) -> Array:
+        """Return the recorded amplitude of motions whose outputs are (A, outputs) in m, at frequencies in Hz."""
+        own = self.recorded
+        if own.amplitude_unit == MODAL_UNIT:
+            return modal
+        moved = np.abs(outputs[:, list(self.structure.outputs).index(own.amplitude_of)])
+        return np.asarray(moved * (2.0 * np.pi * frequency)**POWERS.get(own.amplitude_unit, 0))
 
     @cached_property
     def _bare(self) -> tuple[BoltedJoint, LinearMode]:
@@ -370,6 +295,46 @@ class StructureExperiment(Experiment):
     @cached_property
     def _largest_modal(self) -> float:
         return float(self.points.amplitude[-1]) / self._gain(self._bare[1])
+
+    def corrected(self, prediction: Prediction) -> StructureExperiment | None:
+        """Return the same with what static loads leave out at a prediction put right; None without periodic motions."""
+        more = self._beyond_static_loads(prediction)
+        return None if more is None else replace(self, correction=more)
+
+    def told_at(self, prediction: Prediction) -> StructureExperiment:
+        """Return the same with its numerical errors told, and as far as they are known put right, at a prediction."""
+        about = replace(self, about=prediction.point)
+        more, most = (about._beyond_static_loads(prediction, finer) for finer in (1, 2))
+        return replace(about, correction=more, truncation=None if more is None or most is None else most - more)
+
+    def _beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
+        """Return what periodic motions, with `finer` times the harmonics and samples, add (channels, points).
+
+        Static loads keep the shape of the linear mode; where much slides or opens, a motion's own shape is another.
+        Beyond the amplitude up to which there are periodic motions, the difference stays what it is there.
+        """
+        joint, curve = self.joint(prediction.point), prediction.state
+        mode = joint.linear_modes(self.mode + 1)[self.mode]
+        rising = np.argsort(curve.amplitude)[::SPARSE if self.many else 1]
+        static = [np.asarray(one)[rising] for one in (self._seen(curve), curve.frequency, curve.damping)]
+        found: list[PeriodicMode] = []
+        for amplitude in curve.amplitude[rising]:
+            try:
+                found.append(periodic_mode(joint, mode, float(amplitude), HARMONICS * finer, SAMPLES * finer, SETTLED,
+                                           found[-1] if found else None))
+            except NonConvergenceError:
+                break
+        if len(found) < 2:
+            return None
+        frequency, damping, modal = (np.array([getattr(one, name) for one in found])
+                                     for name in ("frequency", "damping", "amplitude"))
+        moved = self._seen_of(np.array([one.outputs for one in found]), frequency, modal)
+        within = np.flatnonzero(self.points.amplitude <= min(moved[-1], static[0][len(found) - 1]))
+        if not within.size:
+            return None
+        more = self._read(moved, frequency, damping) - self._read(*static)
+        more[:, within[-1] + 1:] = more[:, within[-1]:within[-1] + 1]
+        return more
 
 
 def _along(place: Array, values: Array, at: Array) -> Array:

@@ -17,7 +17,8 @@ import numpy as np
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Array, Effect, Prior
 from fretflow.effects.line_cycle import LineContact, LineCycle
-from fretflow.experiments.structure.experiment import STATED, scatter
+from fretflow.experiments.structure.experiment import STATED
+from fretflow.experiments.structure.points import scatter
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.recordings.kinds.structures import WornRecording

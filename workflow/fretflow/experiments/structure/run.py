@@ -15,14 +15,26 @@ from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, described, estimate, smallest_visible
-from fretflow.inference.search import FAST, FULL, Names, Search, begin_all, search, start_search
+from fretflow.inference.posterior import Found, decide, described, detected, estimate, smallest_visible
+from fretflow.inference.search import (
+    FAST,
+    FULL,
+    Names,
+    Search,
+    Task,
+    begin_all,
+    correct,
+    fit_task,
+    search,
+    start_search,
+)
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
 
 Progress = Callable[[float, str], None]
 
+AGAIN = 2  # times that fits move the amplitudes at which points slide, and with them what periodic motions correct
 BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1", "friction of the faces"),
             "modal_damping": ("1", "damping ratio of the structure without its joint"),
             "wear_coefficient": ("m^2/N", "K_w: worn volume over load and sliding")}
@@ -45,14 +57,16 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     experiment = ProfileExperiment(recording) if isinstance(recording, WornRecording) else StructureExperiment.of(
         recording)
     progress(0.1, "refitting the baseline")
-    found = start_search(experiment, experiment.first_prediction(), FAST if fast or experiment.many else FULL,
-                         _one_by_one if tools is None else tools.pool)
-    detection = detect(found)
-    if detection.p_value < FALSE_ALARMS:
-        search(found, lambda share, text: progress(0.15 + 0.65 * share, text))
-    else:
-        begin_all(found)  # what would have been seen
-    judged = decide(found)
+    pool, effort = _one_by_one if tools is None else tools.pool, FAST if fast or experiment.many else FULL
+    found = start_search(experiment, experiment.first_prediction(), effort, pool)
+    detection = _looked(found, lambda share, text: progress(0.15 + 0.3 * share, text))
+    if isinstance(experiment, StructureExperiment):
+        experiment, found = told_again(experiment, found)
+        detection = _looked(found, lambda share, text: progress(0.45 + 0.35 * share, text))
+        for _ in range(AGAIN):
+            found.settled.clear()
+            correct(found, [0, 1, 2])
+    judged = detected(decide(found), detection)
     progress(0.85, "what is held out")
     own = room.told(experiment, found, judged)
     return Diagnosis(
@@ -66,6 +80,29 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
 
 def _one_by_one(function: Callable[[Any], Any], arguments: Any) -> list[Any]:
     return [function(one) for one in arguments]
+
+
+def _looked(found: Search, progress: Progress) -> Detection:
+    """Return whether the baseline leaves anything, all sets fitted that may explain it."""
+    detection = detect(found)
+    if detection.p_value < FALSE_ALARMS:
+        search(found, progress)
+    else:
+        begin_all(found)  # what would have been seen
+    return detection
+
+
+def told_again(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search]:
+    """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
+
+    In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording.
+    """
+    best = max(found.fits, key=lambda names: found.log_evidence(names, False))
+    told = experiment.told_at(found.fits[best].prediction)
+    again = start_search(told, told.predict(found.baseline.prediction.point), found.effort, found.pool)
+    again.keep(found.pool(fit_task, [Task(again.fitter, fit.prediction.point, fit.prediction, found.effort.last_steps)
+                                     for names, fit in found.fits.items() if names]))
+    return told, again
 
 
 def detect(found: Search) -> Detection:
