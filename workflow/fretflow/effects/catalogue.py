@@ -21,7 +21,7 @@ from zlib import crc32
 
 from pydantic import ValidationError
 
-from fretflow.case.casefile import entries
+from fretflow.case.casefile import entries, unit_of
 from fretflow.case.config import explain
 from fretflow.core.errors import ConfigError, InputError, did_you_mean
 from fretflow.effects.effect import Effect
@@ -78,6 +78,12 @@ def add_effects(folder: Path | str) -> Mapping[str, type[Effect]]:
     found = _collect(folders)  # which refuses what cannot be used
     os.environ[FOLDERS] = folders
     return found
+
+
+def described(effect: str, field: str) -> tuple[str, str]:
+    """Return the SI unit and the meaning of an effect's parameter."""
+    kind = catalogue()[effect]
+    return unit_of(kind, field) or "1", kind.model_fields[field].description or ""
 
 
 def import_own() -> None:

@@ -19,7 +19,6 @@ import numpy as np
 from scipy.special import logit
 from scipy.stats import norm
 
-from fretflow.case.casefile import unit_of
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import FORMS, SEED
 from fretflow.inference.law_forms import density
@@ -258,12 +257,6 @@ def taken_by_chance(found: Search, names: Names) -> Array:
             own = basis(start.changes - rest @ (rest.T @ start.changes))
             best = np.maximum(best, np.sum((own.T @ draws)**2, axis=0))
     return best
-
-
-def described(coordinate: Coordinate) -> tuple[str, str]:
-    """Return the unit and the meaning of an effect's parameter."""
-    kind = catalogue()[coordinate.effect]
-    return unit_of(kind, coordinate.field) or "1", kind.model_fields[coordinate.field].description or ""
 
 
 def estimate(coordinate: Coordinate, z: float, half: float, draws: Array, told: tuple[str, str]) -> Estimate:

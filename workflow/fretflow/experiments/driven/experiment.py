@@ -19,7 +19,7 @@ from fretflow.case.casefile import unit_of
 from fretflow.case.config import Section
 from fretflow.core.errors import InputError
 from fretflow.core.units import registry
-from fretflow.effects.catalogue import catalogue
+from fretflow.effects.catalogue import catalogue, described
 from fretflow.effects.driven import Baseline, DrivenJoint, LumpedBaseline, SliderBaseline
 from fretflow.effects.effect import Array, Prior, declared_priors, parameter_limits
 from fretflow.experiments.driven.data import DrivenData
@@ -29,7 +29,6 @@ from fretflow.inference.evidence import MODULATING, harmonics
 from fretflow.inference.experiment import Measurement, Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Coordinate, Parameters
-from fretflow.inference.posterior import described
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.structure.motion import Motion
 
@@ -178,6 +177,6 @@ class DrivenExperiment(IndependentExperiment):
     def described(self, coordinate: Coordinate) -> tuple[str, str]:
         """Return the unit and the meaning of a parameter."""
         if coordinate.effect:
-            return described(coordinate)
+            return described(coordinate.effect, coordinate.field)
         section = baseline_of(self.data.kind)
         return unit_of(section, coordinate.field), section.model_fields[coordinate.field].description or ""

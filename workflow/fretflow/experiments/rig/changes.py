@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fretflow.experiments.rig.experiment import simulation_of
-from fretflow.experiments.rig.model import HARMONICS, Period, RigModel
+from fretflow.experiments.rig.model import HARMONICS, Period, RigModel, harmonics_of
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.inference.evidence import LOOP_HARMONICS
@@ -26,10 +26,10 @@ from fretflow.structure.sensors import Signals, band_limited
 
 CONTACT, WEAR, RIG, EXCITATION, GEOMETRY, SENSOR = (
     "contact law", "wear law", "rig", "excitation", "geometry", "sensor")
-LAW_POINTS = 8
+LAW_POINTS = 8  # over a stroke, between which a law of the contact is linear
 RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
 SMALL = 1e-3  # of a channel's size: changes are first order
-GAP_SIZE = 3e-6  # m
+GAP_SIZE = 3e-6  # m, of a change of the gap
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Loop:
 
     def answers(self, directions: Sequence[Direction]) -> list[dict[str, Array]]:
         """Return the changes of the channels for each direction, to first order."""
-        harmonics = min(HARMONICS, len(self.period.solution.state) // 4)
-        found = sensitivities(self.period.problem, self.period.solution, directions, harmonics)
+        found = sensitivities(self.period.problem, self.period.solution, directions,
+                              harmonics_of(len(self.period.solution.state)))
         return [self._changes(found, v) for v in range(len(directions))]
 
     def _changes(self, found: PeriodSensitivity, v: int) -> dict[str, Array]:

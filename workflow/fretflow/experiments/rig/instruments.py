@@ -18,6 +18,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.setup import FRICTION
+from fretflow.recordings.blocks import TIED
 from fretflow.recordings.loopset import LoopSet, plateau
 from fretflow.recordings.plausibility import STATED
 from fretflow.recordings.recording import Recording
@@ -25,7 +26,6 @@ from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 WORDS = {"displacement": "displacement", "friction_force": "friction force", "force": "friction force",
          "excitation": "excitation", "normal_force": "normal force"}
-TIED = 0.02  # of a channel's samples at one extreme value: a smooth wave of 25 samples or more has one at most
 
 
 def faults(recording: Recording, case: Case) -> tuple[str, ...]:

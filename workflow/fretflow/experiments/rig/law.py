@@ -12,7 +12,7 @@ from fretflow.experiments.rig.phases import Strokes, smoothed
 from fretflow.experiments.rig.views import level, loop_pieces
 from fretflow.inference.verdict import ResidualLaw
 
-BINS = 16
+BINS = 16  # of a state, each of as many samples, in which a law is drawn
 ALIKE = 0.02  # of the explained share: the plainer state is told
 CHANNELS = {"friction_force": "N", "displacement": "m"}
 CYCLES, ENERGY = SLOW = ("cycles", "dissipated energy per cycle")  # over which a change is one along the motion

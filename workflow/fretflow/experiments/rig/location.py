@@ -26,7 +26,7 @@ CHANNEL_WORDS = {"friction_force": "friction force", "normal_force": "normal for
                  "wear_depth": "wear depth"}
 PARITIES = {(1, 1): "a constant", (-1, 1): "odd in the displacement", (1, -1): "odd in the direction of motion",
             (-1, -1): "odd in the displacement and in the direction of motion"}
-PARITY_BINS = 10
+PARITY_BINS = 10  # of the displacement, in mirror pairs
 INNER = 0.6  # of the half width: the middle of the contact from there inward
 Mask = NDArray[np.bool_]
 

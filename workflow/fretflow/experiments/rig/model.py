@@ -30,14 +30,19 @@ from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
 TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
-HARMONICS = 20
-MOST_ITERATIONS = 15
+HARMONICS = 20  # of the masses' motion, at most
+MOST_ITERATIONS = 15  # Newton's; a hypothesis that takes more is given up
 # of a simulation's wear, and where it is fine: less plausible laws over cycles may need thousands
 MOST_PERIODS, MOST_FINE = 50, 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
 # tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
 # stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with less.
 WEAR_TOLERANCE, FINE = 0.1, 0.01
+
+
+def harmonics_of(samples: int) -> int:
+    """Return the harmonics of the masses' motion that a period of so many samples is solved with."""
+    return min(HARMONICS, samples // 4)
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ class RigModel:
 
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
-        return QuasiStaticSolver(Solver(samples=self.samples, harmonics=min(HARMONICS, self.samples // 4),
+        return QuasiStaticSolver(Solver(samples=self.samples, harmonics=harmonics_of(self.samples),
                                         tolerance=TOLERANCE, max_iterations=MOST_ITERATIONS, estimate_error=False))
 
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:

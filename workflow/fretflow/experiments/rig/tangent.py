@@ -18,13 +18,13 @@ from fretflow.core.errors import FretflowError
 from fretflow.effects.derivative import directions_to
 from fretflow.effects.model import EffectModel
 from fretflow.experiments.rig.model import (
-    HARMONICS,
     Hypothesis,
     Period,
     RigModel,
     Simulation,
     asperity_motion,
     channel,
+    harmonics_of,
 )
 from fretflow.experiments.rig.observation import Array
 from fretflow.recordings.schema import MeasuredAt
@@ -117,8 +117,8 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
     """Return the sensitivities to some directions and, after them, to the gap of every node that may wear."""
     worn = gap_of_each_node(period.problem.interface.size) if period.step.cycles else []
-    harmonics = min(HARMONICS, len(period.solution.state) // 4)
-    return sensitivities(period.problem, period.solution, [*directions, *worn], harmonics)
+    return sensitivities(period.problem, period.solution, [*directions, *worn],
+                         harmonics_of(len(period.solution.state)))
 
 
 def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]

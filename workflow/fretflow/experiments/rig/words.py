@@ -9,13 +9,13 @@ import numpy as np
 
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case
-from fretflow.effects.catalogue import catalogue, tables
+from fretflow.effects.catalogue import catalogue, described, tables
 from fretflow.experiments.rig.experiment import hypothesis
 from fretflow.experiments.rig.model import RigModel
 from fretflow.inference.evidence import drawn
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
-from fretflow.inference.posterior import Found, described, estimate
+from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.search import BENT
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
@@ -116,8 +116,8 @@ def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covaria
 
 def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:
     if coordinate.effect:
-        found, prior = estimate(coordinate, z, half, draws, described(coordinate)), catalogue()[
-            coordinate.effect].priors()[coordinate.field]
+        found = estimate(coordinate, z, half, draws, described(coordinate.effect, coordinate.field))
+        prior = catalogue()[coordinate.effect].priors()[coordinate.field]
         turn = 2.0 * np.pi  # width of the range of an angle
         if prior.high - prior.low != turn:
             return found

@@ -24,7 +24,7 @@ from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.recordings.kinds.structures import WornRecording
 from fretflow.recordings.kinds.worn_profiles import WornArea
 
-JUMPS = 24
+JUMPS = 24  # of the march of a test; what twice as many change is an error of the prediction
 ROOM = 1.3  # times the half width of a scar that is worn without debris, where strips end
 LEAST = 0.01  # of the deepest place: sd of a depth of which nothing is known
 HELD_SHARE = 0.1  # relative sd of a worn area without one: repeats of fretting tests, ASTM G204

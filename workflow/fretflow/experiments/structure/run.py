@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from fretflow.effects.catalogue import described
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, described, detected, estimate, smallest_visible
+from fretflow.inference.posterior import Found, decide, detected, estimate, smallest_visible
 from fretflow.inference.search import (
     FAST,
     FULL,
@@ -124,7 +125,8 @@ def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     fit = found.fits[names]
     _, covariance = found.evidence(names).coordinates(found.prior(names))
-    made = (estimate(one, float(z), HALF * float(sd), draws, described(one) if one.effect else BASELINE[one.field])
+    made = (estimate(one, float(z), HALF * float(sd), draws, described(one.effect, one.field)
+                     if one.effect else BASELINE[one.field])
             for one, z, sd, draws in zip(fit.parameters.coordinates, fit.z, np.sqrt(np.diag(covariance)),
                                          drawn(fit.z, covariance), strict=True))
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
