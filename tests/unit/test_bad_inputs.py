@@ -250,6 +250,12 @@ FILES = {
     "cells without end": ("loops", "a.mat", lambda path: matlab(path, referring("many")), "cells and fields"),
     "data below groups without end": ("loops", "a.mat", lambda path: matlab(path, deep_data), DEEP),
     "cells in cells": ("loops", "a.mat", lambda path: cells_in_cells(path, 2_000), DEEP),
+    "an element of no kind": ("loops", "a.mat", lambda path: path.write_bytes(
+        b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + element(14, element(6, struct.pack("<II", 6, 0)) + element(
+            5, struct.pack("<ii", 20, 2)) + element(1, b"a") + element(200, bytes(320)))), "of kind 200"),
+    "an array of more than there is": ("loops", "a.mat", lambda path: path.write_bytes(
+        b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + element(14, element(6, struct.pack("<II", 1, 0)) + element(
+            5, struct.pack("<ii", 2**15, 2**14)) + element(1, b"a"))), "536,870,912 items"),
     "letters beyond all": ("loops", "a.mat", lambda path: matlab(path, letters(np.array([2**40], dtype="u8"))),
                            "no N x 2"),
     "letters that are none": ("loops", "a.mat", lambda path: matlab(path, letters(np.array([np.nan, 1.5]))),

@@ -13,7 +13,9 @@ import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
+from struct import error as StructError
 from struct import unpack_from
 from typing import Any
 
@@ -30,6 +32,10 @@ SHORTEST = 8  # samples of a loop
 MOST_ITEMS = 20_000  # cells and fields of a file
 DEEPEST = 200  # cells in each other
 MATRIX, COMPRESSED = 14, 15  # kinds of elements, "MAT-File Format", table 1-1
+DIMENSIONS, SPARSE = 5, 5  # kind of the element that holds the dimensions; class of arrays that leave zeros out
+MOST_DIMENSIONS = 32  # of NumPy
+MOST_EMPTY = 1000  # items of an array that may have no fields
+KINDS = frozenset((*range(1, 8), 9, *range(12, 19)))
 COUNTS = ("cycle", "cycles", "cycle_count", "cyclecount", "n_cycles", "ncycles", "num_cycles", "numcycles")
 PAIRS = (("displacement", "force"), ("displacement", "friction_force"), ("disp", "force"), ("x", "f"), ("u", "f"),
          ("d", "f"), ("delta", "q"), ("displacement", "friction"))
@@ -86,23 +92,24 @@ def load_matlab(path: Path) -> dict[str, Any]:
     from scipy.io.matlab import MatReadError
 
     try:
-        _check_depth(path)
+        _check_elements(path)
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5
         with open_hdf5(path, UnsupportedRecordingError) as file:
             items = _Items(file)
             content = {name: items.read(item) for name, item in file.items() if not name.startswith("#")}
     except (MatReadError, ValueError, TypeError, EOFError, LookupError, NameError, AttributeError, OverflowError,
-            zlib.error) as error:
+            zlib.error, StructError) as error:
         raise CorruptRecordingError(f"{path}: is no whole MATLAB file ({error}); save it again") from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
-def _check_depth(path: Path) -> None:
-    """Refuse a file of versions 5 to 7 with cells in cells by the thousand, at which SciPy ends the process."""
-    content = path.read_bytes()
-    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
-    if order is not None and content[124:126].strip(b"\0") and _depth(content[128:], order) > DEEPEST:
+def _check_elements(path: Path) -> None:
+    """Refuse a file of versions 5 to 7 with cells in cells by the thousand, or unknown elements, which end SciPy."""
+    with path.open("rb") as file:
+        order = {b"\0\1IM": "<", b"\1\0MI": ">"}.get(file.read(128)[124:])
+        content = b"" if order is None else file.read()
+    if order is not None and _depth(content, order) > DEEPEST:
         raise CorruptRecordingError(f"{path}: its cells or structures lie hundreds deep in each other; save the loops "
                                     "alone")
 
@@ -115,7 +122,12 @@ def _depth(content: bytes, order: str, packed: bool = False) -> int:
         at += 8
         while len(ends) > 1 and at > ends[-1]:
             ends.pop()
+        if (kind & 0xFFFF) not in KINDS and (kind or size):
+            raise ValueError(f"an element at byte {at:,} is of kind {kind}, which there is not")
+        if kind < 1 << 16 and at + size > len(content):
+            raise ValueError(f"cut off within the {size:,} bytes of an element")
         if kind == MATRIX:
+            _check_size(content[at:at + 16 + 4 * MOST_DIMENSIONS], size, order)
             ends.append(at + size)
             deepest = max(deepest, len(ends) - 1)
         elif kind == COMPRESSED and not packed:
@@ -124,6 +136,19 @@ def _depth(content: bytes, order: str, packed: bool = False) -> int:
         elif kind < 1 << 16:  # others hold their few bytes in place of the size
             at += size + -size % 8
     return deepest
+
+
+def _check_size(head: bytes, size: int, order: str) -> None:
+    """Refuse an array whose `head`, flags and dimensions, claims more items than its `size` in bytes holds."""
+    if len(head) < 32:
+        return
+    (flags,), (kind, count) = unpack_from(f"{order}I", head, 8), unpack_from(f"{order}II", head, 16)
+    if flags & 0xFF == SPARSE or kind & 0xFFFF != DIMENSIONS:
+        return
+    claimed = abs(count) if kind >> 16 else prod(map(abs, unpack_from(f"{order}{min(count, len(head) - 24) // 4}i",
+                                                                     head, 24)))
+    if claimed > max(MOST_EMPTY, size):
+        raise ValueError(f"an array of {claimed:,} items in {size:,} bytes")
 
 
 class _Items:
