@@ -114,7 +114,7 @@ def perturbations(given):
         (along.frequency(), lambda e: given.vary(frequency=100.0 + e), 100.0)]
     for part, slightness in PARTS.items():  # how much more of it is needed for a like change
         size = getattr(RIG, part) * slightness
-        changes.append((getattr(along, part)(), lambda e, part=part: replace(
+        changes.append((along.rig_part(part), lambda e, part=part: replace(
             given, structure=replace(model, rig=replace(RIG, **{part: getattr(RIG, part) + e}))), size))
     return changes
 
@@ -187,7 +187,7 @@ def test_homogeneous_in_forces_and_lengths(case):
 
 
 def rig_directions():
-    return [getattr(along, part)() for part in PARTS], [getattr(RIG, part) for part in PARTS]
+    return [along.rig_part(part) for part in PARTS], [getattr(RIG, part) for part in PARTS]
 
 
 @pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
@@ -223,11 +223,11 @@ def test_a_joint_that_sticks_is_the_linear_joint():
     omega = 2.0 * np.pi * 100.0
     linear = RIG.impedance(np.array([omega]))[0] + np.diag([0.0, stiffness])
     motion = np.linalg.solve(linear, [30.0, 0.0])
-    changes = [(along.moving_mass(), -omega**2 * np.diag([1.0, 0.0])),
-               (along.arm_mass(), -omega**2 * np.diag([0.0, 1.0])),
-               (along.ground_stiffness(), np.diag([1.0, 0.0])),
-               (along.hinge_stiffness(), np.array([[1.0, -1.0], [-1.0, 1.0]])),
-               (along.hinge_damping(), 1j * omega * np.array([[1.0, -1.0], [-1.0, 1.0]])),
+    changes = [(along.rig_part("moving_mass"), -omega**2 * np.diag([1.0, 0.0])),
+               (along.rig_part("arm_mass"), -omega**2 * np.diag([0.0, 1.0])),
+               (along.rig_part("ground_stiffness"), np.diag([1.0, 0.0])),
+               (along.rig_part("hinge_stiffness"), np.array([[1.0, -1.0], [-1.0, 1.0]])),
+               (along.rig_part("hinge_damping"), 1j * omega * np.array([[1.0, -1.0], [-1.0, 1.0]])),
                (along.frequency(), 2.0 * np.pi * (1j * RIG.damping - 2.0 * omega * RIG.mass)),
                (along.flexibility(given.structure.flexibility), -stiffness * np.diag([0.0, 1.0]))]
     exact = sensitivities(given, found, [direction for direction, _ in changes], HARMONICS)
@@ -246,7 +246,8 @@ def test_a_spring_or_dashpot_as_a_force_is_the_spring_or_dashpot(case):
     speed = np.fft.irfft(1j * given.omega * np.arange(len(amplitudes)) * amplitudes, SAMPLES)
     histories = [np.column_stack([-h, np.zeros(SAMPLES)]) for h in (block, speed)]
     pushed = sensitivities(given, found, [along.rig_force(h, "added") for h in histories], HARMONICS)
-    built = sensitivities(given, found, [along.ground_stiffness(), along.ground_damping()], HARMONICS)
+    ground = [along.rig_part(part) for part in ("ground_stiffness", "ground_damping")]
+    built = sensitivities(given, found, ground, HARMONICS)
     for name in ("rig_displacement", "friction_force", "pressure_sliding"):
         scale = np.abs(getattr(built, name)).max(axis=tuple(range(1, getattr(built, name).ndim)), keepdims=True)
         assert getattr(pushed, name) / scale == pytest.approx(getattr(built, name) / scale, abs=1e-9)

@@ -10,9 +10,9 @@ Effects act in the order of their ids, so that the order in which they are given
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,21 +20,11 @@ from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
 from fretflow.effects.catalogue import check_together
-from fretflow.effects.effect import (
-    Array,
-    Effect,
-    Prior,
-    RecordingKind,
-    declared_priors,
-    parameter,
-    parameter_limits,
-)
+from fretflow.effects.effect import Array, Effect, RecordingKind, parameter
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.structure.driven import DrivenForce, Sliders, driven_force
 from fretflow.structure.motion import Motion
 
-BASELINE = "baseline"
-DIFFERENCE = 1e-5  # of a parameter's size, for derivatives
 WIDE = "wide, from the recording's own amplitudes"
 
 
@@ -110,58 +100,3 @@ class DrivenJoint:
     def predict(self, motion: Motion) -> DrivenForce:
         """Return the force that `motion` makes."""
         return driven_force(motion, self.baseline.sliders(), self.baseline.force(motion), self.effects)
-
-    @property
-    def parts(self) -> dict[str, Section]:
-        """Return the baseline and the effects by name."""
-        return {BASELINE: self.baseline, **{effect.id: effect for effect in self.effects}}
-
-    @property
-    def priors(self) -> dict[str, Prior]:
-        """Return the ranges of all parameters that have one, as ``backlash.play``."""
-        return {f"{name}.{field}": prior for name, part in self.parts.items()
-                for field, prior in declared_priors(type(part)).items() if not prior.rig_only}
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Return all parameters that have a range, in SI."""
-        parts = self.parts
-        return {name: float(getattr(parts[name.split(".")[0]], name.split(".")[1])) for name in self.priors}
-
-    @property
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """Return the limits that the parameters' fields set."""
-        parts = self.parts
-        return {name: parameter_limits(type(parts[name.split(".")[0]]), name.split(".")[1]) for name in self.priors}
-
-    def with_values(self, values: Mapping[str, float]) -> DrivenJoint:
-        """Return the joint with some parameters changed, in SI; the names are those of `values`.
-
-        Raises
-        ------
-        KeyError
-            If a name is not known.
-        """
-        changes: dict[str, dict[str, Any]] = {name: {} for name in self.parts}
-        for name, value in values.items():
-            part, _, field = name.partition(".")
-            if field not in type(self.parts[part]).model_fields:
-                raise KeyError(f"{name}: no such parameter; there are {', '.join(self.values)}")
-            changes[part][field] = float(value)
-        return DrivenJoint(self.baseline.model_copy(update=changes[BASELINE]),
-                           tuple(effect.model_copy(update=changes[effect.id]) for effect in self.effects))
-
-    def derivatives(self, motion: Motion, names: Sequence[str]) -> Array:
-        """Return the derivatives (N, P) of the recorded force by the parameters `names`, by central differences.
-
-        Near a bound of a parameter they are one-sided.
-        """
-        columns = []
-        for name in names:
-            value, prior, (low, high) = self.values[name], self.priors[name], self.bounds[name]
-            step = DIFFERENCE * max(abs(value), abs(prior.low), 1e-3 * abs(prior.high))
-            ends = max(value - step, low), min(value + step, high)
-            below, above = (self.with_values({name: end}).predict(motion).measured for end in ends)
-            columns.append((above - below) / (ends[1] - ends[0]))
-        return np.column_stack(columns) if columns else np.zeros((len(motion.displacement), 0))
-

@@ -20,7 +20,7 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.pipeline.problem import make_model
 from fretflow.pipeline.stage import write_json
-from fretflow.solvers.continuation.curve import CHANNELS, Peak, ResponseCurve, SweepDirection, channel_index, read_peak
+from fretflow.solvers.continuation.curve import CHANNELS, Peak, ResponseCurve, SweepDirection, read_peak
 from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.history import WearHistory
@@ -28,7 +28,6 @@ from fretflow.wear.history import WearHistory
 VERSION = 1  # of the curves; a new one makes old files unused
 FOLDER = "response_curves"
 PEAKS = "peaks.json"
-BLOCK = channel_index("block")
 HARMONICS, SAMPLES = 40, 256  # at least: an arm that sticks rings at many times the lowest frequencies
 
 

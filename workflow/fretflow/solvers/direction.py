@@ -101,34 +101,9 @@ def locked(weights: Array) -> Direction:
     return Direction(name="locked", locked=weights)
 
 
-def moving_mass() -> Direction:
-    """Return the block's mass."""
-    return Direction(name="moving mass", rig=replace(_NO_RIG, moving_mass=1.0))
-
-
-def arm_mass() -> Direction:
-    """Return the arm's mass."""
-    return Direction(name="arm mass", rig=replace(_NO_RIG, arm_mass=1.0))
-
-
-def ground_stiffness() -> Direction:
-    """Return the spring between ground and block."""
-    return Direction(name="ground stiffness", rig=replace(_NO_RIG, ground_stiffness=1.0))
-
-
-def hinge_stiffness() -> Direction:
-    """Return the spring between block and arm."""
-    return Direction(name="hinge stiffness", rig=replace(_NO_RIG, hinge_stiffness=1.0))
-
-
-def ground_damping() -> Direction:
-    """Return the dashpot between ground and block."""
-    return Direction(name="ground damping", rig=replace(_NO_RIG, ground_damping=1.0))
-
-
-def hinge_damping() -> Direction:
-    """Return the dashpot between block and arm."""
-    return Direction(name="hinge damping", rig=replace(_NO_RIG, hinge_damping=1.0))
+def rig_part(name: str) -> Direction:
+    """Return one of the masses, springs and dashpots of a `LumpedRig`, such as ``hinge_stiffness``."""
+    return Direction(name=name.replace("_", " "), rig=replace(_NO_RIG, **{name: 1.0}))
 
 
 def excitation() -> Direction:
