@@ -23,7 +23,7 @@ class FrictionBump(ff.Effect):
     width: u.Length = ff.parameter(1.5e-6, "w: half-width of the patch", 0.5e-6, 4e-6)
 
     @classmethod
-    def neutral(cls, case: ff.Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return friction without the patch."""
         return cls(height=0.0)
 

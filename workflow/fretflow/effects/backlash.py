@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import INTERFACES, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -37,7 +36,7 @@ class Backlash(Effect):
     play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no play."""
         return cls().changed(play=0.0)
 

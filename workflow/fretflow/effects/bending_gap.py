@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
@@ -35,7 +34,7 @@ class BendingGap(Effect):
                                        source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return plane faces."""
         return cls().changed(height=0.0)
 

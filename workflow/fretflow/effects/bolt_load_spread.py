@@ -6,7 +6,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
@@ -37,7 +36,7 @@ class BoltLoadSpread(Effect):
                               source="VDI 2230-1, and elastic interaction of neighbours")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return bolts that pull alike."""
         return cls(ends=0.0, middle=0.0)
 

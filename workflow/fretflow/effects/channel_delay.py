@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.structure.sensors import Signals
@@ -30,7 +29,7 @@ class ChannelDelay(Effect):
     delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return channels in time."""
         return cls().changed(delay=0.0)
 

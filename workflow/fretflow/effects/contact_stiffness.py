@@ -9,7 +9,6 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
@@ -130,7 +129,7 @@ class ContactStiffness(Effect):
     reference_pressure: u.Pressure = parameter(60e6, "p_0: pressure at which the stiffness is k_t", 10e6, 200e6)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return rigid asperities."""
         return cls().changed(stiffness=1e30)
 

@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import LUMPED, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.structure.driven import Sliders
@@ -35,7 +34,7 @@ class CoulombFriction(Effect):
     reach: u.Length = Field(1e-6, description="d: elastic motion before it slides")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no friction."""
         return cls().changed(friction_limit=0.0)
 

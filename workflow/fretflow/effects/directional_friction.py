@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.effects.effect import (
     ALL_KINDS,
@@ -63,7 +62,7 @@ class DirectionalFriction(Effect):
                             logarithmic=False)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return friction alike in both directions."""
         return cls(difference=0.0)
 

@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.effects.effect import INTERFACES, Array, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
@@ -49,7 +48,7 @@ class DistributedMicroSlip(Effect):
                             gt=-1.0, lt=1.0, rig_only=True)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return one limit for all."""
         return cls(spread=0.0)
 

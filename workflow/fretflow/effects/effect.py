@@ -26,7 +26,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 from pydantic import Field
 
-from fretflow.case.config import Case, Section
+from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.effects.sketches import Sketch as Sketch
 from fretflow.effects.sketches import loop_sketch
@@ -168,8 +168,8 @@ class Effect(Section):
     sensed_at: ClassVar[int] = 0  # where `sense` acts: 0 at the joint, 1 in the force path, 2 in the channels
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
-        """Return the effect with parameters at which it does nothing in `case`."""
+    def neutral(cls) -> Self:
+        """Return the effect with parameters at which it does nothing."""
         raise NotImplementedError
 
     @classmethod

@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.structure.sensors import Signals
@@ -37,7 +36,7 @@ class ExtraMode(Effect):
     share: float = Field(1.0, ge=0.0, le=1.0, description="r: share of the force path's flexibility in this mode")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a mode that takes no part."""
         return cls(share=0.0)
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -40,7 +39,7 @@ class ForceOffset(Effect):
     force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no force."""
         return cls().changed(force_offset=0.0)
 

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case, ContactSection
+from fretflow.case.config import ContactSection
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -42,9 +42,9 @@ class FrictionRunIn(Effect):
     energy: u.Energy = parameter(30.0, "E_0: energy over which it settles", 5.0, 150.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
-        """Return the case's coefficient from the start."""
-        return cls(initial=TYPICAL if case is None else case.contact.friction_coefficient)
+    def neutral(cls) -> Self:
+        """Return the coefficient of a case that states none, from the start."""
+        return cls(initial=TYPICAL)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the coefficient at this energy in."""

@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.effects.effect import STRUCTURES, Block, Effect, Prior, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
@@ -35,7 +34,7 @@ class JointDamping(Effect):
                              source="a tenth of to three times the damping recorded at the largest amplitude")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no further damping."""
         return cls(slope=0.0)
 

@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
 from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Prior, RecordingKind, Sketch, parameter
@@ -40,7 +39,7 @@ class LoadDependentFriction(Effect):
         source="the load of the paper's test 1 over its area; fixed, so that tests at other loads can be compared")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return friction in proportion to the load."""
         return cls(exponent=0.0)
 

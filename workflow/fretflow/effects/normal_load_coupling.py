@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, RecordingKind, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -37,7 +36,7 @@ class NormalLoadCoupling(Effect):
                                   held=True)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a constant load."""
         return cls().changed(slope=0.0)
 

@@ -6,7 +6,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -31,7 +30,7 @@ class NormalLoadDrift(Effect):
     settling: float = parameter(4e4, "n_T: cycles over which it is lost", 1e4, 1.5e5, gt=0.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a load that stays."""
         return cls(loss=0.0)
 

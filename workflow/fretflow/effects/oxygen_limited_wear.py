@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import OTHER_RATES, STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.effects.third_body import edge_position
@@ -49,7 +48,7 @@ class OxygenLimitedWear(Effect):
     reference_power: u.PowerDensity = Field(1e5, description="q_0: frictional power density at which d_0 is stated")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return bare metal that wears as its oxides do."""
         return cls(adhesive_share=1.0)
 

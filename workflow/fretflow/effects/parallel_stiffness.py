@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -37,7 +36,7 @@ class ParallelStiffness(Effect):
     stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no spring."""
         return cls().changed(stiffness=0.0)
 

@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.contact.interface import Interface
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
@@ -77,7 +76,7 @@ class ScarEdge(Effect):
     depth_scale: u.Length = parameter(1e-6, "h_s: mean depth of both faces over which it builds up", 0.2e-6, 5e-6)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a scar that does not hold back."""
         return cls().changed(peak_force=0.0)
 

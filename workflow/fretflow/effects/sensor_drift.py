@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, UNLOADED, Block, Effect, RecordingKind, Sketch, parameter
 from fretflow.structure.sensors import Signals
@@ -33,7 +32,7 @@ class SensorDrift(Effect):
     drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a channel that stays."""
         return cls().changed(drift=0.0)
 

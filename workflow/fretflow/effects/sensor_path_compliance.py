@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import Block, Effect, parameter
 from fretflow.structure.sensors import Signals
@@ -30,7 +29,7 @@ class SensorPathCompliance(Effect):
     compliance: u.SignedCompliance = parameter(2e-8, "c: displacement that a force adds", 6e-9, 6e-8, ge=0.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a rigid path."""
         return cls().changed(compliance=0.0)
 

@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -45,7 +44,7 @@ class SupportNonlinearity(Effect):
                                             source="3 to 150 % of the paper's linear support at 10 µm")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a linear support."""
         return cls().changed(stiffness=0.0)
 

@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from fretflow.case.config import Case
 from fretflow.contact.interface import Interface
 from fretflow.core import units as u
 from fretflow.core.errors import AuditError
@@ -111,7 +110,7 @@ class ThirdBody(Effect):
     modulus: u.Pressure = Field(30e9, description="E_d: modulus of the layer, between loose and solid oxide")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return faces that keep no debris."""
         return cls(retained_fraction=0.0)
 

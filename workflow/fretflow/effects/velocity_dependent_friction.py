@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
 from fretflow.effects.effect import (
@@ -64,7 +63,7 @@ class VelocityDependentFriction(Effect):
     speed_scale: u.Velocity = parameter(2e-3, "v_s: speed over which friction falls", 0.5e-3, 8e-3)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no dependence."""
         return cls(strength=0.0)
 

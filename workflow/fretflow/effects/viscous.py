@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
@@ -35,7 +34,7 @@ class Viscous(Effect):
     damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no dashpot."""
         return cls().changed(damping=0.0)
 

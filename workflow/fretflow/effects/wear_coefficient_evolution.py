@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
 from fretflow.effects.volume_law import CYCLES, LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
@@ -31,7 +30,7 @@ class WearCoefficientEvolution(Effect):
     settling: float = parameter(1e5, "n_K: cycles over which it changes", 1e4, 1e6, gt=0.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return a coefficient that stays."""
         return cls(final_share=1.0)
 

@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
 from fretflow.effects.volume_law import (
@@ -53,7 +52,7 @@ class WearPowerLaw(Effect):
     reference_frequency: u.Frequency = parameter(100.0, "f_0: frequency likewise", 10.0, 500.0)
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return Archard's law."""
         return cls(pressure_exponent=0.0, sliding_exponent=0.0, frequency_exponent=0.0)
 

@@ -7,7 +7,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.case.config import Case
 from fretflow.core import units as u
 from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
 from fretflow.effects.volume_law import POWER, LawParameter, VolumeLaw, WornTests
@@ -45,7 +44,7 @@ class WearThreshold(Effect):
                                               source="0.1 to 0.6 of 130 kW/m², test 1 in the mean of contact and time")
 
     @classmethod
-    def neutral(cls, case: Case | None = None) -> Self:
+    def neutral(cls) -> Self:
         """Return no threshold."""
         return cls().changed(power_density=0.0)
 

@@ -103,7 +103,7 @@ def locked(weights: Array) -> Direction:
 
 def rig_part(name: str) -> Direction:
     """Return one of the masses, springs and dashpots of a `LumpedRig`, such as ``hinge_stiffness``."""
-    return Direction(name=name.replace("_", " "), rig=replace(_NO_RIG, **{name: 1.0}))
+    return Direction(name=name.replace("_", " "), rig=replace(_NO_RIG, **{name: 1.0}))  # type: ignore[arg-type]
 
 
 def excitation() -> Direction:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from fretflow.effects.catalogue import described
+from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
@@ -58,7 +59,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     experiment = ProfileExperiment(recording) if isinstance(recording, WornRecording) else StructureExperiment.of(
         recording)
     progress(0.1, "refitting the baseline")
-    pool, effort = _one_by_one if tools is None else tools.pool, FAST if fast or experiment.many else FULL
+    pool, effort = in_turn if tools is None else tools.pool, FAST if fast or experiment.many else FULL
     found = start_search(experiment, experiment.first_prediction(), effort, pool)
     detection = _looked(found, lambda share, text: progress(0.15 + 0.3 * share, text))
     if isinstance(experiment, StructureExperiment):
@@ -77,10 +78,6 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast, **own)
-
-
-def _one_by_one(function: Callable[[Any], Any], arguments: Any) -> list[Any]:
-    return [function(one) for one in arguments]
 
 
 def _looked(found: Search, progress: Progress) -> Detection:
