@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fretflow.core.errors import FretflowError
+from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.recordings.kinds.structures import Control, read_structure_recording
 
 TOML = """
@@ -118,6 +119,7 @@ def test_a_bad_backbone_is_told_in_one_line(folder, change, words):
     ('["2 kN", "20 kN"]', "[2, 20]", "structure.unknown.bolt_load"),
     ("[structure.unknown]", "[structure.unknown]\nfriction_coefficient = [0.1, 0.2]", "both a value and"),
     ('kind = "structure"', 'kind = "structure"\nspeed = 3', "unknown key"),
+    ('high = "1 %"', 'high = 1.0', "structure.unknown.modal_damping: is a range of damping ratios below 1"),
     ('level = "5 um"', 'level = "5 N"', "frf.level"),
     ('control = "response"', 'control = "none"', "frf.0.control"),
     ("[ring_down]", "[ring_down]\nextra = 3", "ring_down: each key but file is a table"),
@@ -129,3 +131,27 @@ def test_a_bad_key_is_named(folder, old, new, words):
     with pytest.raises(FretflowError) as caught:
         read_structure_recording(folder(text.replace(old, new)))
     assert words in str(caught.value)
+
+
+BAD_STRUCTURES = {
+    "a mass that is not definite": ({"M": lambda m: -m}, "M: is not positive definite"),
+    "a stiffness that is not definite": ({"K": lambda k: -k}, "K: "),
+    "bolts that pull the faces apart": ({"preload": lambda p: -p}, "preload: the bolts' forces find no path"),
+    "bolts that do not pull": ({"preload": lambda p: 0.0 * p}, "preload: the bolts' forces find no path"),
+    "interfaces that face the wrong way": ({"contact_map": lambda q: q * np.tile([1, 1, -1], len(q) // 3)[:, None]},
+                                           "signs of the normal rows|check their signs"),
+    "a frequency in mHz": ({"backbone": lambda text: text.replace("80.0", "80000").replace("79.", "79900")},
+                           "backbone.frequency: 8e[+]04 Hz is none of the structure's"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_STRUCTURES)
+def test_a_structure_that_cannot_be_is_told_in_one_line(folder, name):
+    changes, words = BAD_STRUCTURES[name]
+    made = folder(backbone=changes.get("backbone", str)(BACKBONE))
+    arrays = dict(np.load(made / "structure.npz"))
+    np.savez(made / "structure.npz", **{key: changes.get(key, np.asarray)(value) for key, value in arrays.items()})
+    with pytest.raises(FretflowError, match=words) as caught:
+        StructureExperiment.of(read_structure_recording(made)).first_prediction()
+    assert "\n" not in str(caught.value)
+    assert str(made) in str(caught.value)

@@ -14,6 +14,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.linalg import eigvalsh
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
@@ -28,7 +29,7 @@ from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBa
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, PeriodicMode, condensed, periodic_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
-from fretflow.structure.reduction.contact_modes import ReducedStructure, reduce_structure
+from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled, reduce_structure
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,7 @@ NEGLIGIBLE_DAMPING = 1e-7  # in place of a damping ratio of zero, whose logarith
 BELOW = 0.9  # of the smallest amplitude, from where on predictions are made
 MANY = 40  # contact points, from which on predictions take their time
 MODES = 8  # among which the recorded one is looked for
+OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
 HARMONICS, SAMPLES = 4, 128  # of a periodic motion
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
@@ -72,8 +74,11 @@ class StructureExperiment(Experiment):
         recording = with_backbone(recording)
         if recording.backbone is None:
             raise InputError(f"{recording.path}: has none of [backbone], [ring_down] and [[frf]]")
-        bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
-        found = replace(bare, mode=bare._recorded_mode())
+        try:
+            bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
+            found = replace(bare, mode=bare._recorded_mode())
+        except InputError as error:
+            raise InputError(f"{recording.path}: {error}") from error
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
         kept = max(MODES, int(np.sum(found.structure.eigenvalues < highest**2)))
         return replace(found, structure=condensed(found.structure, kept))
@@ -92,8 +97,21 @@ class StructureExperiment(Experiment):
             if backbone.mode > len(modes):
                 raise InputError(f"backbone.mode: {backbone.mode} is beyond the {len(modes)} first modes")
             return backbone.mode - 1
+        self._check_frequency(modes[-1].frequency)
         distance = np.array([abs(log(one.frequency / float(self.points.frequency[0]))) for one in modes])
         return int(np.argmin(distance))
+
+    def _check_frequency(self, highest: float) -> None:
+        """Check that the recorded frequency lies above the open joint's (Rayleigh), and below `highest`."""
+        stiffness, mass = assembled(self.structure)
+        own, place = float(self.points.frequency[0]), len(mass) - 1
+        shift = (2.0 * np.pi * own)**2  # of the inverse, as contact points may have no mass and bodies move freely
+        inverse = float(eigvalsh(mass, stiffness + shift * mass, subset_by_index=[place, place])[0])
+        lowest = float(np.sqrt(max(1.0 / inverse - shift, 0.0))) / (2.0 * np.pi)
+        if not lowest / OCTAVE < own < highest * OCTAVE:
+            raise InputError(f"backbone.frequency: {own:.4g} Hz is none of the structure's, whose first mode with the "
+                             f"joint open has {lowest:.4g} Hz and whose mode {MODES} with it closed {highest:.4g} Hz; "
+                             "check its unit and those of M and K, or name its number in backbone.mode")
 
     @property
     def recorded(self) -> MeasuredBackbone:

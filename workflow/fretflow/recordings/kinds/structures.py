@@ -27,7 +27,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fretflow.case.config import Section
 from fretflow.case.sections import Title
@@ -37,13 +37,7 @@ from fretflow.core.files import read_toml
 from fretflow.core.records import quantity, record
 from fretflow.recordings.kinds import FILE, RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
-from fretflow.recordings.kinds.structure_columns import (
-    StructureColumn,
-    number,
-    positive_range,
-    read_column,
-    stated_sd,
-)
+from fretflow.recordings.kinds.structure_columns import StructureColumn, number, positive_range, read_column, stated_sd
 from fretflow.recordings.kinds.worn_profiles import (
     LineContactSection,
     ProfileBlock,
@@ -85,6 +79,13 @@ class UnknownRanges(Section):
     bolt_load: Annotated[tuple[float, float] | None, positive_range("N")] = None
     modal_damping: Annotated[tuple[float, float] | None, positive_range("1")] = None
     friction_coefficient: Annotated[tuple[float, float] | None, positive_range("1")] = None
+
+    @field_validator("modal_damping")
+    @classmethod
+    def _below_one(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value and value[1] >= 1.0:
+            raise ValueError('is a range of damping ratios below 1, such as [1e-4, "1 %"]')
+        return value
 
 
 class StructureSection(Section):
