@@ -96,6 +96,7 @@ def test_help_is_wrapped_once_and_offers_nothing_without_use(capsys, monkeypatch
         shown = capsys.readouterr().out
         assert "--empty" not in shown
         assert "[default: False]" not in shown
+        assert "With --quiet a command says errors alone" in shown
         paragraphs = [line for line in shown.splitlines() if line[:1] not in ("╭", "│", "╰", "") and line.strip()]
         assert all(line.strip().endswith((".", "]", "CASE", "RUN", "RECORDING", "[ARGS...]")) for line in paragraphs)
     assert fretflow("run", "--help") == 0
@@ -276,3 +277,16 @@ def test_names_that_are_copied_are_never_broken(capsys, monkeypatch, width, tmp_
     assert all(name in said for name in catalogue()["third-body"].model_fields)
     assert " um" not in said
     assert "e+0" not in said
+
+
+@pytest.mark.parametrize(("shell", "file"), [("bash", ".local/share/bash-completion/completions/fretflow"),
+                                             ("zsh", ".zsh/completions/_fretflow"),
+                                             ("fish", ".config/fish/completions/fretflow.fish")])
+def test_names_are_completed_in_three_shells(shell, file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))  # whose files are told to read the script
+    made = tmp_path / file
+    made.parent.mkdir(parents=True)
+    assert fretflow("--install-completion", "--shell", shell, "--output", made) == 0
+    script = made.read_text()
+    assert all(word in script for word in ("diagnose", "export", "until"))
+    capsys.readouterr()

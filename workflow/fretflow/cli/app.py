@@ -19,8 +19,9 @@ QUIET = "--quiet"
 
 app = App(name="fretflow", version=__version__, help_format="markdown", result_action="return_value",
           exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
-          help="Vibration and fretting wear of structures held together by friction. With --quiet a command says "
-               "errors alone; `fretflow --install-completion` completes names in your shell.")
+          help="Vibration and fretting wear of structures held together by friction. "
+               "`fretflow --install-completion` completes names in your shell (bash, zsh, fish).",
+          help_epilogue="With --quiet a command says errors alone.")
 app.register_install_completion_command()
 for command in (run.run, modes.modes, calibrate.calibrate, run.render, verify.verify, effects.effects, loops.loops,
                 diagnose.diagnose, response.response, trial.trial, export.export, case.init, case.show):
