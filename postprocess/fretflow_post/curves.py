@@ -74,7 +74,7 @@ def _closed(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _checked(responses: Sequence[ForcedResponse]) -> str:
     """Say how far the contact's backbone, which the curves are made with, is off."""
     stated = stated_error(responses)
-    return f";\ncontact by its backbone: {stated.replace('%', ' %')}" if stated else ""
+    return f";\ncontact by its backbone: {stated}" if stated else ""
 
 
 def plot_responses(path: Path, responses: Sequence[ForcedResponse]) -> list[Path]:

@@ -47,7 +47,7 @@ def test_the_summary_holds_what_went_in_and_what_must_follow(home):
     assert len(summary["trends"]) == 5
     assert 0.0 < found["stick share"] < 0.3  # it slides as a whole for most of the period
     texts = {figure["name"]: figure["text"] for figure in summary["figures"]}
-    assert re.search(r"quasi-static, estimated error \d+\.\d+%", texts["sliding distance, unworn"])
+    assert re.search(r"quasi-static, estimated error \d+\.\d+ %", texts["sliding distance, unworn"])
 
 
 def test_in_gross_slip_wear_volume_follows_dissipated_energy(home):

@@ -266,7 +266,7 @@ def test_a_log_without_a_terminal_gets_a_line_a_minute(capsys, monkeypatch):
         for now in np.arange(1.0, 150.0):
             progress.advance("wear", now / 150.0, f"{now:.0f} s")
     said = capsys.readouterr().out.splitlines()
-    assert [line.split() for line in said] == [["wear", "41%", "61", "s"], ["wear", "81%", "122", "s"]]
+    assert [line.split() for line in said] == [["wear", "41", "%", "61", "s"], ["wear", "81", "%", "122", "s"]]
 
 
 @pytest.mark.parametrize("width", ["60", "80"])

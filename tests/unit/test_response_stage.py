@@ -107,7 +107,7 @@ def test_a_response_is_checked_over_its_range_and_the_worst_is_stated():
     checked = check_response(Oscillator(), PROBLEM, off)
     assert checked.worst == (pytest.approx(0.11, rel=1e-9), pytest.approx(50.0))
     assert stated_error([true, checked]) == (
-        "of 5 amplitudes of each curve the worst is 11.0% off the full solution, at 50 Hz")
+        "of 5 amplitudes of each curve the worst is 11.0 % off the full solution, at 50 Hz")
     lost = check_response(Oscillator(fails=lambda frequency, start: frequency > 100.0), PROBLEM, off)
     assert lost.checked.tolist() == [f for f in checked.checked if f <= 100.0]
 

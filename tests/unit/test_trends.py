@@ -145,7 +145,7 @@ def test_sliding_is_averaged_over_cycles_and_not_over_steps():
 
 def test_the_resonance_must_rise():
     assert judge_resonance(100.0, 101.0).met
-    assert "+1.00%" in judge_resonance(100.0, 101.0).found
+    assert "+1.00 %" in judge_resonance(100.0, 101.0).found
     assert judge_resonance(100.0, 99.0).met is False
 
 

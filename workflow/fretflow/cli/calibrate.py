@@ -60,7 +60,7 @@ def _show_rig(found: Identification) -> None:
     console.print(view)
     view = new_table("what the data determine together", "product of powers", "known to", "gain over prior")
     for index, (sd, strength) in enumerate(zip(found.direction_sd, found.strength, strict=True)):
-        view.add_row(found.product(index), f"±{sd:.1%}", f"{(1.0 + strength**2) ** 0.5:.2g}")
+        view.add_row(found.product(index), f"±{100.0 * sd:.1f} %", f"{(1.0 + strength**2) ** 0.5:.2g}")
     console.print(view)
 
 

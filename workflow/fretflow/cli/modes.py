@@ -79,6 +79,6 @@ def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
             specimen.full_frequencies, specimen.reduced_frequencies, specimen.frequency_error, strict=True
         )
         for number, (full, reduced, error) in enumerate(rows, start=1):
-            view.add_row(str(number), f"{full:.2f}", f"{reduced:.2f}", f"{error:.5%}")
+            view.add_row(str(number), f"{full:.2f}", f"{reduced:.2f}", f"{100.0 * error:.5f} %")
         console.print(view)
     show_warnings(reduction_warnings(specimens))

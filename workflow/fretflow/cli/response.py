@@ -92,7 +92,7 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
     view = new_table("resonance of the moving mass", "curve", "", "peak", "amplitude", "damping", "folds", "stability")
     reasons = []
     for peak in read_peaks(curves):
-        damping = "-" if peak.damping_ratio is None else f"{peak.damping_ratio:.2%}"
+        damping = "-" if peak.damping_ratio is None else f"{100.0 * peak.damping_ratio:.2f} %"
         stable = "stable" if not peak.unstable_points else f"{peak.unstable_points} of {peak.points} unstable"
         view.add_row(f"{peak.state}, {peak.excitation:g} N", peak.direction, f"{peak.frequency:.2f} Hz",
                      f"{peak.amplitude * 1e6:.2f} µm", damping,

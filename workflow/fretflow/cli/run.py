@@ -239,7 +239,7 @@ def _show_comparison(rows: Sequence[CaseComparison]) -> None:
 def _beside(found: float | None, measured: float | None, error: float | None, text: Callable[[float], str]) -> str:
     lines = ["-" if found is None else text(found)]
     if measured is not None:
-        lines.append(text(measured) + ("" if error is None else f" ({error:+.1%})"))
+        lines.append(text(measured) + ("" if error is None else f" ({100.0 * error:+.1f} %)"))
     return "\n".join(lines)
 
 

@@ -123,7 +123,7 @@ class Progress:
             self._bars.update(self._task, completed=share, description=text)
         if not self._console.is_terminal and monotonic() - self._told > TOLD_EVERY:
             self._told = monotonic()
-            self.note(stage, f"{share:.0%}  {text}")
+            self.note(stage, f"{100.0 * share:.0f} %  {text}")
 
     def note(self, stage: str, text: str) -> None:
         """Print a line about `stage`, which goes on."""

@@ -64,9 +64,9 @@ def _table(checks: Sequence[PeriodCheck]) -> Table:
         for name, pair, scale, difference in (
                 ("sliding distance, µm", check.sliding_distance, 1e6, check.sliding_difference),
                 ("energy per cycle, mJ", check.dissipated_energy, 1e3, check.energy_difference)):
-            view.add_row(title, name, *(f"{scale * value:.4f}" for value in pair), f"{difference:.2%}")
+            view.add_row(title, name, *(f"{scale * value:.4f}" for value in pair), f"{100.0 * difference:.2f} %")
             title = ""
-        view.add_row("", "force, rms over range", "", "", f"{check.force_difference:.2%}")
-        drift = f"{check.drift[-1]:.2%}" if len(check.drift) else "unknown"
+        view.add_row("", "force, rms over range", "", "", f"{100.0 * check.force_difference:.2f} %")
+        drift = f"{100.0 * check.drift[-1]:.2f} %" if len(check.drift) else "unknown"
         view.add_row("", "drift per period", "", f"{len(check.drift) + 1} periods", drift)
     return view

@@ -79,7 +79,7 @@ class ForcedResponse:
 def stated_error(responses: Sequence[ForcedResponse]) -> str:
     """Say how far responses are off the full solution where that was found too; empty where it was not."""
     (error, frequency), count = max(one.worst for one in responses), min(len(one.checked) for one in responses)
-    return (f"of {count} amplitudes of each curve the worst is {error:.1%} off the full solution, at "
+    return (f"of {count} amplitudes of each curve the worst is {100.0 * error:.1f} % off the full solution, at "
             f"{frequency:.4g} Hz") if count else ""
 
 

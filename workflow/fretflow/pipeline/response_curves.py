@@ -72,8 +72,8 @@ class FoundPeak:
     @property
     def text(self) -> str:
         """Return what was found, for people."""
-        known = self.damping_ratio is not None
-        damping = f"damping {self.damping_ratio:.2%}" if known else f"no damping: {self.reason}"
+        damping = (f"no damping: {self.reason}" if self.damping_ratio is None
+                   else f"damping {100.0 * self.damping_ratio:.2f} %")
         folds = f"{self.turning_points} turning points" if self.turning_points else "no fold"
         unstable = f", {self.unstable_points} unstable" if self.unstable_points else ", all stable"
         bridged = f", {self.bridged_points} gaps bridged" if self.bridged_points else ""

@@ -70,7 +70,7 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
         shift = resonances[1] / resonances[0] - 1.0
         checked = f"; {stated}" if (stated := stated_error(responses)) else ""
         figures.append(Figure("first resonance, worn against unworn", shift, "1",
-                              f"{shift:+.3%} ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
+                              f"{100.0 * shift:+.3f} % ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
     if not is_papers(case):
         return figures, []
     return figures, judge_all(interface, case.test.excitation_amplitude, unworn, history, resonances)
@@ -114,7 +114,7 @@ def write_summary(home: Path, case: Case, folders: Mapping[str, Path]) -> Path:
 def _reduction(upper: ReducedSpecimen, lower: ReducedSpecimen) -> Figure:
     error = float(max(upper.frequency_error.max(), lower.frequency_error.max()))
     return Figure("Craig-Bampton error", error, "1",
-                  f"{error:.4%}, the largest of {len(upper.full_frequencies)} frequencies of each specimen")
+                  f"{100.0 * error:.4f} %, the largest of {len(upper.full_frequencies)} frequencies of each specimen")
 
 
 def _meshes(folder: Path) -> Figure:
@@ -155,10 +155,10 @@ def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
     share = float(((unworn.state == ContactState.STICK) @ interface.areas).mean() / interface.areas.sum())
     mean = unworn.displacement[:, :, 0] @ interface.areas / interface.areas.sum()
     sliding, error = float(np.ptp(mean)), unworn.error_estimate
-    stated = "no error estimate" if np.isnan(error) else f"estimated error {error:.2%}"
+    stated = "no error estimate" if np.isnan(error) else f"estimated error {100.0 * error:.2f} %"
     return [
         Figure("stick share", share, "1",
-               f"{share:.1%} of area and time sticks; {always:.1%} of the area never slips"),
+               f"{100.0 * share:.1f} % of area and time sticks; {100.0 * always:.1f} % of the area never slips"),
         Figure("sliding distance, unworn", sliding, "m",
                f"{pretty_quantity(sliding, 'm', 4)} peak to peak by {unworn.method}, {stated}")]
 

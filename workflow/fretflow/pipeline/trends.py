@@ -97,7 +97,7 @@ def judge_settling(history: WearHistory) -> Trend:
     if settled is None or history.cycles[-1] < 2 * SETTLED_CYCLES:
         return Trend(name, None, f"{history.cycles[-1]:,} cycles are too few to tell", paper)
     return Trend(name, settled <= SETTLED_CYCLES,
-                 f"within {SETTLED_WITHIN:.0%} of the final rate from {settled:,} cycles on", paper)
+                 f"within {100.0 * SETTLED_WITHIN:.0f} % of the final rate from {settled:,} cycles on", paper)
 
 
 def settling_cycles(history: WearHistory) -> int | None:
@@ -112,7 +112,7 @@ def settling_cycles(history: WearHistory) -> int | None:
 def judge_resonance(unworn: float, worn: float) -> Trend:
     """Judge whether the first resonance (Hz) rises with wear."""
     return Trend("first resonance rises with wear", worn > unworn,
-                 f"{unworn:.4g} Hz unworn, {worn:.4g} Hz worn ({worn / unworn - 1.0:+.2%})",
+                 f"{unworn:.4g} Hz unworn, {worn:.4g} Hz worn ({100.0 * (worn / unworn - 1.0):+.2f} %)",
                  "the first natural frequency increases (fig. 6a)")
 
 

@@ -198,8 +198,9 @@ def write_checks(folder: Path, checks: Sequence[PeriodCheck]) -> list[Path]:
 
 def verdict(checks: Sequence[PeriodCheck]) -> str | None:
     """Return what disagrees, in one line, or None if all periods agree with time integration."""
-    wrong = [f"{check.name} period off by {check.error:.1%} (sliding distance {check.sliding_difference:.1%}, "
-             f"energy {check.energy_difference:.1%}, force {check.force_difference:.1%})"
+    wrong = [f"{check.name} period off by {100.0 * check.error:.1f} % (sliding distance "
+             f"{100.0 * check.sliding_difference:.1f} %, "
+             f"energy {100.0 * check.energy_difference:.1f} %, force {100.0 * check.force_difference:.1f} %)"
              for check in checks if not check.agrees]
     if not wrong:
         return None

@@ -80,7 +80,7 @@ class ModeShapes:
 
 def reduction_warnings(specimens: Mapping[str, ReducedSpecimen]) -> list[str]:
     """Return a line for each of `specimens` by side whose frequencies are further off than they are held to."""
-    return [f"{side} specimen: the reduction is {one.frequency_error.max():.2%} off the full model at mode "
-            f"{int(one.frequency_error.argmax()) + 1}, beyond the {FREQUENCY_LIMIT:.1%} that it is held to; raise "
-            f"reduction.fixed_interface_modes, or see whether the mesh is one of this specimen"
+    return [f"{side} specimen: the reduction is {100.0 * one.frequency_error.max():.2f} % off the full model at mode "
+            f"{int(one.frequency_error.argmax()) + 1}, beyond the {100.0 * FREQUENCY_LIMIT:.1f} % that it is held to; "
+            f"raise reduction.fixed_interface_modes, or see whether the mesh is one of this specimen"
             for side, one in specimens.items() if one.frequency_error.max() > FREQUENCY_LIMIT]
