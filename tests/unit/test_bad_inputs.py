@@ -228,6 +228,8 @@ FILES = {
     "a block of nothing": ("loops", "recording.toml", TEST + '[series]\nfile = "a.csv"', "series: names no column"),
     "a load's deviation in kN": ("loops", "recording.toml", loops_with(test='normal_load_sd = "60 kN"\n'),
                                  "check its unit"),
+    "a slip in a kind": ("loops", "recording.toml", loops_with().replace("fretting", "freting"), "mean fretting-rig?"),
+    "a slip in a choice": ("show", "case.toml", CASE + 'cycles = 5\n[wear]\nscheme = "implicid"', "mean implicit?"),
     "no conditions": ("loops", "recording.toml", loops_with() + '[sweep]\nfile = "a.csv"\n'
                       'same_channels_as = "loops"\nconditions = []', "one at least"),
     "no HDF5": ("loops", "a.h5", b"no HDF5", "cannot be read"),
