@@ -19,6 +19,7 @@ from fretflow.experiments.rig.setup import (
     first_wear,
     friction_from_energy,
 )
+from fretflow.inference.experiment import Covariance
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
@@ -117,7 +118,7 @@ def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
     for error in (0.004 * observed.values, np.full_like(observed.values, 1e-6)):
         own = np.where(observed.rows(channel="approach"), error, 0.0)
         assert np.linalg.norm(own / np.sqrt(observed.variance)) > 20.0
-        assert np.linalg.norm(observed.covariance().whiten(own)) < 1.0
+        assert np.linalg.norm(Covariance(observed.variance, observed.modes).whiten(own)) < 1.0
 
 
 @pytest.mark.parametrize(("measured", "start"), [(200, 0.0), (256, 0.0), (101, 0.0), (64, 0.0),
@@ -184,7 +185,7 @@ def test_a_force_beyond_what_a_sensor_s_zero_may_be_off_is_seen(force: float, is
     plain, moved = observe(noisy(0.0)), observe(noisy(force))
     change = moved.values - plain.values
     assert np.max(np.abs(change)) == pytest.approx(abs(force), rel=1e-6)
-    assert (float(np.linalg.norm(moved.covariance().whiten(change))) > 3.0) == is_seen
+    assert (float(np.linalg.norm(Covariance(moved.variance, moved.modes).whiten(change))) > 3.0) == is_seen
 
 
 def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> None:

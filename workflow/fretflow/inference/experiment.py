@@ -54,10 +54,9 @@ class Measurement:
         """Return the chi-squared that repeats explain."""
         return float(self.repeatable.sum())
 
-    def covariance(self, kept: NDArray[np.bool_] | None = None) -> Covariance:
-        """Return the errors' covariance, of the rows (M,) that are `kept`."""
-        rows = np.ones(len(self.values), dtype=bool) if kept is None else kept
-        return Covariance(self.variance[rows], np.hstack([self.modes, self.code_error])[rows])
+    def covariance(self) -> Covariance:
+        """Return the errors' covariance."""
+        return Covariance(self.variance, np.hstack([self.modes, self.code_error]))
 
 
 @dataclass(frozen=True)

@@ -126,8 +126,6 @@ class DrivenForce:
 
     measured: Array = quantity("N", "(N,), as recorded")
     displacement: Array = quantity("m", "(N,), as recorded")
-    friction: Array = quantity("N", "(N,), of the sliders")
-    at_contact: Array = quantity("m", "(N,), motion that reaches the contact")
 
 
 def driven_force(motion: Motion, sliders: Sliders, force: Array | float, effects: Sequence[ActsOnMotion]
@@ -141,11 +139,9 @@ def driven_force(motion: Motion, sliders: Sliders, force: Array | float, effects
     for effect in effects:
         more, less = effect.limit(moved)
         up, down, force = up * more, down * less, force + effect.force(moved)
-    friction = sliders.force(moved, up, down)
-    signals = Signals(step=motion.step, displacement=motion.displacement, friction_force=friction + force,
-                      arm=motion.displacement, arm_velocity=motion.velocity, arm_acceleration=motion.acceleration,
-                      periodic=False)
+    signals = Signals(step=motion.step, displacement=motion.displacement,
+                      friction_force=sliders.force(moved, up, down) + force, arm=motion.displacement,
+                      arm_velocity=motion.velocity, arm_acceleration=motion.acceleration, periodic=False)
     for effect in in_sensing_order(effects):
         signals = effect.sense(signals)
-    return DrivenForce(measured=signals.friction_force, displacement=signals.displacement, friction=friction,
-                       at_contact=moved.displacement)
+    return DrivenForce(measured=signals.friction_force, displacement=signals.displacement)

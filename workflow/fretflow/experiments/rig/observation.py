@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
-from fretflow.inference.experiment import Covariance
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import SMOOTH, Repeatability, repeatability, smooth_share
@@ -105,12 +104,6 @@ class Observation:
     def counts(self) -> tuple[int, ...]:
         """Return the cycle counts of the loops."""
         return tuple(dict.fromkeys(piece.cycles for piece in self.pieces if piece.block == "loops"))
-
-    def covariance(self, *errors: Array, rows: NDArray[np.bool_] | None = None) -> Covariance:
-        """Return the covariance with further `errors` (M, any), of the `rows` asked for."""
-        modes = np.hstack([self.modes, *(error.reshape(len(self.values), -1) for error in errors)])
-        kept = np.ones(len(self.values), dtype=bool) if rows is None else rows
-        return Covariance(self.variance[kept], modes[kept])
 
     def less_sure(self, variance: Array) -> Observation:
         """Return the same values with further independent errors of a `variance` (M,) that repeats do not show."""
