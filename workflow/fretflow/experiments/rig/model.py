@@ -113,7 +113,8 @@ class RigModel:
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=harmonics_of(self.samples),
-                                        tolerance=TOLERANCE, max_iterations=MOST_ITERATIONS, estimate_error=False))
+                                        tolerance=TOLERANCE, max_iterations=MOST_ITERATIONS, estimate_error=False),
+                                 keeps_tangents=True)
 
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
         """March the wear through the recorded cycle counts and solve the other conditions at the end.

@@ -97,7 +97,9 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     found = detected(plausible(decide(looked), looked, experiment), detection)
     progress(0.85, "held-out loops")
     unseen = held_out(looked, experiment, found.after)
-    found = held_to(found, unseen.error, int(experiment.measurement.held_out.sum()))
+    found = held_to(found, unseen.error, sum(
+        len(experiment.measurement.values[piece.place]) for piece in experiment.rig.observation.pieces
+        if piece.label in unseen.labels))
     return _told(recording, case, experiment, looked, found, before, detection, unseen, tools, fast, began, progress)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import chain
 from typing import Any, Protocol
 
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.records import quantity, record
 from fretflow.solvers.audit import audit_period
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.candidate_nodes import (
@@ -65,11 +66,23 @@ class _Settings(Protocol):
     def estimate_error(self) -> bool: ...
 
 
-class QuasiStaticSolver:
-    """Solves periodic problems true to time integration; see the module's text."""
+@record
+class PeriodWithTangent(PeriodicSolution):
+    """A period with the last derivative of the contact's force, for its neighbours to begin from."""
 
-    def __init__(self, settings: _Settings) -> None:
+    tangent: NDArray[np.float64] = quantity("N/m", "(n_a, n_a), by the coefficients of the coordinates that it sees")
+
+
+class QuasiStaticSolver:
+    """Solves periodic problems true to time integration; see the module's text.
+
+    Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
+    two thirds of the time, and within its tolerance depends on where it began.
+    """
+
+    def __init__(self, settings: _Settings, keeps_tangents: bool = False) -> None:
         self.settings = settings
+        self.keeps_tangents = keeps_tangents
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period; where the tolerance is not coarse, its contact law is audited.
@@ -176,10 +189,17 @@ class QuasiStaticSolver:
         with suppress(NonConvergenceError):
             near = newton.best(iter(first), contact) if first else None
             if near is not None and near.norm < 1.0:  # closer to balance than rest is
-                return _solution(problem, equations, *newton.refine(near, self.settings.max_iterations))
-        found = newton.solve(chain(first, cold_starts(problem, equations, march, marched)), contact,
-                             self.settings.max_iterations)
-        return _solution(problem, equations, *found)
+                return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
+        return self._kept(problem, equations, newton.solve(
+            chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
+
+    def _kept(self, problem: PeriodicProblem, equations: InternalEquations, found: tuple[Iterate, tuple[float, ...]]
+              ) -> PeriodicSolution:
+        """Return the period of a root, with its tangent where there is one and these are kept."""
+        period, tangent = _solution(problem, equations, *found), found[0].tangent
+        if not self.keeps_tangents or tangent is None:
+            return period
+        return PeriodWithTangent(**{one.name: getattr(period, one.name) for one in fields(period)}, tangent=tangent)
 
 
 def _not_found(error: NonConvergenceError, settled: Settled | None) -> NonConvergenceError:
@@ -202,7 +222,8 @@ def _beginning(problem: PeriodicProblem, equations: InternalEquations, march: Co
         return march.preloaded(problem.preload.frictional), ()
     near = _as_history(start, equations.seen, samples)
     other = equations.coefficients(_resample(start.internal, samples)[:, equations.other])
-    return SampleState.of(near), (InitialGuess(equations.coefficients(near.position), other, near),)
+    tangent = start.tangent if isinstance(start, PeriodWithTangent) else None
+    return SampleState.of(near), (InitialGuess(equations.coefficients(near.position), other, near, tangent),)
 
 
 def with_forces(problem: PeriodicProblem, share: float) -> PeriodicProblem:
