@@ -80,21 +80,36 @@ def test_asperities_of_a_lapped_beam_are_named(sprung):
     assert written["location"]["channel"] in ("frequency", "damping")
 
 
-def test_nothing_is_missing_from_rigid_sliders(structures, tmp_path):
+@pytest.fixture(scope="module")
+def sliding(structures, tmp_path_factory):
+    """Return a recording of rigid sliders beside a damper of 0.1 %."""
     rng = np.random.default_rng(5)
     stiffness, limits = rng.uniform(500.0, 1500.0, 40), rng.uniform(0.005, 0.1, 40)
     matrices = structures.sliders(stiffness, limits, 2.0, 1e6)
     frequency = np.sqrt((1e6 + stiffness.sum()) / 2.0) / (2.0 * np.pi)
     step = 1.0 / (200.0 * frequency)
-    damper = 2.0 * 1e-3 * 2.0 * np.pi * frequency * 2.0  # a damping ratio of 0.1 %
+    damper = 2.0 * 1e-3 * 2.0 * np.pi * frequency * 2.0
     decay = structures.newmark(2.0, 1e6, stiffness, limits, 8e-5, step, 200 * 150, damper)
     time = step * np.arange(len(decay))
-    recording = write(tmp_path, matrices, (time, decay, frequency), '"0.3 N", "3 N"', "head")
-    found = diagnose_structure(recording, True, lambda share, text: None)
+    return write(tmp_path_factory.mktemp("sliding"), matrices, (time, decay, frequency), '"0.3 N", "3 N"', "head")
+
+
+def test_nothing_is_missing_from_rigid_sliders(sliding):
+    found = diagnose_structure(sliding, True, lambda share, text: None)
     assert found.verdict is Verdict.NONE
     assert found.effects == ()
     product = np.prod([one.value for one in found.parameters if one.name != "structure.modal_damping"])
     assert product == pytest.approx(1.0, rel=0.1)  # bolt load times friction, which alone a backbone tells
+
+
+def test_a_wrong_value_that_is_stated_is_told_and_is_no_missing_physics(sliding):
+    unknown = {name: ends for name, ends in sliding.unknown.items() if name != "modal_damping"}
+    wrong = replace(sliding, known={"modal_damping": 4e-3}, unknown=unknown)
+    found = diagnose_structure(wrong, True, lambda share, text: None)
+    assert found.verdict is Verdict.NONE
+    damping = next(one for one in found.parameters if one.name == "structure.modal_damping")
+    assert damping.low < 1e-3 < damping.high
+    assert any("instead of 0.004" in note for note in found.notes)
 
 
 def test_noise_is_read_off_neighbours_and_points_are_averaged(sprung):

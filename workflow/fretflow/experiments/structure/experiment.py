@@ -26,6 +26,7 @@ from fretflow.inference.experiment import Experiment, Measurement, Point, Predic
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
+from fretflow.recordings.notes import Note
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, PeriodicMode, condensed, periodic_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
@@ -192,6 +193,26 @@ class StructureExperiment(Experiment):
                 value = max(self.recording.known[name], NEGLIGIBLE_DAMPING)
                 baseline.append(Coordinate("", name, log(value), STATED, True))
         return Parameters.of(baseline, effects, signs, self._scaled)
+
+    def released(self, point: Point) -> tuple[StructureExperiment, Point]:
+        """Return the same as if nothing were said of the stated values, and a baseline point in it."""
+        own, values = self.recording, point.parameters.values(point.z)[""]
+        ranges = {name: (min(TYPICAL[name][0], 0.5 * value), max(TYPICAL[name][1], 2.0 * value))
+                  for name, value in own.known.items() if value > 0.0}
+        kept = {name: value for name, value in own.known.items() if name not in ranges}
+        free = replace(self, recording=replace(own, known=kept, unknown={**own.unknown, **ranges}))
+        space = free.parameters(())
+        return free, Point(space, np.array([(log(values[one.field]) - one.middle) / one.size
+                                            for one in space.coordinates]))
+
+    def noting_values(self, point: Point, stated: Mapping[str, float]) -> StructureExperiment:
+        """Return the same with a note of what the recording states and a baseline point has otherwise."""
+        values = point.parameters.values(point.z)[""]
+        off = ", ".join(f"{name} {values[name]:.3g} instead of {value:.3g}" for name, value in stated.items()
+                        if value > 0.0 and abs(log(values[name] / value)) > 2.0 * HALF * STATED)
+        note = Note("structure", f"the values it states contradict its backbone; free, nothing is missing: {off} in "
+                                 "SI; check them")
+        return replace(self, recording=replace(self.recording, notes=(*self.recording.notes, note)))
 
     def _scaled(self, effect: str, field: str, prior: Prior) -> Prior:
         """Return a range of the catalogue, which is a rig's, at the size of the structure."""

@@ -65,6 +65,10 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     if isinstance(experiment, StructureExperiment):
         experiment, found = told_again(experiment, found)
         detection = _looked(found, lambda share, text: progress(0.45 + 0.35 * share, text))
+        free = None if detection.p_value >= FALSE_ALARMS else released(experiment, found)
+        if free is not None:
+            experiment, found = free
+            detection = _looked(found, progress)
         for _ in range(AGAIN):
             found.settled.clear()
             correct(found, [0, 1, 2])
@@ -101,6 +105,21 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     again.keep(found.pool(fit_task, [Task(again.fitter, fit.prediction.point, fit.prediction, found.effort.last_steps)
                                      for names, fit in found.fits.items() if names]))
     return told, again
+
+
+def released(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search] | None:
+    """Return an experiment whose stated values are free, if then nothing is missing: a wrong value is no physics."""
+    if not experiment.recording.known:
+        return None
+    free, at = experiment.released(found.baseline.prediction.point)
+    fits = [start_search(free, free.predict(one), found.effort, found.pool).baseline
+            for one in (at, replace(at, z=np.zeros_like(at.z)))]
+    first = min(fits, key=lambda fit: fit.objective).prediction
+    told = free.told_at(first)
+    again = start_search(told, told.predict(first.point), found.effort, found.pool)
+    if detect(again).p_value < FALSE_ALARMS:
+        return None
+    return told.noting_values(again.baseline.prediction.point, experiment.recording.known), again
 
 
 def detect(found: Search) -> Detection:
