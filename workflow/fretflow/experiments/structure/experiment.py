@@ -28,7 +28,14 @@ from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
 from fretflow.recordings.notes import Note
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
-from fretflow.solvers.nonlinear_modes.periodic_mode import DYNAMIC, PeriodicMode, condensed, periodic_mode
+from fretflow.solvers.nonlinear_modes.periodic_mode import (
+    DYNAMIC,
+    HARMONICS,
+    SAMPLES,
+    PeriodicMode,
+    condensed,
+    periodic_mode,
+)
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled, reduce_structure
 
@@ -42,7 +49,6 @@ MANY = 40  # contact points, from which on predictions take their time
 MODES = 8  # among which the recorded one is looked for
 OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
-HARMONICS, SAMPLES = 4, 128  # of a periodic motion
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
 SPARSE = 3  # where there are many contact points, every so many amplitudes of these are solved as periodic motions
 RETRIES = 6  # each with two thirds of the largest load, where the joint slides as a whole under it

@@ -27,6 +27,7 @@ from fretflow.structure.reduction.contact_modes import ReducedStructure
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+HARMONICS, SAMPLES = 4, 128  # of a motion
 DYNAMIC = 30.0  # modes up to so many times the mode's frequency carry inertia: beyond, it changes them by 1e-3
 REMEMBERED = 6  # iterates that the acceleration uses
 MOST_ITERATIONS = 60
@@ -86,8 +87,8 @@ class MasslessJoint:
         return np.asarray(history.displacement @ self.coupling.T)
 
 
-def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmonics: int = 4, samples: int = 128,
-                  tolerance: float = 1e-6, start: PeriodicMode | None = None) -> PeriodicMode:
+def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmonics: int = HARMONICS,
+                  samples: int = SAMPLES, tolerance: float = 1e-6, start: PeriodicMode | None = None) -> PeriodicMode:
     """Return the periodic motion of `mode` at a modal `amplitude` (m kg^0.5); `start` is one of another amplitude.
 
     Raises
@@ -138,8 +139,8 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
                               f"{MOST_ITERATIONS} iterations; take smaller steps of amplitude", history)
 
 
-def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmonics: int = 4, samples: int = 128,
-                tolerance: float = 1e-6) -> tuple[PeriodicMode, ...]:
+def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmonics: int = HARMONICS,
+                samples: int = SAMPLES, tolerance: float = 1e-6) -> tuple[PeriodicMode, ...]:
     """Return the periodic motions at amplitudes (A,), m kg^0.5, in turn, each from the one before.
 
     Returns
