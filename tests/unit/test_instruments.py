@@ -82,3 +82,12 @@ def test_loops_without_a_record_of_their_drive_tell_no_gain() -> None:
     for name, values in loops.items():
         loops[name] = np.roll(values, SAMPLES // 3, axis=-1)
     assert faults(recording, case) == ()
+
+
+def test_further_forces_on_the_rig_are_no_fault_of_an_instrument() -> None:
+    """A force that follows the cube of the motion, of the size of the drive: no two gains make the equations hold."""
+    recording, case = recorded()
+    x = recording.loops.channels["displacement"]
+    drive = recording.loops.channels["excitation"]
+    recording.loops.channels["excitation"] = drive - 3.0 * np.abs(drive).max() * (x / np.abs(x).max())**3
+    assert faults(recording, case) == ()

@@ -363,33 +363,35 @@ def begin_all(found: Search) -> None:
     origins = [found.baseline]
     if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
         origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
-    laid: dict[Hashable, Beginning] = {}
-    for place, beginnings in enumerate(found.pool(beginnings_task, [(found.fitter, one) for one in origins])):
-        for key, one in beginnings.items():
-            if found.effort.starts > 1 or one.slopes is None:
-                laid[place, key] = one
-            elif key not in laid or one.leaves < laid[key].leaves:  # of two origins the one that promises more
-                laid[key] = one
+    laid = {(place, *key): one for place, beginnings in enumerate(found.pool(
+        beginnings_task, [(found.fitter, one) for one in origins])) for key, one in beginnings.items()}
     begun = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
-    # what would not be as probable as none of the effects even if all were linear is not gone on with
-    worth = found.baseline.objective - 2.0 * log(max(len(found.experiment.candidates()), 1))
     # an effect that does more than first order tells may be worth it where it does least
     anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), begun, strict=True)
-            if one.least is not None and (fit is None or fit.promise >= worth)}
+            if one.least is not None and (fit is None or not _worth(found, one, fit))}
     weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
-    best: dict[Names, list[Fit]] = {}
+    best: dict[Hashable, dict[Hashable, list[Fit]]] = {place: {} for place in range(len(origins))}
     for (key, one), first in zip(laid.items(), begun, strict=True):
         fit = min((own for own in (first, weaker.get(key)) if own is not None), key=lambda own: own.promise,
                   default=None)
         if fit is not None:
-            best.setdefault(fit.effects, []).append(fit)
             found.starts.append(_start(found, one.origin, fit))
-    going = [fit for fits in best.values() for fit in sorted(fits, key=lambda one: one.promise)[:found.effort.starts]
-             if fit.promise < worth or not _tells(fit.prediction.point, found.baseline)]
-    going = sorted(going, key=lambda one: one.promise)[:found.effort.going]
-    found.keep(fit for fits in best.values() for fit in fits)
-    found.keep(found.pool(fit_task, [Task(found.fitter, fit.prediction.point, fit.prediction, found.effort.first_steps)
-                                     for fit in going]))
+            if _worth(found, one, fit) or not _tells(fit.prediction.point, found.baseline):
+                best[key[0]].setdefault(key[:3], []).append(fit)
+            found.keep([fit])
+    for begun_at, origin in zip(best.values(), origins, strict=True):
+        starts = [fit for own in begun_at.values()
+                  for fit in sorted(own, key=lambda one: one.promise)[:found.effort.starts]]
+        going = sorted(starts, key=lambda one: one.promise)[:found.effort.going]
+        # what first order tells beside a baseline that fits far less than it may is the direction alone
+        steps = found.effort.first_steps if origin is found.baseline else found.effort.last_steps // 2
+        found.keep(found.pool(fit_task, [Task(found.fitter, fit.prediction.point, fit.prediction, steps)
+                                         for fit in going]))
+
+
+def _worth(found: Search, begun: Beginning, fit: Fit) -> bool:
+    """Tell whether an effect may be as probable as none, were all linear, beside the baseline that it was begun at."""
+    return fit.promise < begun.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
 
 
 def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
@@ -408,7 +410,7 @@ def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
     return fitter.linearised(predicted, np.column_stack([slopes[one.name] for one in coordinates]))
 
 
-def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, Beginning]:
+def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beginning]:
     """Return where beside a fit each further effect is begun, for either sign of what may have both.
 
     Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
@@ -423,14 +425,14 @@ def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[Hashable, Beginning]:
     left = origin.residual[:, None] - white
     reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
     size = np.sum((white - rest @ (rest.T @ white))**2, axis=0)
-    own: dict[Hashable, list[int]] = {}
+    own: dict[tuple[Hashable, ...], list[int]] = {}
     for place, point in enumerate(told):
         own.setdefault((point.effects, tuple(point.parameters.signs.values())), []).append(place)
     best = {key: min(places, key=lambda place: float(reached[place])) for key, places in own.items()}
     least = {key: min(places, key=lambda place: float(size[place])) for key, places in own.items()}
     sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place], float(reached[place]))
                                                    for place in best.values()])
-    found: dict[Hashable, Beginning] = {
+    found: dict[tuple[Hashable, ...], Beginning] = {
         key: one if least[key] == best[key] else replace(one, least=told[least[key]])
         for key, one in zip(best, sloping, strict=True)}
     for point in laid:  # of the others nothing is known before they are simulated
