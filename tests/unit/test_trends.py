@@ -95,15 +95,16 @@ def corner_history(early, late):
 
 
 def test_corners_first_and_even_later_is_met():
-    trend = judge_wear_pattern(INTERFACE, corner_history(4.0, 1.2))
+    trend = judge_wear_pattern(INTERFACE, corner_history(8.0, 1.2))
     assert trend.met
     assert (
-        f"{4.0 / ((4 * 4 + 21) / 25):.2f} at 100 cycles, {1.2 / ((4 * 1.2 + 21) / 25):.2f} at 1,000"
+        f"{8.0 / ((4 * 8 + 21) / 25):.2f} at 100 cycles, {1.2 / ((4 * 1.2 + 21) / 25):.2f} at 1,000"
         in trend.found
     )
+    assert f"hold {100 * 32 / 53:.0f} % of the early wear" in trend.found
 
 
-@pytest.mark.parametrize(("early", "late"), [(4.0, 5.0), (0.5, 1.0), (1.1, 0.1)])
+@pytest.mark.parametrize(("early", "late"), [(8.0, 9.0), (0.5, 1.0), (1.1, 0.1), (4.0, 1.2)])
 def test_another_order_is_not_met(early, late):
     assert judge_wear_pattern(INTERFACE, corner_history(early, late)).met is False
 
@@ -127,6 +128,7 @@ def test_settling_is_where_the_rate_last_enters_its_band():
     assert settling_cycles(settling(cycles, rate)) == 800_000
     assert judge_settling(settling(cycles, rate)).met is False
     assert settling_cycles(settling(cycles, np.ones(10))) == 0
+    assert judge_settling(settling(cycles, np.ones(10))).met is False  # at once is not after half a million
     assert settling_cycles(history([0, 100], uniform([0, 0]))) is None
 
 
