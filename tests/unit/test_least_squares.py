@@ -54,7 +54,7 @@ class Valley:
 def found(valley: Valley) -> Fit:
     """Return the fit from the other side of the valley, by 60 steps at most."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=())
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
     experiment: Any = valley
     return Fitter(experiment, covariance).fit(Point(plane, np.array([-1.2, 1.0])), None, 60)
 
@@ -78,7 +78,7 @@ def test_what_numerical_errors_make_rough_is_fitted_with_finer_ones() -> None:
 def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     """The Gauss-Newton step of a straight valley ends where its promise was."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=())
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
     experiment: Any = replace(Valley(), bend=0.0)
     fitter = Fitter(experiment, covariance)
     start = fitter.at(Point(plane, np.array([0.5, 0.5])), None)
