@@ -1,18 +1,27 @@
 """Faults of the instruments of a rig, on loops that satisfy its equations of motion exactly.
 
 What carries the weight: the contact plays no part. Any friction force, with the motion that the rig makes of it, has no
-fault; a wrong unit, gain, delay or a channel that saturates is told with its size.
+fault; a wrong unit, gain, delay or a channel that saturates is told with its size. The same on recordings of an
+independent rig, unchanged and with one channel altered.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from fretflow.case.config import Rig
-from fretflow.experiments.rig.instruments import faults
+from fretflow.experiments.rig.instruments import doubts, faults
+from fretflow.experiments.rig.setup import case_of
+from fretflow.recordings.kinds import read_recording
+from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.recording import Recording
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 SAMPLES, FREQUENCY, LOAD = 100, 100.0, 60.0
@@ -28,6 +37,7 @@ class Loops:
         self.channels = {name: values[:, None] for name, values in channels.items()}
         self.phase = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
         self.cycles = np.arange(len(channels["displacement"]))
+        self.usable = np.ones((len(self.cycles), 1), dtype=bool)
 
     def mean(self, name: str) -> np.ndarray:
         """Return the loops (K, N)."""
@@ -69,7 +79,7 @@ def test_a_fault_is_told_with_its_size(change: dict[str, float], said: str) -> N
 
 
 def test_what_effects_of_the_catalogue_do_is_no_fault() -> None:
-    """A delay of a filter and a gain that is off by a fifth are left to the diagnosis."""
+    """A delay of a filter is left to the diagnosis; where nothing is repeated, so is a gain that is off by a fifth."""
     assert faults(*recorded(late=2e-4)) == ()
     assert faults(*recorded(gain=1.2)) == ()
 
@@ -91,3 +101,86 @@ def test_further_forces_on_the_rig_are_no_fault_of_an_instrument() -> None:
     drive = recording.loops.channels["excitation"]
     recording.loops.channels["excitation"] = drive - 3.0 * np.abs(drive).max() * (x / np.abs(x).max())**3
     assert faults(recording, case) == ()
+
+
+UNCHANGED = ("example_baseline", "example_run_in", *(f"second_rig_{k}" for k in range(1, 8)))
+
+
+def altered(recording: Recording, name: str, change: Callable[[LoopSet, np.ndarray], np.ndarray]) -> Recording:
+    """Return a recording one of whose channels is `change` of its loops and itself (K, R, N)."""
+    own, swept = (replace(loops, channels={**loops.channels, name: change(loops, np.array(loops.channels[name]))})
+                  for loops in (recording.loops, recording.sweep.loops))
+    return replace(recording, loops=own, sweep=replace(recording.sweep, loops=swept))
+
+
+def said(recording: Recording) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return faults and doubts of a recording."""
+    case = case_of(recording)
+    return faults(recording, case), doubts(recording, case)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", UNCHANGED)
+def test_nothing_is_told_of_unchanged_recordings(name: str, recordings: Path) -> None:
+    """Whatever physics is hidden in them."""
+    assert said(read_recording(recordings / name)) == ((), ())
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("size", [0.9, 1.1])
+@pytest.mark.parametrize("name", ["friction_force", "excitation"])
+def test_a_small_gain_is_told_with_its_size(name: str, size: float, recordings: Path) -> None:
+    """Within its interval, of the channel that has it alone."""
+    recording = altered(read_recording(recordings / "example_baseline"), name, lambda _, values: size * values)
+    (told,), doubted = said(recording)
+    low, high = map(float, re.search(r"\((\S+) to (\S+)\)", told).groups())
+    assert told.startswith(f"the {name.replace('_', ' ')} is ")
+    assert low <= size <= high
+    assert high - low < 0.03
+    assert not doubted
+
+
+@pytest.mark.real_data
+def test_a_displacement_gain_is_told_beside_the_mass_that_explains_the_same(recordings: Path) -> None:
+    """Receptances go with the total mass: 10.5 / 0.9 kg less the arm's 0.5 kg are 11.7 % above 10 kg."""
+    recording = altered(read_recording(recordings / "example_baseline"), "displacement", lambda _, values: 0.9 * values)
+    told, (doubted,) = said(recording)
+    found = re.search(r"would be (\S+) % above the file's: a displacement gain of (\S+) ", doubted)
+    mass, gain = map(float, found.groups())
+    assert not told
+    assert mass == pytest.approx(11.7, abs=1.0)
+    assert gain == pytest.approx(0.9, abs=0.01)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("size", [-0.2, 0.05])
+@pytest.mark.parametrize("name", ["displacement", "friction_force", "excitation"])
+def test_a_gain_that_drifts_is_told_with_its_size(name: str, size: float, recordings: Path) -> None:
+    """It goes with the root of the cycles, as no law here knows."""
+    recording = read_recording(recordings / "example_baseline")
+    last = recording.loops.cycles[-1]
+
+    def drift(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        share = np.sqrt(loops.cycles / last) if loops is recording.loops else np.ones(len(loops.cycles))
+        return values * (1.0 + size * share)[:, None, None]
+
+    (told,), _ = said(altered(recording, name, drift))
+    found = re.fullmatch(r"the gain of the (.+) drifts: at 300,000 cycles it is (\S+) times that at 0", told)
+    assert found.group(1) == name.replace("_", " ")
+    assert float(found.group(2)) == pytest.approx(1.0 + size, abs=0.015)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("share", [0.03, 0.1, 0.3])
+@pytest.mark.parametrize("law", [lambda x: x**3, lambda x: np.gradient(x, axis=-1) * x.shape[-1] / (2.0 * np.pi)])
+def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray], np.ndarray], share: float,
+                                                      recordings: Path) -> None:
+    """A cubic support and a damper of up to a third of the drive: neither a fault nor another mass."""
+    recording = read_recording(recordings / "example_baseline")
+
+    def drive(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        lines = np.fft.rfft(np.nanmean(loops.channels["displacement"], axis=1, keepdims=True))
+        lines[..., 0] = lines[..., 13:] = 0.0
+        return values + share * 60.0 * law(np.fft.irfft(lines, values.shape[-1]) / 20e-6)
+
+    assert said(altered(recording, "excitation", drive)) == ((), ())

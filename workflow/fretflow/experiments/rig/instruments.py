@@ -6,16 +6,19 @@ alone, whatever the contact does: with the rig's receptances H, block b, arm a, 
     H_ab excitation = x / g_x + (H_aa + c) F / g_F
 
 where c is the specimens' compliance, small beside H_aa; over loops of several amplitudes, loads and frequencies x and F
-are independent, and the complex gains g_x and g_F are fitted.
+are independent, and the complex gains g_x and g_F are fitted. What is off by less than a unit or a sign is told by the
+same equations at more harmonics with c in them, see `equations`, where repeats tell their errors.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
 from fretflow.case.config import Case
 from fretflow.core.errors import FretflowError
 from fretflow.effects.channel_delay import ChannelDelay
+from fretflow.experiments.rig.equations import COMPLIANCE, DISPLACEMENT, FORCE, LEVEL, Equations, Solution
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.setup import FRICTION
 from fretflow.recordings.blocks import TIED
@@ -36,7 +39,16 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     if found:
         return tuple(found[:1])
     try:
-        return (*_gains(recording, case), *_friction(recording))
+        found = [*_gains(recording, case), *_friction(recording)]
+        return tuple(found or _drifting(recording, case) or _small_gains(recording, case)[0])
+    except (FretflowError, np.linalg.LinAlgError):
+        return ()
+
+
+def doubts(recording: Recording, case: Case) -> tuple[str, ...]:
+    """Return what may be a fault of the displacement or of what the file states of the rig: both explain the same."""
+    try:
+        return tuple(_small_gains(recording, case)[1])
     except (FretflowError, np.linalg.LinAlgError):
         return ()
 
@@ -64,10 +76,7 @@ def _gains(recording: Recording, case: Case) -> list[str]:
         return []
     drive, x, force, omega = rows.T
     omega = omega.real
-    rig = LumpedRig.from_modes(**{name: getattr(case.rig, key) for name, key in (
-        ("moving_mass", "moving_mass"), ("arm_mass", "arm_mass"), ("in_phase", "in_phase_frequency"),
-        ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"))})
-    receptance = np.linalg.inv(rig.impedance(omega))
+    receptance = np.linalg.inv(_rig(case).impedance(omega))
     terms = np.column_stack([x, receptance[:, 1, 1] * force])
     size = np.linalg.norm(terms, axis=0)
     if np.linalg.cond(terms / size) > 1.0 / np.sqrt(np.finfo(np.float32).eps):
@@ -89,6 +98,67 @@ def _gains(recording: Recording, case: Case) -> list[str]:
             found.append(f"the {name} comes {1e6 * abs(late):.0f} µs {'early' if late > 0.0 else 'late'} against the "
                          "excitation, more than a sensor's filter delays it")
     return found
+
+
+def _rig(case: Case) -> LumpedRig:
+    """Return the rig that the file states."""
+    return LumpedRig.from_modes(**{name: getattr(case.rig, key) for name, key in (
+        ("moving_mass", "moving_mass"), ("arm_mass", "arm_mass"), ("in_phase", "in_phase_frequency"),
+        ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"))})
+
+
+def _drifting(recording: Recording, case: Case) -> list[str]:
+    """Return the channel whose gain changes over the test, if one real gain a cycle count makes the equations hold."""
+    equations = Equations.of(recording, _rig(case))
+    if equations is None or (plain := equations.solve()).holds:
+        return []
+    counts, fitted = np.unique(equations.cycles), []
+    for name in ("displacement", "friction force", "excitation"):
+        free = plain
+        for _ in range(2 if name == "friction force" else 1):  # its gain acts on what the specimens yield too
+            own = {"displacement": equations.displacement, "excitation": equations.drive,
+                   "friction force": equations.friction + free.values[COMPLIANCE] * equations.force}[name]
+            free = equations.solve([np.where(equations.cycles == count, own, 0.0) for count in counts[1:]])
+        if free.holds and free.better_than(plain):
+            fitted.append((free.lack_of_fit, name, free))
+    if not fitted:
+        return []
+    _, name, best = max(fitted, key=lambda one: one[0])
+    first = {"displacement": best.values[DISPLACEMENT], "friction force": best.values[FORCE], "excitation": -1.0}[name]
+    gain = first / (first + best.values[-1])
+    return [f"the gain of the {name} drifts: at {int(counts[-1]):,} cycles it is {gain:.3g} times that at "
+            f"{int(counts[0]):,}"]
+
+
+def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]]:
+    """Return gains that the equations of motion contradict, and those that another moving mass explains as well."""
+    equations = Equations.of(recording, _rig(case))
+    if equations is None or recording.loops is None or not (found := equations.solve()).holds:
+        return [], []
+    loops = recording.loops
+    stated = [loops.calibration_sd.get(name, 0.0) for name in ("displacement", loops.force_name)]
+    x, force = found.values[[DISPLACEMENT, FORCE]]
+    covariance = found.covariance[np.ix_([DISPLACEMENT, FORCE], [DISPLACEMENT, FORCE])] + np.diag(np.square(stated))
+    wrong = [_off(found, x - 1.0, covariance[0, 0]), _off(found, force - 1.0, covariance[1, 1])]
+    sd = np.sqrt(np.diag(covariance))
+    if all(wrong) and not _off(found, x - force, float(np.array([1.0, -1.0]) @ covariance @ np.array([1.0, -1.0]))):
+        return [_gain("excitation", x, sd[0])], []
+    told = [_gain("friction force", 1.0 / force, sd[1] / force**2)] if wrong[1] else []
+    mass, arm = case.rig.moving_mass, case.rig.arm_mass
+    heavier = (x - 1.0) * (mass + arm) / mass  # with the same in-phase frequency, all receptances go with the total
+    return told, [f"the moving mass would be {100.0 * abs(heavier):.2g} % {'above' if heavier > 0.0 else 'below'} the "
+                  f"file's: a displacement gain of {1.0 / x:.3g} explains the same"] if wrong[0] else []
+
+
+def _off(found: Solution, distance: float, variance: float) -> bool:
+    """Tell whether a distance is more than chance makes it."""
+    return bool(stats.f.sf(distance**2 / variance, 1, found.freedom) < LEVEL)
+
+
+def _gain(name: str, gain: float, sd: float) -> str:
+    half = float(stats.norm.isf(0.05)) * sd  # of a 90 % interval
+    return (f"the {name} is {gain:.3g} times what the rig's masses and springs make of the other channels "
+            f"({gain - half:.3g} to {gain + half:.3g}): check its gain")
 
 
 def _fundamentals(recording: Recording, case: Case) -> Array:

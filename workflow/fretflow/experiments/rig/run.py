@@ -17,7 +17,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.experiments.rig import words
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
 from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_out
-from fretflow.experiments.rig.instruments import faults
+from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import Hypothesis, RigModel
@@ -88,6 +88,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     wrong = faults(recording, case)
     if wrong:
         return faulty(recording, wrong, fast, time.monotonic() - began)
+    for doubted in doubts(recording, case):
+        progress(0.02, doubted)
     experiment, first = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
     looked = start_search(experiment, first, FAST if fast else FULL, tools.pool)
@@ -125,7 +127,8 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
     remainder = _remainder(experiment, looked, found, behind)
-    warnings = [*map(str, recording.notes), *words.unfinished({
+    doubted = doubts(recording, case)
+    warnings = [*doubted, *map(str, recording.notes), *words.unfinished({
         names for names in (frozenset[str](), found.after) if not looked.fits[names].converged})]
     warnings += words.at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:
@@ -139,7 +142,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=words.sentence(found, remainder, location, law), detection=detection,
+        sentence=words.sentence(found, remainder, location, law) + words.in_doubt(doubted), detection=detection,
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),

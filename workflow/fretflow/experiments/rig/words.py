@@ -81,6 +81,11 @@ def of_instruments(wrong: Sequence[str]) -> str:
     return f"No physics is looked for, because the instruments are at fault: {'; '.join(wrong)}."
 
 
+def in_doubt(doubted: Sequence[str]) -> str:
+    """Return what a verdict ends with where a channel and a value that the file states may be wrong."""
+    return f" But {'; '.join(doubted)}." if doubted else ""
+
+
 def at_bounds(space: Parameters, z: Array) -> list[str]:
     """Return a warning of parameters that stand far outside of their plausible ranges."""
     own = [one.name for one, at in zip(space.coordinates, z, strict=True) if abs(at) > BENT]

@@ -1,0 +1,141 @@
+"""The rig's equations of motion as a test of its channels: they hold whatever the contact does.
+
+At each harmonic of every repeat, with the rig's receptances H, block b, arm a, and the specimens' compliance c ::
+
+    H_ab excitation = (1 / g_x) (1 + i w t_x) x + ((1 / g_F) (1 + i w t_F) H_aa + c) F + i w d H_ab x
+
+The gains g, delays t, c and d, by which the rig's damping differs from what is stated, are fitted by linear least
+squares. Repeats tell the errors, so that whether the equations hold at all is an F test of lack of fit (N. R. Draper,
+H. Smith, Applied Regression Analysis, 3rd ed. (1998), 2.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from fretflow.experiments.rig.changes import RIG_HARMONICS
+from fretflow.recordings.recording import Recording
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+LEVEL = 1e-3  # of all tests: a thousand recordings without a fault let one be told
+DISPLACEMENT, FORCE, COMPLIANCE = 0, 2, 4  # places of two inverse gains and of c among the unknowns
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Least squares of the equations: unknowns (p,), first 1 / g_x, t_x / g_x, 1 / g_F, t_F / g_F, c and d."""
+
+    values: Array
+    covariance: Array  # (p, p)
+    squares: float
+    freedom: int
+    lack_of_fit: float  # p-value
+
+    @property
+    def holds(self) -> bool:
+        """Tell whether what is left is no more than what repeats differ by."""
+        return self.lack_of_fit > LEVEL
+
+    def better_than(self, plain: Solution) -> bool:
+        """Tell whether the unknowns beyond those of `plain` take more off what is left than chance does."""
+        more = plain.freedom - self.freedom
+        gained = (plain.squares - self.squares) / more / (self.squares / self.freedom)
+        return bool(stats.f.sf(gained, more, self.freedom) < LEVEL)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The terms of all equations (n,): those of a loop's harmonic differ by the repeat alone."""
+
+    drive: Complex  # H_ab excitation, m
+    displacement: Complex  # m
+    friction: Complex  # H_aa F, m
+    force: Complex  # F, N
+    damped: Complex  # H_ab x, m^2 / N
+    omega: Array  # rad/s
+    harmonic: NDArray[np.int64]
+    loop: NDArray[np.int64]
+    cycles: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, recording: Recording, rig: LumpedRig) -> Equations | None:
+        """Return the equations of a recording; None without a record of the drive, as a stated one has no phase."""
+        if recording.loops is None or "excitation" not in recording.loops.channels:
+            return None
+        usual = recording.test.excitation_frequency or np.nan
+        count = len(recording.loops.cycles)
+        blocks = [(recording.loops, np.full(count, usual), recording.loops.cycles, 0)]
+        if recording.sweep is not None and "excitation" in recording.sweep.loops.channels:
+            own = {one.id: one.excitation_frequency or usual for one in recording.sweep.conditions}
+            ids = recording.sweep.loops.cycles
+            blocks.append((recording.sweep.loops, np.array([own[int(k)] for k in ids]),
+                           np.full(len(ids), recording.loops.cycles[-1]), count))
+        rows = []
+        for loops, frequency, cycles, first in blocks:
+            lines = [np.fft.rfft(loops.channels[name], axis=2) * 2.0 / len(loops.phase)
+                     for name in ("excitation", "displacement", loops.force_name)]
+            for k, j in zip(*np.nonzero(loops.usable), strict=True):
+                rows += [(*(line[k, j, n] for line in lines), 2.0 * np.pi * n * frequency[k], n, first + k, cycles[k])
+                         for n in range(1, RIG_HARMONICS + 1)]
+        excitation, x, force, omega, *places = (np.array(column) for column in zip(*rows, strict=True))
+        receptance = np.linalg.inv(rig.impedance(omega))
+        block, arm = receptance[:, 1, 0], receptance[:, 1, 1]
+        return cls(block * excitation, x, arm * force, force, block * x, omega, *places)
+
+    @cached_property
+    def groups(self) -> tuple[NDArray[np.int64], int]:
+        """Return which loop's harmonic each equation belongs to, and how many there are."""
+        names, own = np.unique(np.stack([self.loop, self.harmonic]), axis=1, return_inverse=True)
+        return own.reshape(-1), names.shape[1]
+
+    def solve(self, more: Sequence[Complex] = ()) -> Solution:
+        """Return the least squares with further terms (n,), each with a real unknown of its own.
+
+        Each harmonic is weighted by what repeats differ by there.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the terms do not tell the unknowns, or there are no repeats.
+        """
+        delayed = 1j * self.omega
+        terms = np.stack([self.displacement, delayed * self.displacement, self.friction, delayed * self.friction,
+                          self.force, delayed * self.damped, *more], axis=1)
+        left = self.drive - self.displacement - self.friction
+        own, count = self.groups
+        freedom = 2 * (len(own) - count)
+        if freedom == 0:
+            raise np.linalg.LinAlgError("no loop has two repeats")
+        for _ in range(2):  # the weights, then the compliance in them too
+            away = np.abs(left - self._repeated(left))**2
+            weight = 1.0 / np.sqrt([np.mean(away[self.harmonic == n]) for n in self.harmonic])
+            rows, wanted = _real(weight[:, None] * terms), _real(weight * self.drive)
+            size = np.linalg.norm(rows, axis=0)
+            inverse = np.linalg.inv((rows / size).T @ (rows / size)) / np.outer(size, size)
+            values = inverse @ (rows.T @ wanted)
+            left = self.drive - terms @ values
+        squares = float(np.sum((weight * np.abs(left))**2))
+        pure = float(np.sum((weight * np.abs(left - self._repeated(left)))**2))
+        lacking = 2 * count - len(values)
+        ratio = (squares - pure) / lacking / (pure / freedom)
+        return Solution(values, inverse * squares / (freedom + lacking), squares, freedom + lacking,
+                        float(stats.f.sf(ratio, lacking, freedom)))
+
+    def _repeated(self, values: Complex) -> Complex:
+        """Return the means (n,) over the repeats."""
+        own, count = self.groups
+        total = np.zeros(count, dtype=complex)
+        np.add.at(total, own, values)
+        return np.asarray((total / np.bincount(own))[own])
+
+
+def _real(rows: Complex) -> Array:
+    return np.concatenate([rows.real, rows.imag])
