@@ -91,13 +91,21 @@ def test_the_curve_folds_and_its_middle_branch_is_unstable():
     assert "turns back" in read_peak(found).reason
 
 
+def branches_at(found, frequency, direction):
+    """Return the numbers of the branches that have a period at `frequency`, on the curve of `direction`."""
+    own = found.along(direction)
+    ends = np.sort([found.frequency[own][1:], found.frequency[own][:-1]], axis=0)
+    return set(found.branch[own[:-1]][(ends[0] <= frequency) & (frequency <= ends[1])])
+
+
 def test_all_periods_at_a_frequency_are_kept_under_their_own_labels():
     found = curve()
     turns = found.frequency[found.turning_points(SweepDirection.UP)]
     between = float(turns.mean())
-    assert found.branches_at(between, SweepDirection.UP) == found.branches_at(between, SweepDirection.DOWN) == {0, 1, 2}
-    assert found.branches_at(START + 0.1, SweepDirection.UP) == {0}
-    assert found.branches_at(STOP - 0.1, SweepDirection.UP) == {2}
+    for direction in SweepDirection:
+        assert branches_at(found, between, direction) == {0, 1, 2}
+    assert branches_at(found, START + 0.1, SweepDirection.UP) == {0}
+    assert branches_at(found, STOP - 0.1, SweepDirection.UP) == {2}
     amplitudes = []
     for branch in range(3):
         own = np.flatnonzero(found.branch == branch)

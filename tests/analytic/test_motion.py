@@ -26,12 +26,18 @@ def test_bias_is_that_of_the_closed_forms(frequency):
         assert expected < 0.0
 
 
+def rates_noise(found):
+    """Return the standard deviations of velocity and acceleration by noise, of sums taken as integrals."""
+    span, n = found.half_width * STEP, 2 * found.half_width + 1
+    return found.noise * np.sqrt(3675.0 / 64.0 / n) / span, found.noise * np.sqrt(551.25 / n) / span**2
+
+
 def test_noise_of_the_rates_is_that_of_the_closed_forms():
     noise = 3e-6 * np.random.default_rng(5).normal(size=200_000)
     found = measure(noise, STEP, half_width=60)
     assert found.noise == pytest.approx(3e-6, rel=0.02, abs=0.0)
-    assert found.motion.velocity.std() == pytest.approx(found.velocity_sd, rel=0.05)
-    assert found.motion.acceleration.std() == pytest.approx(found.acceleration_sd, rel=0.05)
+    assert found.motion.velocity.std() == pytest.approx(rates_noise(found)[0], rel=0.05)
+    assert found.motion.acceleration.std() == pytest.approx(rates_noise(found)[1], rel=0.05)
 
 
 @pytest.mark.parametrize("noise", [1e-7, 1e-6])
@@ -56,7 +62,7 @@ def test_the_width_grows_with_noise_and_the_acceleration_stays_near_the_true_one
         error = found.motion.acceleration + 1e-2 * turning**2 * np.sin(turning * TIME)
         widths.append(found.half_width)
         assert found.half_width == best_width(x, found.noise)
-        assert error[300:-300].std() < 4.0 * found.acceleration_sd + 1e-3 * turning**2 * 1e-2
+        assert error[300:-300].std() < 4.0 * rates_noise(found)[1] + 1e-3 * turning**2 * 1e-2
     assert widths[0] < widths[1] < widths[2]
 
 

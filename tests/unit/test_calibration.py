@@ -186,7 +186,7 @@ def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
         return sliding_distance(found, problem.interface)
 
     modes = tuple(PRIOR_FACTORS)[2:4]
-    model = CalibratedRig(conditions, modes, solver, 0.0, lambda text: None)
+    model = CalibratedRig(conditions, modes, solver, 0.0)
     data = Data(names=(*modes, "60 N", "75 N"), relative_sd=np.full(4, 0.01),
                 value=np.array([*rig_modes(LumpedRig.from_modes(*hidden)), *(seen(c) for c in conditions)]))
     prior = LogNormalPrior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),

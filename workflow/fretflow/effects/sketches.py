@@ -26,12 +26,12 @@ class Sketch:
     curves: Mapping[str, tuple[Array, Array]]
 
 
-def loop_sketch(effect: ActsOnMotion, amplitude: float = AMPLITUDE) -> Sketch:
-    """Return the loop of the slider that a motion of `amplitude` (m) drives at 100 Hz, without and with `effect`."""
+def loop_sketch(effect: ActsOnMotion) -> Sketch:
+    """Return the loop of the slider that a motion drives at 100 Hz, without and with `effect`."""
     phase = 2.0 * np.pi * np.arange(PERIODS * SAMPLES + 1) / SAMPLES
     turning = 2.0 * np.pi * FREQUENCY
-    x = amplitude * np.cos(phase)
-    motion = Motion(step=1.0 / (FREQUENCY * SAMPLES), displacement=x, velocity=-turning * amplitude * np.sin(phase),
+    x = AMPLITUDE * np.cos(phase)
+    motion = Motion(step=1.0 / (FREQUENCY * SAMPLES), displacement=x, velocity=-turning * AMPLITUDE * np.sin(phase),
                     acceleration=-turning**2 * x, lean=1.0)
     return Sketch("displacement in µm", "friction force in N",
                   {name: _loop(effects, motion) for name, effects in (("baseline", ()), ("effect", (effect,)))})

@@ -67,7 +67,6 @@ class CalibratedRig:
     modes: tuple[str, ...]
     solver: QuasiStaticSolver
     added_mass: float  # kg, of the upper specimen, which moves with the arm
-    progress: Callable[[str], None]
     _last: dict[str, PeriodicSolution] = field(default_factory=dict)
 
     def predict(self, parameters: Array) -> Array:
@@ -87,7 +86,6 @@ class CalibratedRig:
     def _period(self, condition: CalibrationTest, rig: LumpedRig) -> float:
         problem = replace(condition.problem, structure=rig_of(condition.problem.structure).with_rig(rig))
         self._last[condition.name] = found = self.solver.solve(problem, self._last.get(condition.name))
-        self.progress(f"{condition.name}: block of {rig.moving_mass:.4g} kg")
         return sliding_distance(found, problem.interface)
 
 
@@ -96,8 +94,7 @@ def rig_modes(rig: LumpedRig) -> Array:
     return np.asarray(np.sqrt(eigh(rig.stiffness, rig.mass, eigvals_only=True)) / (2.0 * np.pi))
 
 
-def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path],
-                  progress: Callable[[str], None] = lambda text: None) -> Identification:
+def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path]) -> Identification:
     """Identify masses, modes (hence springs) and damping of the rig that all `cases` share.
 
     A measured sliding distance, the mean of a test, is met by the model on the settled face, where the wear of a test
@@ -109,8 +106,6 @@ def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path],
         With ``measured``; equal but for the test, the wear and what was measured.
     reduced : mapping of str to Path
         Folder of the reduced specimens by the case's name.
-    progress : callable
-        Told what is going on.
 
     Raises
     ------
@@ -127,7 +122,7 @@ def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path],
     modes = {mode: value for mode in MODES if (value := getattr(first.measured, mode)) is not None}
     added = rig_of(conditions[0].problem.structure).quasi_static().rig.arm_mass - first.rig.arm_mass
     solver = QuasiStaticSolver(first.solver.model_copy(update={"estimate_error": False}))
-    model = CalibratedRig(conditions, tuple(modes), solver, added, progress)
+    model = CalibratedRig(conditions, tuple(modes), solver, added)
     data = Data(
         names=(*modes, *(condition.name for condition in conditions)),
         value=np.array([*modes.values(), *(condition.distance for condition in conditions)]),

@@ -23,7 +23,7 @@ from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_lo
 from fretflow.solvers.continuation.curve import SweepDirection, channel_index
 from fretflow.solvers.continuation.follow import respond
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
-from fretflow.solvers.quasi_static.backbone import BackboneSolver, knows
+from fretflow.solvers.quasi_static.backbone import BackboneSolver, has_backbone
 from fretflow.solvers.solve import make_solver
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
@@ -210,7 +210,7 @@ def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callab
     solver = make_solver(case.solver)
     if case.solver.method is PeriodicMethod.DLFT:
         return forced_response(case, solver, problem, cycles, progress)
-    if not knows(problem):
+    if not has_backbone(problem):
         return _followed(case, problem, cycles, progress)
     fast = BackboneSolver.of(problem, case.solver.resolved_harmonics, case.solver.resolved_samples)
     return check_response(solver, problem, forced_response(case, fast, problem, cycles, progress))

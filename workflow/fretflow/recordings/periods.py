@@ -65,9 +65,9 @@ def smoothed(values: Array, half_width: int | None = None) -> Array:
     return np.asarray(convolve1d(values, kernel, axis=-1, mode="wrap"))
 
 
-def smoothed_record(values: Array, half_width: int = 3) -> Array:
-    """Return a record (T,) that does not repeat, smoothed by local parabolas."""
-    return np.asarray(convolve1d(values, smoothing_kernel(half_width), mode="nearest"))
+def smoothed_record(values: Array) -> Array:
+    """Return a record (T,) that does not repeat, smoothed by local parabolas over seven samples."""
+    return np.asarray(convolve1d(values, smoothing_kernel(3), mode="nearest"))
 
 
 def noise_sd(values: Array) -> Array:

@@ -108,7 +108,7 @@ def _gaps(block: str, time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.
     return far, notes
 
 
-def loops_of_series(series: Series, block: str = "series") -> tuple[LoopSet, tuple[Note, ...]]:
+def loops_of_series(series: Series) -> tuple[LoopSet, tuple[Note, ...]]:
     """Cut a long record into cycles, numbered from 1; each is a loop of its own without repeats.
 
     A cycle lasts from one passage of the displacement upwards through its middle to the next. A record
@@ -120,10 +120,10 @@ def loops_of_series(series: Series, block: str = "series") -> tuple[LoopSet, tup
         If it holds no whole cycle.
     """
     if "displacement" not in series.channels:
-        raise UnreliableRecordingError(f"{block}: no channel displacement, by which cycles are told apart")
+        raise UnreliableRecordingError("series: no channel displacement, by which cycles are told apart")
     cuts = _cuts(series)
     if len(cuts) < 2:
-        raise UnreliableRecordingError(f"{block}: holds no whole cycle of the displacement; record at least one, from "
+        raise UnreliableRecordingError("series: holds no whole cycle of the displacement; record at least one, from "
                                        "one passage of its middle to the next")
     spans = np.diff(cuts)
     whole = np.array([bool(series.usable[int(a):int(np.ceil(b)) + 1].all()) and b - a >= SHORTEST
@@ -133,8 +133,8 @@ def loops_of_series(series: Series, block: str = "series") -> tuple[LoopSet, tup
     reach = np.ptp(channels["displacement"], axis=1)
     kept = whole & (reach > SMALLEST_CYCLE * reach[whole].max(initial=0.0))
     if not kept.any():
-        raise UnreliableRecordingError(f"{block}: no cycle has {SHORTEST} samples without long holes; record more")
-    notes = _cycle_notes(block, cuts, kept, reach, series.rows)
+        raise UnreliableRecordingError(f"series: no cycle has {SHORTEST} samples without long holes; record more")
+    notes = _cycle_notes(cuts, kept, reach, series.rows)
     interval = series.sampling_interval
     frequency = 1.0 / (spans[kept] * interval) if interval else np.full(int(kept.sum()), np.nan)
     loops = LoopSet(
@@ -168,22 +168,22 @@ def _sampled(values: Array, cuts: Array, samples: int) -> Array:
     return np.interp(at, np.arange(len(values) + 1), np.append(values, values[0]))
 
 
-def _cycle_notes(block: str, cuts: Array, kept: NDArray[np.bool_], reach: Array, rows: int) -> tuple[Note, ...]:
-    notes = [Note(block, "cycles have no repeats: uncertainties rest on the noise within each, and on neighbours of "
-                  "the same amplitude where there are any")]
+def _cycle_notes(cuts: Array, kept: NDArray[np.bool_], reach: Array, rows: int) -> tuple[Note, ...]:
+    notes = [Note("series", "cycles have no repeats: uncertainties rest on the noise within each, and on neighbours "
+                            "of the same amplitude where there are any")]
     outside = tuple((a, b) for a, b in ((1, int(cuts[0])), (int(cuts[-1]) + 1, rows)) if b > a)
     if outside:
-        notes.append(Note(block, "belong to no whole cycle and are not read", "", outside))
+        notes.append(Note("series", "belong to no whole cycle and are not read", "", outside))
     ends = np.array([[int(a) + 1, int(b)] for a, b in pairwise(cuts)])
     refused = tuple((a, b) for a, b in ends[~kept].tolist())
     if refused:
-        notes.append(Note(block, "cycles left out: too small, too short or with holes", "", refused))
+        notes.append(Note("series", "cycles left out: too small, too short or with holes", "", refused))
     change = np.abs(np.diff(reach)) / np.maximum(reach[1:], reach[:-1])
     moving = kept & (np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) > STEADY)
     if moving.any():
         numbers = ", ".join(str(k + 1) for k in np.flatnonzero(moving)[:8]) + (" ..." if moving.sum() > 8 else "")
-        notes.append(Note(block, f"motion is not steady in cycles {numbers}: their loops do not close", "displacement",
-                          tuple((a, b) for a, b in ends[moving].tolist())))
+        notes.append(Note("series", f"motion is not steady in cycles {numbers}: their loops do not close",
+                          "displacement", tuple((a, b) for a, b in ends[moving].tolist())))
     return tuple(notes)
 
 

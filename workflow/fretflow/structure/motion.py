@@ -94,25 +94,9 @@ class MeasuredMotion:
     half_width: int = quantity("1")  # samples to either side
     noise: float = quantity("m")  # standard deviation of the displacement as measured
 
-    @property
-    def _span(self) -> tuple[float, int]:
-        return self.half_width * self.motion.step, 2 * self.half_width + 1
-
-    @property
-    def velocity_sd(self) -> float:
-        """Return the standard deviation of the velocity that comes from noise, m/s."""
-        span, n = self._span
-        return self.noise * sqrt(3675.0 / 64.0 / n) / span
-
-    @property
-    def acceleration_sd(self) -> float:
-        """Return the standard deviation of the acceleration that comes from noise, m/s^2."""
-        span, n = self._span
-        return self.noise * sqrt(551.25 / n) / span**2
-
     def bias(self, frequency: float) -> tuple[float, float, float]:
         """Return the relative errors of displacement, velocity and acceleration at `frequency` (Hz)."""
-        phase = 2.0 * np.pi * frequency * self._span[0]
+        phase = 2.0 * np.pi * frequency * self.half_width * self.motion.step
         return -phase**6 / 33264.0, -phase**6 / 61776.0, -phase**4 / 792.0
 
 

@@ -57,13 +57,13 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
     observation = experiment.rig.observation
     parts = list(_parts(observation, base.residual))
     found = cuts(experiment, base) if cut and not block else ()
-    looked = len(parts) + len(found)
+    tests = len(parts) + len(found)
     total = max(base.chi_squared - float(observation.noise.sum()), 1.0)
     places = [Place(cut=one.cut, where=one.where, share=float(np.clip(one.excess / total, 0.0, 1.0)),
-                    p_value=min(1.0, looked * one.p_value)) for one in parts]
-    places += [Place(cut="block", where=one.block, share=one.share, p_value=min(1.0, looked * one.p_value))
+                    p_value=min(1.0, tests * one.p_value)) for one in parts]
+    places += [Place(cut="block", where=one.block, share=one.share, p_value=min(1.0, tests * one.p_value))
                for one in found]
-    chosen = block or _block(found, looked)
+    chosen = block or _block(found, tests)
     most = {cut: _largest(places, cut) for cut in ("channel", "phase", "parity", "harmonic", "condition", "zone")}
     span, jump = _span(observation, places)
     return Location(block=chosen, channel=most["channel"], phase=most["phase"], cycles=span, zone=most["zone"],
@@ -71,9 +71,9 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
                     places=tuple(places), text=_text("" if block else chosen, most, span, jump, places))
 
 
-def _block(found: tuple[Cut, ...], looked: int) -> str:
+def _block(found: tuple[Cut, ...], tests: int) -> str:
     first = found[0] if found else None
-    return first.block if first is not None and looked * first.p_value < FALSE_ALARMS else ""
+    return first.block if first is not None and tests * first.p_value < FALSE_ALARMS else ""
 
 
 def _largest(places: list[Place], cut: str) -> str:

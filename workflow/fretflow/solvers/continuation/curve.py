@@ -71,13 +71,6 @@ class ResponseCurve:
         """Return the indices of the points of one direction, in order."""
         return np.flatnonzero(self.direction == direction)
 
-    def branches_at(self, frequency: float, direction: SweepDirection) -> set[int]:
-        """Return the numbers of the branches that have a period at `frequency` (Hz), on the curve of `direction`."""
-        own = self.along(direction)
-        f = self.frequency[own]
-        there = (np.minimum(f[1:], f[:-1]) <= frequency) & (frequency <= np.maximum(f[1:], f[:-1]))
-        return {int(branch) for branch in self.branch[own[:-1]][there]}
-
     def turning_points(self, direction: SweepDirection) -> NDArray[np.int64]:
         """Return the indices at which the curve of `direction` turns back: there a sweep jumps.
 

@@ -28,7 +28,6 @@ class PeriodicFriction:
     trial: NDArray[np.complex128] = quantity("N", "(N, nodes), force that sticking would need")
     first_trial: NDArray[np.complex128] = quantity("N", "(N, nodes), the same in the first period")
     force: NDArray[np.complex128] = quantity("N", "(N, nodes)")
-    defect: float = quantity("N")  # largest change of a node's state over the period
     periods: int
 
 
@@ -56,8 +55,7 @@ def periodic_friction(drive: NDArray[np.complex128], limit: NDArray[np.float64])
     history = [float(defect) for defect in defects[:count]]
     if history[-1] > tolerance:
         raise NonConvergenceError("contact state does not repeat from period to period; raise samples", history)
-    return PeriodicFriction(trial=trial.T, first_trial=first.T, force=force.T, defect=history[-1],
-                            periods=count + 1)
+    return PeriodicFriction(trial=trial.T, first_trial=first.T, force=force.T, periods=count + 1)
 
 
 def friction_derivative(friction: PeriodicFriction, limit: NDArray[np.float64],

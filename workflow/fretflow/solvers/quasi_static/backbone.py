@@ -173,7 +173,7 @@ def find_arm(problem: PeriodicProblem, equations: InternalEquations, backbone: B
     raise failure
 
 
-def knows(problem: PeriodicProblem) -> bool:
+def has_backbone(problem: PeriodicProblem) -> bool:
     """Tell whether a `BackboneSolver` can solve `problem`."""
     with suppress(InputError):
         refuse_unknown(problem, "")
