@@ -70,6 +70,19 @@ def test_division_by_zero_is_infinite_as_in_numpy():
     assert np.isnan(ratio(0.0, 0.0))
 
 
+def test_constants_make_no_versions_of_their_own():
+    @compiled
+    def either(value: float, first: bool, count: int) -> float:
+        return value if first else count * value
+
+    @compiled
+    def both(value: float) -> float:
+        return either(value, True, 0) + either(value, False, 2)
+
+    assert both(1.5) == 4.5
+    assert len(either.signatures) == 1
+
+
 def test_code_kept_of_an_earlier_version_is_no_obstacle(tmp_path):
     """Its types may be gone: numba reads them before it sees that the source has changed."""
     source = """

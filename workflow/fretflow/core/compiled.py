@@ -26,7 +26,17 @@ def compiled(function: Compiled) -> Compiled:
         _forget_outdated(made)
     except RuntimeError:  # no folder where the machine code could be kept
         made = njit(error_model="numpy")(function)
+    _take_constants_as_values(made)
     return cast(Compiled, made)
+
+
+def _take_constants_as_values(made: Any) -> None:
+    """Let no constant argument make a version of its own, whose compilation would take as long again."""
+    if not hasattr(made, "get_call_template"):  # compiling is switched off
+        return
+    template = made.get_call_template
+    made.get_call_template = lambda args, kws: template(
+        tuple(map(types.unliteral, args)), {name: types.unliteral(one) for name, one in kws.items()})
 
 
 def _forget_outdated(made: Any) -> None:

@@ -92,6 +92,14 @@ def _same(a: Array, b: Array) -> bool:
 
 
 @compiled
+def _copy(source: Array, target: Array) -> None:
+    """Copy a tangent; an assignment of arrays takes seconds to compile."""
+    for i in range(len(source)):
+        for k in range(source.shape[1]):
+            target[i, k] = source[i, k]
+
+
+@compiled
 def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: PeriodHistory, slope: Array,
           guess: PeriodHistory, last: PeriodHistory, last_tangent: Array, limits: tuple[float, float],
           found: PeriodHistory, tangent: Array) -> tuple[int, Array]:
@@ -147,6 +155,6 @@ def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: P
         if len(last.state) and _as_before(found, last, j, limits[1]) and _same(tangent[j], last_tangent[j]):
             for rest in range(j + 1, samples):
                 copy_sample(last, rest, found, rest)
-                tangent[rest] = last_tangent[rest]
+                _copy(last_tangent[rest], tangent[rest])
             return j, slope
     return samples, slope
