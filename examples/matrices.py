@@ -1,12 +1,17 @@
-"""A bolted joint given only by its matrices: both solvers, time integration, a loop, energy and wear.
+"""Joints given only by their matrices: both solvers, time integration, another code, a loop, energy and wear.
 
 Two bars of six masses each overlap over three contact nodes, where 100 N press them together. The upper bar is held at
-its left end, and a force at 60 Hz shakes the right end of the lower one. Run it: ``python examples/matrices.py``.
+its left end, and a force at 60 Hz shakes the right end of the lower one. Then ten contacts to ground,
+of which another code's solution is known. Run it: ``python examples/matrices.py``.
 """
+
+import json
+from pathlib import Path
 
 import fretflow as ff
 import numpy as np
 from fretflow.solvers.audit import energy_balance
+from fretflow.solvers.fourier import synthesis_matrix
 from fretflow.solvers.time_integration import settle
 
 MASSES, FACES = 6, 3
@@ -50,3 +55,36 @@ assert abs(loop.dissipated_energy / period.dissipated_energy - 1.0) < 0.3  # mea
 wear = ff.march_wear(problem, ff.Archard(1e-13), cycles=100_000)
 print(f"after {wear.cycles[-1]} cycles {1e9 * wear.volume[-1]:.4f} mm^3 are worn")
 assert wear.volume[-1] > 0.0
+
+# ten contacts to ground; a node's DOF there are the normal one, in compression, and two tangential ones
+peers = Path(__file__).parents[1] / "tests" / "data" / "peers"
+given = np.load(peers / "problem_10.npz")
+theirs = next(case["X"] for case in json.loads((peers / "coupled_dlft_3d.json").read_text())["B_dlft3d"]
+              if (case["N"], case["eps"]) == (10, 100.0))  # terms of the Fourier series up to the third harmonic
+Q = np.kron(np.eye(10), [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+still, moving = (dict(zip(map(str, range(30)), own, strict=True))
+                 for own in (given["F0"], given["Fc"] - 1j * given["Fs"]))
+force = ff.Harmonic(0.8 / (2.0 * np.pi), moving, overtones=((0, still),))
+faces = ff.Interface(np.zeros((10, 2)), np.ones(10), np.zeros(10))
+
+
+def grounded(compliance: float) -> ff.PeriodicProblem:
+    """Return the other code's problem; all its mass is at the contact, which `compliance` in m/N lets move."""
+    held = ff.Joint.from_matrices(given["K"], given["M"], given["C"], contact_map=Q, contact_compliance=compliance,
+                                  observe={str(k): k for k in range(30)})
+    return ff.PeriodicProblem(held, faces, ff.Coulomb(0.3), force)
+
+
+same = ff.solve_periodic(grounded(1e-10), "dlft", harmonics=3, samples=128, penalty="100 N/m", tolerance=1e-11)
+expected = synthesis_matrix(3, 128) @ theirs @ Q.T  # m
+away = np.abs(same.displacement.reshape(128, -1) - expected).max() / np.abs(expected).max()
+print(f"ten contacts to ground: the other code's motion within {away:.1e} of its largest")
+assert away < 1e-6
+
+soft = grounded(0.02)
+period, few = (ff.solve_periodic(soft, method, harmonics=15, samples=256, tolerance=1e-8)
+               for method in ("quasi-static", "dlft"))
+history = settle(soft, period, (2, 6), 512, 1e-4)
+for name in ("0", "1", "2"):
+    swing = np.ptp(history.of_period(history.outputs[name]))
+    assert all(abs(np.ptp(found.output(name)) / swing - 1.0) < 0.01 for found in (period, few))
