@@ -6,7 +6,8 @@ At each harmonic of every repeat, with the rig's receptances H, block b, arm a, 
 
 The gains g, delays t, c and d, by which the rig's damping differs from what is stated, are fitted by linear least
 squares. Repeats tell the errors, so that whether the equations hold at all is an F test of lack of fit (N. R. Draper,
-H. Smith, Applied Regression Analysis, 3rd ed. (1998), 2.1).
+H. Smith, Applied Regression Analysis, 3rd ed. (1998), 2.1). The terms have such errors too, which make the unknowns too
+small: what repeats tell of them is taken off the moments (W. A. Fuller, Measurement Error Models (1987), 2.2).
 """
 
 from __future__ import annotations
@@ -38,11 +39,18 @@ class Solution:
     squares: float
     freedom: int
     lack_of_fit: float  # p-value
+    attenuated: Array  # (p,), by what errors of the terms had made the unknowns too small
 
     @property
     def holds(self) -> bool:
-        """Tell whether what is left is no more than what repeats differ by."""
-        return self.lack_of_fit > LEVEL
+        """Tell whether what is left is no more than what repeats differ by, and that no more than what errors may.
+
+        Loops that do not repeat themselves with the drive are none that the equations hold for: gains would follow
+        from how their repeats differ.
+        """
+        gains = [DISPLACEMENT, FORCE]
+        moved = self.attenuated[gains]**2 / np.diag(self.covariance)[gains]
+        return self.lack_of_fit > LEVEL and bool(np.all(stats.f.sf(moved, 1, self.freedom) > LEVEL))
 
     def better_than(self, plain: Solution) -> bool:
         """Tell whether the unknowns beyond those of `plain` take more off what is left than chance does."""
@@ -120,14 +128,17 @@ class Equations:
             rows, wanted = _real(weight[:, None] * terms), _real(weight * self.drive)
             size = np.linalg.norm(rows, axis=0)
             inverse = np.linalg.inv((rows / size).T @ (rows / size)) / np.outer(size, size)
-            values = inverse @ (rows.T @ wanted)
+            scatter = _real(weight[:, None] * (terms - np.stack([self._repeated(one) for one in terms.T], axis=1)))
+            errors = scatter.T @ scatter * len(own) / (len(own) - count)
+            plain = inverse @ (rows.T @ wanted)
+            values = np.linalg.solve((rows.T @ rows - errors) / np.outer(size, size), rows.T @ wanted / size) / size
             left = self.drive - terms @ values
         squares = float(np.sum((weight * np.abs(left))**2))
         pure = float(np.sum((weight * np.abs(left - self._repeated(left)))**2))
         lacking = 2 * count - len(values)
         ratio = (squares - pure) / lacking / (pure / freedom)
         return Solution(values, inverse * squares / (freedom + lacking), squares, freedom + lacking,
-                        float(stats.f.sf(ratio, lacking, freedom)))
+                        float(stats.f.sf(ratio, lacking, freedom)), values - plain)
 
     def _repeated(self, values: Complex) -> Complex:
         """Return the means (n,) over the repeats."""
