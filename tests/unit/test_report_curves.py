@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 from fretflow.inference.verdict import MeasuredCurve
-from fretflow_post.report.curves import curve_views
+from fretflow_post.report.loops import curve_views
 
 
 def test_points_and_predictions_stand_where_they_belong():

@@ -27,7 +27,6 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Effect
 from fretflow.inference.parameters import Array, Parameters
 
-HIDDEN = 1e12  # factor on the variance of what is held out: beyond all that single precision would tell
 STEP = 0.02  # of a coordinate, for derivatives: a fiftieth of what was uncertain beforehand
 
 
@@ -191,8 +190,8 @@ class Covariance:
         return left, 1.0 - 1.0 / np.sqrt(1.0 + size**2)
 
     def hiding(self, rows: NDArray[np.bool_]) -> Covariance:
-        """Return the same with errors of some rows (M,) so large that these tell nothing."""
-        return Covariance(np.where(rows, HIDDEN, 1.0) * self.variance, self.modes)
+        """Return the same with errors of some rows (M,) without bound, so that these tell nothing."""
+        return Covariance(np.where(rows, np.inf, self.variance), self.modes)
 
     def whiten(self, values: Array) -> Array:
         """Return `values` (M, ...) in units of which each is independent with unit variance."""
