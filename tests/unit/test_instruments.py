@@ -39,6 +39,7 @@ class Loops:
         self.phase = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
         self.cycles = np.arange(len(channels["displacement"]))
         self.usable = np.ones((len(self.cycles), 1), dtype=bool)
+        self.repeats = self.usable.sum(axis=1)
 
     def mean(self, name: str) -> np.ndarray:
         """Return the loops (K, N)."""
@@ -204,3 +205,23 @@ def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray]
         return values + share * 60.0 * law(np.fft.irfft(lines, values.shape[-1]) / 20e-6)
 
     assert said(altered(recording, "excitation", drive)) == ((), ())
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("name", "size"), [("displacement", 0.4e-6), ("friction_force", 2.0)])
+def test_hum_is_told_with_its_size(name: str, size: float, recordings: Path) -> None:
+    """Of 50 Hz, in periods of 10 ms that cannot tell it from 60."""
+    recording, rng = read_recording(recordings / "example_baseline"), np.random.default_rng(7)
+    swept = np.array([one.excitation_frequency for one in recording.sweep.conditions])
+
+    def humming(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        frequency = np.full(len(loops.cycles), 100.0) if loops is recording.loops else swept
+        turns = np.arange(values.shape[2]) / values.shape[2] / frequency[:, None, None]
+        begin = rng.uniform(0.0, 2.0 * np.pi, (*values.shape[:2], 1))
+        return values + size * np.sin(2.0 * np.pi * 50.0 * turns + begin)
+
+    (told,), _ = said(altered(recording, name, humming))
+    found = re.match(r"the (.+) has a hum of the mains, (\S+) to (\S+) (um|N) in all", told)
+    scale = 1e6 if found.group(4) == "um" else 1.0
+    assert found.group(1) == name.replace("_", " ")
+    assert 0.75 * float(found.group(2)) < size * scale < 1.25 * float(found.group(3))

@@ -15,12 +15,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.experiments.rig.changes import RIG_HARMONICS
+from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -28,6 +30,16 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 LEVEL = 1e-3  # of all tests: a thousand recordings without a fault let one be told
 DISPLACEMENT, FORCE, COMPLIANCE = 0, 2, 4  # places of two inverse gains and of c among the unknowns
+
+
+def blocks_of(recording: Recording) -> list[tuple[LoopSet, Array]]:
+    """Return the loops of the test and of the sweep after it, and the frequency (K,) of each in Hz."""
+    usual = recording.test.excitation_frequency or np.nan
+    found = [] if recording.loops is None else [(recording.loops, np.full(len(recording.loops.cycles), usual))]
+    if recording.sweep is not None:
+        own = {one.id: one.excitation_frequency or usual for one in recording.sweep.conditions}
+        found.append((recording.sweep.loops, np.array([own[int(k)] for k in recording.sweep.loops.cycles])))
+    return found
 
 
 @dataclass(frozen=True)
@@ -78,16 +90,13 @@ class Equations:
         """Return the equations of a recording; None without a record of the drive, as a stated one has no phase."""
         if recording.loops is None or "excitation" not in recording.loops.channels:
             return None
-        usual = recording.test.excitation_frequency or np.nan
-        count = len(recording.loops.cycles)
-        blocks = [(recording.loops, np.full(count, usual), recording.loops.cycles, 0)]
-        if recording.sweep is not None and "excitation" in recording.sweep.loops.channels:
-            own = {one.id: one.excitation_frequency or usual for one in recording.sweep.conditions}
-            ids = recording.sweep.loops.cycles
-            blocks.append((recording.sweep.loops, np.array([own[int(k)] for k in ids]),
-                           np.full(len(ids), recording.loops.cycles[-1]), count))
-        rows = []
-        for loops, frequency, cycles, first in blocks:
+        rows: list[tuple[Any, ...]] = []
+        for loops, frequency in blocks_of(recording):
+            if "excitation" not in loops.channels:
+                continue
+            own = loops is recording.loops
+            first = 0 if own else len(recording.loops.cycles)
+            cycles = loops.cycles if own else np.full(len(frequency), recording.loops.cycles[-1])
             lines = [np.fft.rfft(loops.channels[name], axis=2) * 2.0 / len(loops.phase)
                      for name in ("excitation", "displacement", loops.force_name)]
             for k, j in zip(*np.nonzero(loops.usable), strict=True):

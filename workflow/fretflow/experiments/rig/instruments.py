@@ -18,7 +18,16 @@ from scipy import stats
 from fretflow.case.config import Case
 from fretflow.core.errors import FretflowError
 from fretflow.effects.channel_delay import ChannelDelay
-from fretflow.experiments.rig.equations import COMPLIANCE, DISPLACEMENT, FORCE, LEVEL, Equations, Solution
+from fretflow.experiments.rig.equations import (
+    COMPLIANCE,
+    DISPLACEMENT,
+    FORCE,
+    LEVEL,
+    Equations,
+    Solution,
+    blocks_of,
+)
+from fretflow.experiments.rig.hum import MAINS, hum_between_repeats
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.setup import FRICTION
 from fretflow.recordings.blocks import TIED
@@ -40,7 +49,8 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
         return tuple(found[:1])
     try:
         found = [*_gains(recording, case), *_friction(recording)]
-        return tuple(found or _drifting(recording, case) or _small_gains(recording, case)[0])
+        return tuple(found or _humming(recording) or _drifting(recording, case)
+                     or _small_gains(recording, case)[0])
     except (FretflowError, np.linalg.LinAlgError):
         return ()
 
@@ -105,6 +115,25 @@ def _rig(case: Case) -> LumpedRig:
     return LumpedRig.from_modes(**{name: getattr(case.rig, key) for name, key in (
         ("moving_mass", "moving_mass"), ("arm_mass", "arm_mass"), ("in_phase", "in_phase_frequency"),
         ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"))})
+
+
+def _humming(recording: Recording) -> list[str]:
+    """Return the channel that has the hum of the mains in all of its samples, if one alone of motion and force has.
+
+    A force of that frequency would move the arm, and a motion the force: both have it then, or differ otherwise too. A
+    period is too short to tell 50 from 60 Hz.
+    """
+    blocks = blocks_of(recording)
+    seen = {name: [hum_between_repeats(blocks, name, mains) for mains in MAINS]
+            for name in ("displacement", "friction_force", "force") if all(name in one.channels for one, _ in blocks)}
+    least = {name: min(one[0] if one is not None else 0.0 for one in found) for name, found in seen.items()}
+    loud = [name for name, p_value in least.items() if p_value < LEVEL / (len(MAINS) * len(least))]
+    if len(loud) != 1 or len(least) < 2 or None in seen[loud[0]]:
+        return []
+    (name,) = loud
+    unit, scale = ("um", 1e6) if name == "displacement" else ("N", 1.0)
+    sizes = sorted(one[1] * scale for one in seen[name] if one is not None)
+    return [f"the {WORDS[name]} has a hum of the mains, {sizes[0]:.2g} to {sizes[-1]:.2g} {unit} in all samples"]
 
 
 def _drifting(recording: Recording, case: Case) -> list[str]:
