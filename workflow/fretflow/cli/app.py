@@ -1,6 +1,7 @@
 """The command line of fretflow: each command is a file of this room, and stands here once.
 
-Imports stay inside the commands, so that help and `show` start without numerical libraries.
+Imports stay inside the commands, so that help and `show` start without numerical libraries; the list of commands
+is plain text, which needs no reader of Markdown.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from fretflow.pipeline.ranks import close_process
 
 QUIET = "--quiet"
 
-app = App(name="fretflow", version=__version__, help_format="markdown", result_action="return_value",
+app = App(name="fretflow", version=__version__, help_format="plaintext", result_action="return_value",
           exit_on_error=False, print_error=False, suppress_keyboard_interrupt=False,
           help="Vibration and fretting wear of structures held together by friction. "
                "`fretflow --install-completion` completes names in your shell (bash, zsh, fish).",
@@ -25,7 +26,7 @@ app = App(name="fretflow", version=__version__, help_format="markdown", result_a
 app.register_install_completion_command()
 for command in (run.run, modes.modes, calibrate.calibrate, run.render, verify.verify, effects.effects, loops.loops,
                 diagnose.diagnose, response.response, trial.trial, export.export, case.init, case.show):
-    app.command(command)
+    app.command(command, help_format="markdown")
 
 
 def main() -> None:

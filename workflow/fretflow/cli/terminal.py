@@ -19,8 +19,6 @@ from cyclopts import CycloptsError, Parameter
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bars
 from rich.segment import Segment
 from rich.table import Table
 
@@ -28,6 +26,8 @@ from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConverg
 from fretflow.pipeline.ranks import started_rank, started_size
 
 if TYPE_CHECKING:
+    from rich.progress import TaskID
+
     from fretflow.case.config import Case
     from fretflow.pipeline.stage import StageResult
 
@@ -94,6 +94,9 @@ class Progress:
         self._told = monotonic()
 
     def __enter__(self) -> Progress:
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
+
         self._bars = Bars(
             TextColumn("{task.fields[stage]:<9}"),
             BarColumn(bar_width=24),

@@ -92,17 +92,18 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         progress(0.02, doubted)
     experiment, first = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
-    looked = start_search(experiment, first, FAST if fast else FULL, tools.pool)
-    search(looked, lambda share, text: progress(0.2 + 0.65 * share, text))
-    before = _plainly(experiment, looked.baseline)
+    hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
+    search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
+    before = _plainly(experiment, hypotheses.baseline)
     detection = detect(experiment.rig.observation, before)
-    found = detected(plausible(decide(looked), looked, experiment), detection)
+    found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)
     progress(0.85, "held-out loops")
-    unseen = held_out(looked, experiment, found.after)
+    unseen = held_out(hypotheses, experiment, found.after)
     found = held_to(found, unseen.error, sum(
         len(experiment.measurement.values[piece.place]) for piece in experiment.rig.observation.pieces
         if piece.label in unseen.labels))
-    return _told(recording, case, experiment, looked, found, before, detection, unseen, tools, fast, began, progress)
+    return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, tools, fast, began,
+                 progress)
 
 
 def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: float) -> Diagnosis:
@@ -117,19 +118,19 @@ def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: floa
         smallest_visible={}, remainder=whole, warnings=tuple(wrong), notes=tuple(wrong), seconds=seconds, fast=fast)
 
 
-def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: Search, found: Found, before: Fit,
+def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Found, before: Fit,
           detection: Detection, unseen: HeldOutPrediction, tools: RigTools, fast: bool, began: float,
           progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
-    observation, base, after = experiment.rig.observation, looked.baseline, looked.fits[found.after]
+    observation, base, after = experiment.rig.observation, hypotheses.baseline, hypotheses.fits[found.after]
     behind = before if after is base else _plainly(experiment, after)
     location = locate(experiment, before, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
-    remainder = _remainder(experiment, looked, found, behind)
+    remainder = _remainder(experiment, hypotheses, found, behind)
     doubted = doubts(recording, case)
     warnings = [*doubted, *map(str, recording.notes), *words.unfinished({
-        names for names in (frozenset[str](), found.after) if not looked.fits[names].converged})]
+        names for names in (frozenset[str](), found.after) if not hypotheses.fits[names].converged})]
     warnings += words.at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:
         warnings.append(words.not_repeated())
@@ -138,7 +139,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    mean, covariance = looked.evidence(found.after).coordinates(looked.prior(found.after))
+    mean, covariance = hypotheses.evidence(found.after).coordinates(hypotheses.prior(found.after))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
         effects=found.effects, probability=found.probability, ranking=found.ranking,
@@ -146,7 +147,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
-        residual_law=law, smallest_visible=smallest_visible(looked) if found.verdict is Verdict.NONE else {},
+        residual_law=law, smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, unseen.before, unseen.after),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
@@ -155,9 +156,9 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, looked: S
         after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
 
 
-def plausible(found: Found, looked: Search, experiment: RigExperiment) -> Found:
+def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Found:
     """Return a verdict that names nothing where the fit asks for a friction coefficient that no dry contact has."""
-    fitted = hypothesis(looked.fits[found.after].prediction.point).friction
+    fitted = hypothesis(hypotheses.fits[found.after].prediction.point).friction
     friction = fitted * float(np.mean(experiment.rig.problem.friction_coefficient))
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or FRICTION[0] < friction < FRICTION[1]:
         return found
@@ -169,12 +170,12 @@ def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
     return Fitter(experiment, experiment.measurement.covariance()).linearised(fit.prediction)
 
 
-def _remainder(experiment: RigExperiment, looked: Search, found: Found, after: Fit) -> Remainder:
+def _remainder(experiment: RigExperiment, hypotheses: Search, found: Found, after: Fit) -> Remainder:
     """Return what the model of the verdict leaves."""
     place = locate(experiment, after, cut=False)
     where = ", ".join(part for part in (place.channel, f"the {place.phase}" if place.phase else "", place.condition)
                       if part)
-    share = 1.0 - looked.explained(found.after) if found.after else 1.0
+    share = 1.0 - hypotheses.explained(found.after) if found.after else 1.0
     return Remainder(share=share, times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)),
                      where=where)
 
