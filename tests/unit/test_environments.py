@@ -1,7 +1,7 @@
 """environment.yml and the Dockerfile ask for what pyproject.toml and the launcher ask for.
 
-What carries the weight: both sides are read from the project's own files, so a bound that is raised in one place only, a
-new dependency or a Debian that the launcher refuses fails here. No image is built and no environment is solved.
+What carries the weight: both sides are read from the project's own files, so a bound that is raised in one place only,
+a new dependency or a Debian that the launcher refuses fails here. No image is built and no environment is solved.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ def test_the_image_is_a_debian_that_the_launcher_takes_and_starts_the_launcher()
     release, = re.findall(r"^FROM debian:(\d+)", image, re.MULTILINE)
     assert f"'debian {release}'" in (PROJECT / "fretflow").read_text(encoding="utf-8")
     place, = re.findall(r"^COPY \. (\S+)", image, re.MULTILINE)
-    assert f'ENTRYPOINT ["{place}/fretflow"]' in image and f"RUN {place}/fretflow" in image
+    assert f'ENTRYPOINT ["{place}/fretflow"]' in image
+    assert f"RUN {place}/fretflow" in image
 
 
 def test_no_environment_of_the_host_gets_into_the_image():
