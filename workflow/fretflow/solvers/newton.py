@@ -32,7 +32,7 @@ class HasResidual(Protocol):
 State = TypeVar("State", bound=HasResidual)
 
 
-class Equations(Protocol[State]):
+class NonlinearEquations(Protocol[State]):
     """A nonlinear system; unknowns and residual are arrays of one shape."""
 
     def evaluate(self, u: Vector) -> State:
@@ -90,7 +90,7 @@ def gmres(apply: Operator, right: Vector, precondition: Operator, tolerance: flo
     return weights @ searched[:j + 1], j + 1
 
 
-def solve_newton(equations: Equations[State], start: Vector, scale: float, tolerance: float,
+def solve_newton(equations: NonlinearEquations[State], start: Vector, scale: float, tolerance: float,
                  max_iterations: int) -> NewtonResult[State]:
     """Find the root near `start`.
 
@@ -133,7 +133,7 @@ def solve_newton(equations: Equations[State], start: Vector, scale: float, toler
     return NewtonResult(u, state, tuple(history))
 
 
-def _line_search(equations: Equations[State], u: Vector, step: Vector,
+def _line_search(equations: NonlinearEquations[State], u: Vector, step: Vector,
                  reference: float) -> tuple[Vector, State]:
     """Return the first of `STEPS` with sufficient decrease, or the best."""
     tried = []
