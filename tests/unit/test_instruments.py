@@ -208,8 +208,9 @@ def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray]
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize(("name", "size"), [("displacement", 0.4e-6), ("friction_force", 2.0)])
-def test_hum_is_told_with_its_size(name: str, size: float, recordings: Path) -> None:
+@pytest.mark.parametrize(("name", "size", "anew"), [
+    ("displacement", 0.4e-6, False), ("friction_force", 2.0, False), ("displacement", 0.4e-6, True)])
+def test_hum_is_told_with_its_size(name: str, size: float, anew: bool, recordings: Path) -> None:
     """Of 50 Hz, in periods of 10 ms that cannot tell it from 60."""
     recording, rng = read_recording(recordings / "example_baseline"), np.random.default_rng(7)
     swept = np.array([one.excitation_frequency for one in recording.sweep.conditions])
@@ -217,7 +218,7 @@ def test_hum_is_told_with_its_size(name: str, size: float, recordings: Path) -> 
     def humming(loops: LoopSet, values: np.ndarray) -> np.ndarray:
         frequency = np.full(len(loops.cycles), 100.0) if loops is recording.loops else swept
         turns = np.arange(values.shape[2]) / values.shape[2] / frequency[:, None, None]
-        begin = rng.uniform(0.0, 2.0 * np.pi, (*values.shape[:2], 1))
+        begin = 0.0 if anew else rng.uniform(0.0, 2.0 * np.pi, (*values.shape[:2], 1))
         return values + size * np.sin(2.0 * np.pi * 50.0 * turns + begin)
 
     (told,), _ = said(altered(recording, name, humming))

@@ -2,7 +2,8 @@
 
 As its phase differs from repeat to repeat, their differences hold it, beside gains, delays, zeros and drifts of their
 own. Even harmonics alone are looked at: where friction, load or drive differ from repeat to repeat, loops differ by odd
-ones, as they are the same to either side. A hum that begins every period anew is not told from the loop by this.
+ones, as they are the same to either side. A hum that begins every period anew, as where a trigger does, is told on the
+displacement alone: there the rig's equations of motion lack it, as forces do not that are polynomials of the motion.
 """
 
 from __future__ import annotations
@@ -11,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fretflow.experiments.rig.equations import LEVEL
+from fretflow.experiments.rig.changes import RIG_HARMONICS
+from fretflow.experiments.rig.equations import LEVEL, Equations, blocks_of
 from fretflow.experiments.rig.observation import DIGITIZING, HARMONICS
 from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 MAINS = (50.0, 60.0)  # Hz (IEC 60038)
+POWERS = (1, 2, 3)  # of the motion, that further forces on the arm go with
 
 
 def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: float) -> tuple[float, float] | None:
@@ -37,18 +41,19 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
     for loops, frequency in blocks:
         samples = len(loops.phase)
         turns = np.arange(samples) / samples
-        waves = _even(_wave(np.outer(turns, np.arange(2, HARMONICS + 1, 2))))
         for k in np.flatnonzero((loops.repeats > 1) & np.isfinite(frequency)):
             every = loops.channels[name][k, loops.usable[k]]
             mean = every.mean(axis=0)
-            turning, away = _even(_wave(mains / frequency[k] * turns)), _even((every - mean).T)
-            own = _even(np.stack([turns, mean, np.gradient(mean)], axis=1))
-            basis, _ = np.linalg.qr(np.hstack([own, turning, waves]))
-            parts = basis.T @ away
-            told, more = parts[3:5], parts[5:]
-            squares += np.sum(told**2), np.sum(more**2), np.sum(away**2) - np.sum(parts**2)
-            freedom += (len(every) - 1) * np.array([2, basis.shape[1] - 5, len(away) - basis.shape[1]])
-            size += (len(every) - 1) * float(np.sum((basis[:, 3:5].T @ turning)**2))
+            turning, own = _wave(mains / frequency[k] * turns), np.stack([turns, mean, np.gradient(mean)], axis=1)
+            for first in (2, 3):  # even harmonics, and those odd ones of which a sensor's ringing makes noise as well
+                waves = _wave(np.outer(turns, np.arange(first, HARMONICS + 1, 2)))
+                basis, _ = np.linalg.qr(_lines(np.hstack([own, turning, waves]), first))
+                away = _lines((every - mean).T, first)
+                parts = basis.T @ away
+                even = first == 2
+                squares += even * np.sum(parts[3:5]**2), np.sum(parts[5:]**2), np.sum(away**2) - np.sum(parts**2)
+                freedom += (len(every) - 1) * np.array([2 * even, basis.shape[1] - 5, len(away) - basis.shape[1]])
+                size += even * (len(every) - 1) * float(np.sum((basis[:, 3:5].T @ _lines(turning, first))**2))
     if not freedom.all() or not squares.all():
         return None
     noise = squares[1:].sum() / freedom[1:].sum()
@@ -61,12 +66,40 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
     return p_value if resolved else 1.0, amplitude
 
 
+def hum_in_motion(recording: Recording, equations: Equations, mains: float) -> float | None:
+    """Return the amplitude in m of a hum that begins every period of the displacement anew; None if none has to be.
+
+    The equations hold with it and not without it, whatever forces go with powers of the motion. Periods may have been
+    closed by straight lines, which is tried as well.
+    """
+    blocks = [one for one in blocks_of(recording) if "excitation" in one[0].channels]
+    bent, shapes = [], []
+    for loops, frequency in blocks:
+        turns = (np.arange(len(loops.phase)) + 0.5) / len(loops.phase)
+        mean = loops.mean("displacement")
+        powers = [np.fft.rfft((mean - mean.mean(axis=1, keepdims=True))**power) for power in POWERS]
+        for k in np.nonzero(loops.usable)[0]:
+            seen = np.fft.rfft(np.column_stack([_wave(mains / frequency[k] * turns), turns]), axis=0) * 2.0 / len(turns)
+            shapes.append(seen[1:RIG_HARMONICS + 1])
+            bent.append(np.stack([lines[k, 1:RIG_HARMONICS + 1] for lines in powers], axis=1))
+    felt = equations.friction / equations.force
+    forces = list(felt * np.concatenate(bent).T)
+    plain = equations.solve(forces)
+    if plain.holds:
+        return None
+    for count in (2, 3):
+        found = equations.solve([*forces, *np.concatenate(shapes)[:, :count].T])
+        if found.holds and found.better_than(plain):
+            return float(np.hypot(*found.values[-count:][:2]))
+    return None
+
+
 def _wave(turns: Array) -> Array:
     """Return cosine and sine of turns, side by side."""
     return np.column_stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)])
 
 
-def _even(signals: Array) -> Array:
-    """Return the even harmonics of periodic signals (N, any), real and imaginary; white noise keeps its size."""
-    lines = np.fft.rfft(signals, axis=0)[2:(len(signals) + 1) // 2:2] * np.sqrt(2.0 / len(signals))
+def _lines(signals: Array, first: int) -> Array:
+    """Return every second harmonic of periodic signals (N, any), real and imaginary; white noise keeps its size."""
+    lines = np.fft.rfft(signals, axis=0)[first:(len(signals) + 1) // 2:2] * np.sqrt(2.0 / len(signals))
     return np.concatenate([lines.real, lines.imag])

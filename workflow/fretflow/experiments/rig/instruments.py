@@ -27,7 +27,7 @@ from fretflow.experiments.rig.equations import (
     Solution,
     blocks_of,
 )
-from fretflow.experiments.rig.hum import MAINS, hum_between_repeats
+from fretflow.experiments.rig.hum import MAINS, hum_between_repeats, hum_in_motion
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.setup import FRICTION
 from fretflow.recordings.blocks import TIED
@@ -49,7 +49,7 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
         return tuple(found[:1])
     try:
         found = [*_gains(recording, case), *_friction(recording)]
-        return tuple(found or _humming(recording) or _drifting(recording, case)
+        return tuple(found or _humming(recording, case) or _drifting(recording, case)
                      or _small_gains(recording, case)[0])
     except (FretflowError, np.linalg.LinAlgError):
         return ()
@@ -117,7 +117,7 @@ def _rig(case: Case) -> LumpedRig:
         ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"))})
 
 
-def _humming(recording: Recording) -> list[str]:
+def _humming(recording: Recording, case: Case) -> list[str]:
     """Return the channel that has the hum of the mains in all of its samples, if one alone of motion and force has.
 
     A force of that frequency would move the arm, and a motion the force: both have it then, or differ otherwise too. A
@@ -128,12 +128,19 @@ def _humming(recording: Recording) -> list[str]:
             for name in ("displacement", "friction_force", "force") if all(name in one.channels for one, _ in blocks)}
     least = {name: min(one[0] if one is not None else 0.0 for one in found) for name, found in seen.items()}
     loud = [name for name, p_value in least.items() if p_value < LEVEL / (len(MAINS) * len(least))]
-    if len(loud) != 1 or len(least) < 2 or None in seen[loud[0]]:
+    if len(loud) == 1 and len(least) > 1 and None not in seen[loud[0]]:
+        (name,) = loud
+        sizes = sorted(one[1] for one in seen[name] if one is not None)
+    elif not loud and (equations := Equations.of(recording, _rig(case))) is not None:
+        name = "displacement"
+        sizes = sorted(one for mains in MAINS if (one := hum_in_motion(recording, equations, mains)) is not None)
+    else:
         return []
-    (name,) = loud
+    if not sizes:
+        return []
     unit, scale = ("um", 1e6) if name == "displacement" else ("N", 1.0)
-    sizes = sorted(one[1] * scale for one in seen[name] if one is not None)
-    return [f"the {WORDS[name]} has a hum of the mains, {sizes[0]:.2g} to {sizes[-1]:.2g} {unit} in all samples"]
+    return [f"the {WORDS[name]} has a hum of the mains, {sizes[0] * scale:.2g} to {sizes[-1] * scale:.2g} {unit} in "
+            "all samples"]
 
 
 def _drifting(recording: Recording, case: Case) -> list[str]:
@@ -148,7 +155,7 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
             own = {"displacement": equations.displacement, "excitation": equations.drive,
                    "friction force": equations.friction + free.values[COMPLIANCE] * equations.force}[name]
             free = equations.solve([np.where(equations.cycles == count, own, 0.0) for count in counts[1:]])
-        if free.holds and free.better_than(plain):
+        if free.holds and free.better_than(plain) and _off(free, free.values[-1], free.covariance[-1, -1]):
             fitted.append((free.lack_of_fit, name, free))
     if not fitted:
         return []
