@@ -365,13 +365,13 @@ def begin_all(found: Search) -> None:
         origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
     laid = {(place, *key): one for place, beginnings in enumerate(found.pool(
         beginnings_task, [(found.fitter, one) for one in origins])) for key, one in beginnings.items()}
-    begun = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
+    first_fits = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
     # an effect that does more than first order tells may be worth it where it does least
-    anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), begun, strict=True)
+    anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), first_fits, strict=True)
             if one.least is not None and (fit is None or not _worth(found, one, fit))}
     weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
     best: dict[Hashable, dict[Hashable, list[Fit]]] = {place: {} for place in range(len(origins))}
-    for (key, one), first in zip(laid.items(), begun, strict=True):
+    for (key, one), first in zip(laid.items(), first_fits, strict=True):
         fit = min((own for own in (first, weaker.get(key)) if own is not None), key=lambda own: own.promise,
                   default=None)
         if fit is not None:
@@ -379,8 +379,8 @@ def begin_all(found: Search) -> None:
             if _worth(found, one, fit) or not _tells(fit.prediction.point, found.baseline):
                 best[key[0]].setdefault(key[:3], []).append(fit)
             found.keep([fit])
-    for begun_at, origin in zip(best.values(), origins, strict=True):
-        starts = [fit for own in begun_at.values()
+    for at_origin, origin in zip(best.values(), origins, strict=True):
+        starts = [fit for own in at_origin.values()
                   for fit in sorted(own, key=lambda one: one.promise)[:found.effort.starts]]
         going = sorted(starts, key=lambda one: one.promise)[:found.effort.going]
         # what first order tells beside a baseline that fits far less than it may is the direction alone
@@ -389,24 +389,25 @@ def begin_all(found: Search) -> None:
                                          for fit in going]))
 
 
-def _worth(found: Search, begun: Beginning, fit: Fit) -> bool:
+def _worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
     """Tell whether an effect may be as probable as none, were all linear, beside the baseline that it was begun at."""
-    return fit.promise < begun.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
+    return fit.promise < beginning.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
 
 
 def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
     """Return a beginning simulated, with the derivatives that are known before; None where it has no solution."""
-    fitter, begun = asked
+    fitter, beginning = asked
     try:
-        predicted = fitter.experiment.predict(begun.point, begun.origin.prediction)
+        predicted = fitter.experiment.predict(beginning.point, beginning.origin.prediction)
     except NonConvergenceError:
         return None
-    if begun.slopes is None:
+    if beginning.slopes is None:
         return fitter.linearised(predicted)
-    coordinates = begun.point.parameters.coordinates
-    slopes = dict(zip((one.name for one in begun.origin.parameters.coordinates), begun.origin.jacobian.T, strict=True))
+    coordinates = beginning.point.parameters.coordinates
+    origin = beginning.origin
+    slopes = dict(zip((one.name for one in origin.parameters.coordinates), origin.jacobian.T, strict=True))
     own = (one.name for one in coordinates if one.name not in slopes)
-    slopes.update(zip(own, begun.slopes.T, strict=True))
+    slopes.update(zip(own, beginning.slopes.T, strict=True))
     return fitter.linearised(predicted, np.column_stack([slopes[one.name] for one in coordinates]))
 
 
