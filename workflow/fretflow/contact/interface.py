@@ -22,6 +22,8 @@ class Interface:
     >>> import numpy as np
     >>> ff.Interface(nodes=np.array([[0.0, 0.0], [1e-3, 0.0]]), areas=np.full(2, 1e-6), gap=np.zeros(2)).size
     2
+    >>> ff.Interface([7, 9], [1e-6, 1e-6], [0.0, 0.0]).size  # lists, and nodes by number
+    2
     """
 
     nodes: NDArray[np.float64] = quantity("m", "(nodes, 2), in the plane of the contact", kw_only=False)
@@ -36,6 +38,9 @@ class Interface:
         InputError
             If the arrays do not match or an area is not positive.
         """
+        for name in ("nodes", "areas", "gap"):
+            if not isinstance(given := getattr(self, name), np.ndarray):  # a list, as one types it
+                object.__setattr__(self, name, np.array(given))
         n = len(self.areas)
         if self.nodes.ndim == 1 and np.issubdtype(self.nodes.dtype, np.integer):
             object.__setattr__(self, "nodes", np.zeros((len(self.nodes), 2)))
