@@ -36,22 +36,6 @@ def test_factors_solve_for_matrices_that_are_given_by_columns(precision, error):
     np.testing.assert_allclose(matrix @ solved.T, right, rtol=error, atol=error)
 
 
-@pytest.mark.parametrize(("precision", "error"), [(np.float64, 1e-11), (np.float32, 1e-4)])
-@pytest.mark.parametrize("kept", [1, 4, 5])
-def test_factors_grow_with_the_matrix(kept, precision, error):
-    """Of the first rows and columns the factors are there; the rest is appended, in columns longer than need be."""
-    rng = np.random.default_rng(6)
-    matrix, right = rng.normal(size=(6, 6)), rng.normal(size=(6, 2))
-    room, solved = np.full((6, 9), np.nan, dtype=precision), np.ascontiguousarray(right.T, dtype=precision)
-    room[:, :6] = matrix.T
-    pivots = np.empty(6, dtype=np.int32)
-    assert factorise(room[:kept], pivots[:kept])
-    room[:kept, kept:6], room[kept:, :6] = matrix.T[:kept, kept:], matrix.T[kept:]
-    assert factorise(room, pivots, kept)
-    substitute(room, pivots, solved)
-    np.testing.assert_allclose(matrix @ solved.T, right, rtol=error, atol=error)
-
-
 def test_right_hand_sides_of_another_precision_are_refused():
     with pytest.raises(ValueError, match="precision"):
         substitute(np.eye(2, dtype=np.float32), np.arange(1, 3, dtype=np.int32), np.ones((1, 2)))

@@ -60,55 +60,26 @@ _dgetrf = _routine("cython_lapack", "dgetrf", 6)
 _dgetrs = _routine("cython_lapack", "dgetrs", 9)
 _sgetrf = _routine("cython_lapack", "sgetrf", 6)
 _sgetrs = _routine("cython_lapack", "sgetrs", 9)
-_dlaswp = _routine("cython_lapack", "dlaswp", 7)
-_slaswp = _routine("cython_lapack", "slaswp", 7)
-_dtrsm = _routine("cython_blas", "dtrsm", 11)
-_strsm = _routine("cython_blas", "strsm", 11)
 _dgemm = _routine("cython_blas", "dgemm", 13)
-_sgemm = _routine("cython_blas", "sgemm", 13)
 _dgemv = _routine("cython_blas", "dgemv", 11)
 _dsymv = _routine("cython_blas", "dsymv", 10)
 
 
 @compiled
-def factorise(columns: NDArray[np.floating[Any]], pivots: NDArray[np.int32], kept: int = 0) -> bool:
-    """Replace a matrix, given by its columns, by its LU factors; return whether it is regular.
+def factorise(columns: NDArray[np.floating[Any]], pivots: NDArray[np.int32]) -> bool:
+    """Replace a matrix, given by its columns (q, q), by its LU factors; `pivots` (q,). Return whether it is regular.
 
-    The matrix, (q, q), stands at the beginning of the columns (q, r); of its first `kept` rows and columns there are
-    the factors already, from an earlier call. `pivots` (q,). In the matrix's own precision, single or double.
+    In the matrix's own precision, single or double.
     """
-    q, r = columns.shape
-    # sizes: of the factors there are, of the rest, of a column; places: the first pivot, one for each row
-    size = np.array([kept, q - kept, r, 1], dtype=np.int32)
+    size = np.array([len(columns)], dtype=np.int32)
     info = np.zeros(1, dtype=np.int32)
-    at, bytes_, end = columns.ctypes.data, columns.itemsize, pivots.ctypes.data + 4 * kept
-    upper, lower, rest = at + bytes_ * r * kept, at + bytes_ * kept, at + bytes_ * (r + 1) * kept
-    old, new, long, one = size.ctypes.data, size[1:].ctypes.data, size[2:].ctypes.data, size[3:].ctypes.data
-    letters = np.array([76, 82, 85, 78], dtype=np.int8)  # "L": left, lower; "R"ight; "U"pper, unit; "N": as it is
-    l_, r_, u_, n_ = (letters.ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data)
-    scale = np.array([1.0, -1.0]).astype(columns.dtype)
-    plus, minus = scale.ctypes.data, scale[1:].ctypes.data
-    if bytes_ == SINGLE:
-        if kept:
-            _slaswp(new, upper, long, one, old, pivots.ctypes.data, one)
-            _strsm(l_, l_, n_, u_, old, new, plus, at, long, upper, long)
-            _strsm(r_, u_, n_, n_, new, old, plus, at, long, lower, long)
-            _sgemm(n_, n_, new, new, old, minus, lower, long, upper, long, plus, rest, long)
-        _sgetrf(new, new, rest, long, end, info.ctypes.data)
-        if kept:
-            _slaswp(old, lower, long, one, new, end, one)
+    if columns.itemsize == SINGLE:
+        _sgetrf(size.ctypes.data, size.ctypes.data, columns.ctypes.data, size.ctypes.data, pivots.ctypes.data,
+                info.ctypes.data)
     else:
-        if kept:
-            _dlaswp(new, upper, long, one, old, pivots.ctypes.data, one)
-            _dtrsm(l_, l_, n_, u_, old, new, plus, at, long, upper, long)
-            _dtrsm(r_, u_, n_, n_, new, old, plus, at, long, lower, long)
-            _dgemm(n_, n_, new, new, old, minus, lower, long, upper, long, plus, rest, long)
-        _dgetrf(new, new, rest, long, end, info.ctypes.data)
-        if kept:
-            _dlaswp(old, lower, long, one, new, end, one)
-    for k in range(kept, q):
-        pivots[k] += kept
-    return bool(info[0] == 0 and size[3] == 1 and letters[3] == 78 and scale[0] == 1.0)
+        _dgetrf(size.ctypes.data, size.ctypes.data, columns.ctypes.data, size.ctypes.data, pivots.ctypes.data,
+                info.ctypes.data)
+    return bool(info[0] == 0 and size[0] == len(columns))
 
 
 @compiled
@@ -118,17 +89,17 @@ def substitute(factors: NDArray[np.floating[Any]], pivots: NDArray[np.int32], co
 
     The right-hand sides have the factors' precision.
     """
-    size = np.array([len(factors), len(columns), factors.shape[1], columns.shape[1], 0], dtype=np.int32)
+    size = np.array([len(factors), len(columns), 0], dtype=np.int32)
     plain = np.array([78], dtype=np.int8)  # "N": not the transpose
     if columns.itemsize != factors.itemsize:
         raise ValueError("factors and right-hand sides differ in precision")
     if factors.itemsize == SINGLE:
-        _sgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size[2:].ctypes.data,
-                pivots.ctypes.data, columns.ctypes.data, size[3:].ctypes.data, size[4:].ctypes.data)
+        _sgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size.ctypes.data,
+                pivots.ctypes.data, columns.ctypes.data, size.ctypes.data, size[2:].ctypes.data)
     else:
-        _dgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size[2:].ctypes.data,
-                pivots.ctypes.data, columns.ctypes.data, size[3:].ctypes.data, size[4:].ctypes.data)
-    if size[4] != 0 or plain[0] != 78:
+        _dgetrs(plain.ctypes.data, size.ctypes.data, size[1:].ctypes.data, factors.ctypes.data, size.ctypes.data,
+                pivots.ctypes.data, columns.ctypes.data, size.ctypes.data, size[2:].ctypes.data)
+    if size[2] != 0 or plain[0] != 78:
         raise ValueError("LAPACK refused its arguments")
 
 

@@ -1,4 +1,4 @@
-"""A period of quasi-static frictional contact marched with its tangent, compiled; see `contact.kernels.equations`."""
+"""A period of quasi-static frictional contact marched with its tangent, compiled; see `contact.kernels.sample`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fretflow.contact.kernels.equations import STICK, Array, Contact
-from fretflow.contact.kernels.factors import Factor, alike
-from fretflow.contact.kernels.sample import PeriodHistory, copy_sample, find_in_parts
+from fretflow.contact.kernels.sample import (
+    STICK,
+    Array,
+    Contact,
+    Factor,
+    PeriodHistory,
+    alike,
+    copy_sample,
+    find_in_parts,
+)
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.compiled import compiled, multiply
 
@@ -29,35 +36,24 @@ class Forcing(NamedTuple):
 
 
 @compiled
-def _guess(c: Contact, guess: PeriodHistory, sample: PeriodHistory, j: int, pull: Array, before: PeriodHistory, b: int,
-           earlier: PeriodHistory, e: int) -> bool:
-    """Put a guess into sample j: the neighbouring period's, moved as the sample before was, or from that one.
-
-    Forces follow displacement and pull, linear in both; return whether those of all samples that it is made of did.
-    """
-    f = sample.force[j]
+def _guess(guess: PeriodHistory, sample: PeriodHistory, j: int, pull: Array, before: PeriodHistory, b: int,
+           earlier: PeriodHistory, e: int) -> None:
+    """Put a guess into sample j: the neighbouring period's, moved as the sample before was, or from that one."""
     if len(guess.state):
         away = (j - 1) % len(guess.state)
         copy_sample(guess, j, sample, j)
         _shift(sample, j, before, b, guess, away, 1.0)
-        for k in range(sample.position.shape[1] if j else 0):
-            moved = (sample.position[j, k] - guess.position[j, k]
-                     - sample.position[j - 1, k] + guess.position[j - 1, k])
-            for i in range(len(f)):
-                f[i] -= c.coupling[i, k] * moved
-        return j > 0
+        return
     copy_sample(before, b, sample, j)
-    along, size, ratio = 0.0, 0.0, 0.0
+    along, size = 0.0, 0.0
     for i in range(pull.shape[1]):
         last = pull[j - 1, i] - pull[j - 2, i]
         along += last * (pull[j, i] - pull[j - 1, i])
         size += last * last
-    if size != 0.0 and alike(before.state[b], earlier.state[e]) and abs(along / size) < MAX_EXTRAPOLATION:
+    if size != 0.0 and alike(before.state[b], earlier.state[e]):
         ratio = along / size
-        _shift(sample, j, before, b, earlier, e, ratio)
-    for i in range(len(f)):
-        f[i] += pull[j - 1, i] - pull[j, i] + ratio * (pull[j - 1, i] - pull[j - 2, i])
-    return j > 1
+        if abs(ratio) < MAX_EXTRAPOLATION:
+            _shift(sample, j, before, b, earlier, e, ratio)
 
 
 @compiled
@@ -66,7 +62,6 @@ def _shift(sample: PeriodHistory, j: int, toward: PeriodHistory, b: int, away: P
     """Move sample j by `ratio` times the way from sample a of `away` to sample b of `toward`."""
     for i in range(sample.displacement.shape[1]):
         sample.displacement[j, i] += ratio * (toward.displacement[b, i] - away.displacement[a, i])
-        sample.force[j, i] += ratio * (toward.force[b, i] - away.force[a, i])
 
 
 @compiled
@@ -133,10 +128,10 @@ def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: P
     slope = slope.copy()
     before, b, earlier, e = start, 0, start, 0
     for j in range(samples):
-        follows = _guess(c, guess, found, j, forcing.pull, before, b, earlier, e)
+        _guess(guess, found, j, forcing.pull, before, b, earlier, e)
         previous, factor = before.displacement[b], forcing.friction_factor[j]
         pulls = (forcing.pull[j - 1], forcing.pull[j])
-        if not find_in_parts(c, factors[0], pulls, factor, previous, found, j, limits[0], follows):
+        if not find_in_parts(c, factors[0], pulls, factor, previous, found, j, limits[0]):
             return -1 - j, slope
         if p:
             for i in range(n):

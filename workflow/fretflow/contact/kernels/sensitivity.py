@@ -1,4 +1,4 @@
-"""A solved period of frictional contact differentiated in one march, compiled; see `contact.kernels.equations`.
+"""A solved period of frictional contact differentiated in one march, compiled; see `contact.kernels.sample`.
 
 The p columns are a motions of the internal coordinates, d parameters, and what the contact remembers before the first
 sample. The normal load is one coordinate more, the last of the `Contact` given.
@@ -10,9 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fretflow.contact.kernels.equations import SLIP, Array, Contact, Indices, States
-from fretflow.contact.kernels.factors import Factor
-from fretflow.contact.kernels.sample import PeriodHistory
+from fretflow.contact.kernels.sample import SLIP, Array, Contact, Factor, Indices, PeriodHistory, States
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.compiled import compiled, multiply
 

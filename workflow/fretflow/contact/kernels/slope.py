@@ -1,23 +1,25 @@
-"""The derivative of one sample of quasi-static frictional contact, compiled; see `contact.kernels.equations`."""
+"""The derivative of one sample of quasi-static frictional contact, compiled; see `contact.kernels.sample`."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fretflow.contact.kernels.cone import limit
-from fretflow.contact.kernels.equations import (
+from fretflow.contact.kernels.sample import (
     STICK,
     Array,
     Contact,
+    Factor,
     Indices,
+    PeriodHistory,
     States,
+    factorise_state,
     law_at,
+    solve,
     try_forces,
     turn_cone,
     unknowns,
 )
-from fretflow.contact.kernels.factors import Factor, factorise_state, solve
-from fretflow.contact.kernels.sample import PeriodHistory
 from fretflow.core.compiled import compiled, multiply
 
 
@@ -42,7 +44,7 @@ def differentiate(c: Contact, factor: Factor, friction_factor: float, previous: 
     turn_cone(c, f, trial, friction_factor, cone)
     m, unknown = unknowns(state)
     q = len(unknown)
-    factorise_state(c, trial, cone, state, factor, 0)
+    factorise_state(c, trial, cone, m, unknown, state, factor)
     held = _held(state)
     remembered, df = np.empty((len(held), p)), np.empty((q + m, p))
     moved.fill(0.0)
@@ -52,7 +54,7 @@ def differentiate(c: Contact, factor: Factor, friction_factor: float, previous: 
     _pull(c, m, unknown, held, remembered, change, df)
     step = np.empty((p, q))
     _right_hand_sides(c, f, trial, cone, m, unknown, df, history, change[1], step)
-    solve(factor, unknown, step)
+    solve(factor, step)
     for k in range(p):
         for r in range(q):
             moved[unknown[r], k] = step[k, r]

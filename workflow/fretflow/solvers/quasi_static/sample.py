@@ -25,9 +25,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import Coulomb
-from fretflow.contact.kernels.equations import SEPARATION, SLIP, STICK, Array, Contact
-from fretflow.contact.kernels.factors import empty_factor
-from fretflow.contact.kernels.sample import PeriodHistory, find_in_parts
+from fretflow.contact.kernels.sample import (
+    SEPARATION,
+    SLIP,
+    STICK,
+    Array,
+    Contact,
+    PeriodHistory,
+    empty_factor,
+    find_in_parts,
+)
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.periodic import PeriodicProblem
@@ -190,7 +197,7 @@ class SampleSolver:
         """
         sample = guess.alone(copied=True)
         if not find_in_parts(self.system.data, self.factors[0], (plain(pull_before), plain(pull)),
-                             float(friction_factor), plain(previous), sample, 0, float(self.tolerance), False):
+                             float(friction_factor), plain(previous), sample, 0, float(self.tolerance)):
             raise NonConvergenceError("contact at one time sample did not converge; use more samples per period")
         return SampleState.of(sample)
 

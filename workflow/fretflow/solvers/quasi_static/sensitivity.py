@@ -13,8 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.sparse import csc_array
 
-from fretflow.contact.kernels.factors import empty_factor
-from fretflow.contact.kernels.sample import PeriodHistory
+from fretflow.contact.kernels.sample import PeriodHistory, empty_factor
 from fretflow.contact.kernels.sensitivity import (
     Acting,
     Histories,
