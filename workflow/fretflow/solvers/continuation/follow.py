@@ -316,7 +316,8 @@ class _Follower:
 
     def _end(self, inside: CurvePoint, outside: CurvePoint, omega: float) -> CurvePoint:
         """Return the point at the end of the range, `omega`, between two points."""
-        share = (omega - inside.omega) / (outside.omega - inside.omega)
+        way = outside.omega - inside.omega
+        share = (omega - inside.omega) / way if way else 1.0  # the first step may turn back at the range's end itself
         return self.system.at_frequency(omega, inside.seen + share * (outside.seen - inside.seen), inside.end, inside)
 
     def _refine(self, found: list[FoundPoint]) -> float:
