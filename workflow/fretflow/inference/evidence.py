@@ -55,6 +55,12 @@ class Evidence:
         """Return the log evidence with a prior of the sizes, of the table's shape, which sums to one."""
         return float(np.logaddexp.reduce(self.table + np.log(np.maximum(prior, 1e-300)), axis=None))
 
+    def sizes(self, prior: Array) -> tuple[float, float, float]:
+        """Return the most probable e, sigma and tau."""
+        form, sigma, tau = np.unravel_index(int(np.argmax(self.table + np.log(np.maximum(prior, 1e-300)))),
+                                            self.table.shape)
+        return float(FORMS[form]), float(SIZES[sigma]), float(SIZES[tau])
+
     def coordinates(self, prior: Array) -> tuple[Array, Array]:
         """Return the mean (P,) and the covariance (P, P) of the coordinates over all sizes."""
         own = self.table + np.log(np.maximum(prior, 1e-300))
@@ -86,6 +92,13 @@ class Discrepancy:
         left, size, _ = np.linalg.svd(single, full_matrices=False)
         kept = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
         return common, left[:, kept], size[kept]
+
+    def of_sizes(self, sizes: tuple[float, float, float], formed: Array) -> Covariance:
+        """Return the covariance of all errors with discrepancies of sizes e, sigma and tau; `formed` (M, any) in SI."""
+        form, sigma, tau = sizes
+        common, single = smooth_functions(self.measurement)
+        own = self.measurement.covariance()
+        return Covariance(own.variance, np.hstack([own.modes, sigma * common, tau * single, form * formed]))
 
     def evidence(self, fit: Fit, formed: Array | None = None) -> Evidence:
         """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change."""

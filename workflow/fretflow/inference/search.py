@@ -44,6 +44,7 @@ Progress = Callable[[float, str], None]
 BENT = float(norm.ppf(0.9995))  # coordinate of the baseline that one in a thousand of its prior is beyond
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
 QUARTILE = float(norm.ppf(0.75))  # coordinates of the points of a range at which an effect is begun, beside its middle
+MOST_CORRECTIONS = 3  # of the numerical errors at fits that these move
 NEGLIGIBLE = log(1e3)  # of log evidence: "decisive" twice over (H. Jeffreys, Theory of Probability (1961), app. B)
 
 
@@ -125,7 +126,7 @@ class Search:
     fitters: dict[Names, Fitter] = field(default_factory=dict)
     starts: list[Start] = field(default_factory=list)
     stated: Fit | None = None  # the baseline as it was stated
-    settled: set[Names] = field(default_factory=set)  # whose numerical errors were put right at their own fits
+    settled: dict[Names, Array] = field(default_factory=dict)  # where numerical errors were put right at own fits
     _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _evidence: dict[Names, tuple[Fit, bool, Evidence]] = field(default_factory=dict)
 
@@ -206,7 +207,8 @@ class Search:
 
     def formed(self, names: Names) -> Array:
         """Return what other forms of the laws of a fitted set change (M, any), in SI, at a law-form error of one."""
-        return np.hstack([modulations(self.experiment.measurement, one) for one in self.signatures(names).T])
+        own = self.experiment.measurement
+        return np.hstack([np.zeros((len(own.values), 0)), *(modulations(own, one) for one in self.signatures(names).T)])
 
     def explicable(self, names: Names) -> Array:
         """Return an orthonormal basis (M, any) of what a set's parameters and other forms of its laws can change."""
@@ -215,6 +217,8 @@ class Search:
 
     def signatures(self, names: Names) -> Array:
         """Return what each effect (sorted) of a fitted set changes, (M, effects) in SI; zero where nothing tells."""
+        if not names:
+            return np.zeros((len(self.experiment.measurement.values), 0))
         self.sign([names])
         return self._signatures[names][1]
 
@@ -244,6 +248,20 @@ class Search:
     def fitter_of(self, names: Names) -> Fitter:
         """Return the fitter of a set."""
         return self.fitters.get(names, self.fitter)
+
+    def is_settled(self, names: Names) -> bool:
+        """Tell whether a set's numerical errors were put right about where it is fitted now."""
+        return names in self.settled and bool(np.abs(self.fits[names].z - self.settled[names]).max() < QUARTILE)
+
+    def allowing(self, names: Names) -> Task:
+        """Return the fit of a set under the discrepancies that it most probably has.
+
+        What a law of another form leaves, its parameters would take up under small errors alone.
+        """
+        at = self.fits[names].prediction
+        sizes = self.evidence(names).sizes(self.prior(names))
+        covariance = self.discrepancy.of_sizes(sizes, self.formed(names))
+        return Task(replace(self.fitter_of(names), covariance=covariance), at.point, at, self.effort.last_steps)
 
     def keep(self, found: Iterable[Fit | None]) -> None:
         """Keep fits that are better than those that are known."""
@@ -305,22 +323,23 @@ def correct(found: Search, of: Sequence[int]) -> None:
     """Put the numerical errors of the leading sets of some sizes right at their own fits, and of those that lead then.
 
     What a set explains by the errors of a coarse model is no longer explained, and another leads. Sets that are less
-    probable than smaller ones need none.
+    probable than smaller ones need none. Where a fit moves far, its errors are put right once more.
     """
-    for _ in range(2):
+    for _ in range(MOST_CORRECTIONS):
         leading = [names for size in of for names in found.best(size)[:found.effort.bases]
-                   if names not in found.settled and all(
+                   if not found.is_settled(names) and all(
                        found.log_evidence(names, False) > found.log_evidence(one, False)
                        for less in range(size) for one in found.best(less)[:1])]
         if not leading:
             break
-        put_right = found.pool(correct_task, [(found.fitter, found.fits[names]) for names in leading])
-        found.settled.update(leading)
+        put_right = found.pool(correct_task, [(found.fitter_of(names), found.fits[names]) for names in leading])
+        found.settled.update({names: found.fits[names].z for names in leading})
         found.fitters.update({names: own for names, own in zip(leading, put_right, strict=True) if own is not None})
-        again = found.pool(fit_task, [
-            Task(own, found.fits[names].prediction.point, found.fits[names].prediction, found.effort.last_steps)
-            for names, own in zip(leading, put_right, strict=True) if own is not None])
-        found.fits.update({fit.effects: fit for fit in again if fit is not None})
+        again = [names for names, own in zip(leading, put_right, strict=True) if own is not None]
+        for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
+            if fit is not None:
+                found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
+                                            converged=fit.converged)
 
 
 def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
