@@ -212,10 +212,11 @@ class InternalEquations:
         """Return the derivative of a block's force coefficients by its motion's: "ab" is that of a's by b's."""
         rows, columns = ({"a": self.seen, "b": self.other}[letter] for letter in name)
         rates = self.synthesis @ self._derivative
-        by_motion = [np.einsum("hj,jrc,jk->hrkc", self.analysis, slope[:, rows[:, None], columns], basis, optimize=True)
-                     for slope, basis in ((at.by_displacement, self.synthesis), (at.by_velocity, rates))]
-        q = len(self.analysis)
-        return np.asarray((by_motion[0] + by_motion[1]).reshape(q * len(rows), q * len(columns)))
+        by_motion = sum(slope[:, rows[:, None], columns][..., None] * basis[:, None, None]
+                        for slope, basis in ((at.by_displacement, self.synthesis), (at.by_velocity, rates)))
+        q, samples = self.analysis.shape
+        found = (self.analysis @ np.reshape(by_motion, (samples, -1))).reshape(q, len(rows), len(columns), q)
+        return np.asarray(found.swapaxes(2, 3).reshape(q * len(rows), q * len(columns)))
 
     def _other_motion(self, other: Array) -> Array:
         return np.asarray(self.synthesis @ other.reshape(len(self.synthesis.T), -1))
