@@ -307,7 +307,9 @@ def search(found: Search, progress: Progress) -> None:
     to_rest(found, 1)
     correct(found, [0, 1])
     progress(0.6, "what could act beside them")
-    bases = found.best(1)[:found.effort.bases]
+    # one may be improbable for what it leaves and yet explain most, as the stronger one of two does
+    most = min(found.best(1), key=found.chi_squared)
+    bases = list(dict.fromkeys([*found.best(1)[:found.effort.bases], most]))
     found.sign(bases)
     found.keep(found.pool(fit_task, [task for names in bases for task in beside(found, names)]))
     to_rest(found, 2)
@@ -404,8 +406,12 @@ def begin_all(found: Search) -> None:
         going = sorted(starts, key=lambda one: one.promise)[:found.effort.going]
         # what first order tells beside a baseline that fits far less than it may is the direction alone
         steps = found.effort.first_steps if origin is found.baseline else found.effort.last_steps // 2
-        found.keep(found.pool(fit_task, [Task(found.fitter, fit.prediction.point, fit.prediction, steps)
-                                         for fit in going]))
+        for _ in range(steps):  # the better half of them further each time
+            fits = [fit for fit in found.pool(fit_task, [
+                Task(found.fitter, one.prediction.point, one.prediction, 1) for one in going]) if fit is not None]
+            found.keep(fits)
+            going = sorted((fit for fit in fits if not fit.converged), key=lambda one: one.promise)
+            going = going[:(len(going) + 1) // 2]
 
 
 def _worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
