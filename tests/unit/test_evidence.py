@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -267,3 +268,31 @@ def test_a_law_that_extends_another_is_named_for_what_the_other_cannot_do(monkey
     found = judged(cosine() + wave("contact-stiffness-evolution") + noise,
                    ("contact-stiffness", "contact-stiffness-evolution", "support-nonlinearity", "sensor-inertia"))
     assert decide(found).effects == ("contact-stiffness-evolution",)
+
+
+@dataclass(frozen=True)
+class Coarse(Waves):
+    """Waves whose coarse model loses a share of what an effect does that grows with it; `restored` of it is known."""
+
+    restored: float = 0.0
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the sum of the waves without what is lost."""
+        own, exact = point.parameters.values(point.z), super().predict(point)
+        lost = [(0.15 * own[name]["size"]**2 - self.restored) * wave(name) for name in point.effects - point.neutral]
+        return replace(exact, values=exact.values - sum(lost, np.zeros(len(exact.values))))
+
+    def corrected(self, prediction: Prediction) -> Coarse:
+        """Return the same with what is lost at a prediction."""
+        own = prediction.point.parameters.values(prediction.point.z)
+        return replace(self, restored=sum(0.15 * own[name]["size"]**2 for name in prediction.point.effects))
+
+
+def test_numerical_errors_are_put_right_where_the_fit_has_moved_to() -> None:
+    """The error at the first fit alone would leave the size at 0.584."""
+    experiment: Any = Coarse(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    search(found, lambda share, text: None)
+    fit = found.fits[frozenset({"viscous"})]
+    assert fit.parameters.values(fit.z)["viscous"]["size"] == pytest.approx(0.6, abs=0.006)
