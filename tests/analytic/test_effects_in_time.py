@@ -98,6 +98,8 @@ CASES = {
     "direction, the mean at rest": (DirectionalFriction(difference=0.08, rest=0.0), {
         "friction": lambda x, v, way: 1.0 + 0.08 * (way if way * v > 0.0 else 0.0)}),
     "coupling": (NormalLoadCoupling().changed(slope=1e6), {"friction": lambda x, v, way: 1.0 + 1e6 * x / N}),
+    "curved coupling": (NormalLoadCoupling().changed(slope=3e5, curvature=1e4),
+                        {"friction": lambda x, v, way: 1.0 + 3e5 * x * (1.0 + 1e4 * x) / N}),
     "support": (SupportNonlinearity().changed(stiffness=1e15), {"support": lambda x: 1e15 * x**3}),
     "drive": (ExcitationDistortion(second=0.2, second_phase=1.0, third=0.1, third_phase=-0.5),
               {"drive": lambda t: F * (0.2 * math.cos(2 * OMEGA * t + 1.0) + 0.1 * math.cos(3 * OMEGA * t - 0.5))}),

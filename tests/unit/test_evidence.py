@@ -190,15 +190,38 @@ def test_forms_of_one_law_differ_by_a_tenth_and_not_by_all() -> None:
     assert share[FORMS > 1.0].sum() < 0.01
 
 
+def start_of(name: str, change: np.ndarray) -> Start:
+    """Return an effect that was begun and changes a whitened recording so."""
+    return Start(name, change[:, None], change[:, None])
+
+
 def test_what_is_left_out_is_not_explained_by_what_is_orthogonal_to_it() -> None:
     """Of three effects two are near aliases: these explain each other to their sine, the third to nothing."""
-    axes = np.eye(3)
+    axes = 50.0 * np.eye(3)
     alias = 0.995 * axes[0] + np.sqrt(1.0 - 0.995**2) * axes[1]
-    starts = [Start(name, one[:, None], one[:, None]) for name, one in zip(SHAPES, (axes[0], alias, axes[2]),
-                                                                           strict=False)]
-    found = left_out(starts)
+    starts = [start_of(name, one) for name, one in zip(SHAPES, (axes[0], alias, axes[2]), strict=False)]
+    found = left_out(starts, 1, len(starts))
     assert found[FORMS < 0.3].sum() == pytest.approx(2.0 / 3.0, abs=0.1)  # a tenth of their size is left, the sine
     assert found[FORMS > 0.3].sum() == pytest.approx(1.0 / 3.0, abs=0.1)
+
+
+def test_two_others_explain_what_one_cannot() -> None:
+    """A sum of two orthogonal effects is as far off either as these are large, and of both together nothing is left."""
+    axes = 50.0 * np.eye(4)
+    names = list(SHAPES)
+    starts = [start_of(names[0], axes[0] + axes[1]), start_of(names[1], axes[0]), start_of(names[2], axes[1])]
+    one, two = (left_out(starts, size, len(starts)) for size in (1, 2))
+    assert one[FORMS > 0.3].sum() > 0.9
+    assert two[FORMS < 0.1].sum() > 0.2  # one of the three
+
+
+def test_effects_that_nobody_would_see_tell_nothing_of_those_that_are_missed() -> None:
+    """Two aliases far below the noise, as changes of a wear law where little wears, do not count."""
+    axes = np.eye(3)
+    seen = [start_of(name, one) for name, one in zip(SHAPES, (50.0 * axes[0], 50.0 * axes[2]), strict=False)]
+    names = list(SHAPES)[2:4]
+    hidden = [start_of(name, 0.1 * axes[1]) for name in names]
+    np.testing.assert_allclose(left_out([*seen, *hidden], 1, 4), left_out(seen, 1, 4))
 
 
 def test_one_wave_is_named_with_its_size_and_two_as_two() -> None:

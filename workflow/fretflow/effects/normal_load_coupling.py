@@ -2,29 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
+from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, RecordingKind, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
 from fretflow.wear.slow import SlowState
 
 
-class NormalLoadCoupling(Effect):
-    """Normal load ``N_0 + s x``, x the position of the moving specimen.
+@dataclass(frozen=True)
+class _CurvedGuide:
+    """``(N_0 + s x + s k x^2) / (N_0 + s x)``, what a guide's curvature adds to friction; slopes as of its numerator."""
 
+    load: float
+    slope: float
+    curvature: float
+
+    def __call__(self, position: Array, velocity: Array) -> FactorAndSlopes:
+        straight, bent = self.load + self.slope * position, self.slope * self.curvature * position
+        by_position = (2.0 * bent - bent * position * self.slope / straight) / straight
+        return FactorAndSlopes(1.0 + bent * position / straight, by_position, np.zeros_like(position))
+
+
+class NormalLoadCoupling(Effect):
+    """Normal load ``N_0 + s x (1 + k x)``, x the position of the moving specimen, k how a guide is curved.
+
+    What the curvature adds acts on friction and on the record of the load; how it spreads the pressure is left aside.
     Where a measured motion drives the joint, the friction limit follows as ``1 + s x / N_0``, with N_0 given here.
     """
 
     id: ClassVar[str] = "normal-load-coupling"
     title: ClassVar[str] = "normal load that follows the motion"
     block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "N = N_0 + s x"
-    formula: ClassVar[str] = r"N = N_0 + s\,x"
+    equation: ClassVar[str] = "N = N_0 + s x (1 + k x)"
+    formula: ClassVar[str] = r"N = N_0 + s\,x\,(1 + k\,x)"
     source: ClassVar[str] = ("C.-H. Menq, J. H. Griffin, J. Bielak, J. Sound Vib. 107 (1986), variable normal load; "
                              "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
     told_by: ClassVar[str] = "a record of the normal force over the loops"
@@ -34,6 +51,8 @@ class NormalLoadCoupling(Effect):
     slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6)
     mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0,
                                   held=True)
+    curvature: u.SignedCurvature = parameter(0.0, "k: of the guide, by which its slope differs over a length",
+                                             -5e4, 5e4, rig_only=True)
 
     @classmethod
     def neutral(cls) -> Self:
@@ -41,9 +60,20 @@ class NormalLoadCoupling(Effect):
         return cls().changed(slope=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
-        """Let the load follow the arm."""
-        return replace(problem, structure=change_rig(
+        """Let the load follow the arm, and friction a curved guide."""
+        found = replace(problem, structure=change_rig(
             problem.structure, load_slope=rig_of(problem.structure).rig.load_slope + self.slope))
+        if self.curvature == 0.0:
+            return found
+        curved = _CurvedGuide(problem.normal_load, self.slope, self.curvature)
+        return replace(found, law=replace(found.law, motion_factors=(*found.law.motion_factors, curved)))
+
+    def sense(self, signals: Signals) -> Signals:
+        """Add what the curvature presses to the normal force."""
+        if self.curvature == 0.0 or signals.normal_force is None:
+            return signals
+        more = self.slope * self.curvature * signals.arm**2
+        return replace(signals, normal_force=signals.normal_force + more)
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factor at each position; a load cannot pull."""

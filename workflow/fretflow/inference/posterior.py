@@ -21,7 +21,7 @@ from scipy.stats import norm
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import FORMS, SEED
-from fretflow.inference.law_forms import density
+from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
 from fretflow.inference.search import Names, Search, Start, basis, log_gain
 from fretflow.inference.verdict import Candidate, Detection, Estimate, HeldOut, Verdict
@@ -120,21 +120,19 @@ def posterior(found: Search) -> Posterior:
                 and any(_plainer(names, one) for one in (*singles, *pairs))]
     found.sign([*singles, *pairs])
     weight: dict[Names, float] = {frozenset(): found.log_evidence(frozenset())}
-    chance: dict[Names, float] = {}  # log evidence that a set has by chance
+    like: list[Names] = []  # what an unlisted effect may be like
     shows = {names: found.shows(names) for names in (*singles, *pairs)}
     for names in sorted(shows, key=lambda one: sum(_plainer(other, one) for other in shows)):
         if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
             continue  # what it says of one effect is that this does nothing: it is the set without it
         own = found.log_evidence(names)
-        fewer = [one for one in weight if one and _plainer(one, names)]
-        if fewer:  # the best of them: a worse one says nothing of what the other effect adds to it
-            best = max(fewer, key=lambda one: weight[one] - prior[len(one)])
-            beyond = beyond_forms(found, best, names)
-            if beyond <= 0.0:
-                continue  # what it adds is no more than another form of the plainer law would
-            chance[names] = max(own - (weight[best] - prior[len(best)] + beyond), 0.0)
-        weight[names] = own - chance.get(names, 0.0) + prior[len(names)]
-    unlisted = _unlisted(found, {names: prior[1] - chance.get(names, 0.0) for names in singles if names in weight})
+        beyond = {fewer: beyond_forms(found, fewer, names) for fewer in weight if fewer and _plainer(fewer, names)}
+        for fewer, odds in beyond.items():  # another form of its laws may do the same
+            weight[fewer] = float(np.logaddexp(weight[fewer], own - odds + prior[len(fewer)]))
+        like.append(names)
+        if min(beyond.values(), default=inf) > 0.0:
+            weight[names] = own + prior[len(names)]
+    unlisted = _unlisted(found, {names: prior[len(names)] for names in like})
     top = max(*weight.values(), unlisted)
     total = sum(exp(value - top) for value in weight.values()) + exp(unlisted - top)
     order = sorted(weight, key=lambda one: -weight[one])
@@ -174,45 +172,62 @@ def _extends(wider: str, plainer: str) -> bool:
 
 
 def _unlisted(found: Search, priors: dict[Names, float]) -> float:
-    """Return the log weight of an unlisted effect: like a listed one with another error, or like none.
+    """Return the log weight of an unlisted effect: like nothing listed, or like one effect or two with another error.
 
-    `priors` are the logarithms of how probable each listed one was beforehand, less what it explains by chance: an
-    unlisted one like it explains no more.
+    `priors` are the logarithms of how probable the listed sets were beforehand.
     """
-    forms = left_out(found.starts)
-    values = [found.evidence(frozenset(), False).averaged(found.beyond_codes())]
-    values += [prior + found.evidence(names).averaged(found.prior(names, forms=forms))
-               for names, prior in priors.items()]
-    top = max(values)
-    return top + log(0.5 * exp(values[0] - top) + 0.5 * sum(exp(value - top) for value in values[1:]))
+    values = [[found.evidence(frozenset(), False).averaged(found.beyond_codes())]]
+    for size in (1, 2):
+        forms = left_out(found.starts, size, len(found.experiment.candidates()))
+        values.append([prior + found.evidence(names).averaged(found.prior(names, forms=forms))
+                       for names, prior in priors.items() if len(names) == size])
+    return float(np.logaddexp.reduce([one for own in values for one in own])) - log(len(values))
 
 
-def left_out(starts: list[Start]) -> Array:
-    """Return the shares (forms,) of the errors with which the nearest other effects explain each effect of a catalogue.
+def left_out(starts: list[Start], size: int, candidates: int) -> Array:
+    """Return the shares (forms,) of the errors with which so many others explain each effect of a catalogue, at best.
 
-    The error is what is left over what the nearest one changes then, both whitened.
+    The error is what is left over what the others change then, both whitened; these act within their ranges as all
+    hypotheses do. What the recording would not show of so many candidates is none that could be missed here.
     """
     errors = []
     for one in starts:
-        wanted, best, error = one.changes[:, 0], np.inf, np.inf
-        for other in starts:
-            if other.effect == one.effect or _extends(other.effect, one.effect) or _extends(one.effect, other.effect):
-                continue
-            weights = np.linalg.lstsq(other.changes, wanted, rcond=None)[0]
-            left = float(np.linalg.norm(wanted - other.changes @ weights))
-            if left < best:
-                best, error = left, left / max(float(np.linalg.norm(other.whole @ weights)), 1e-300)
-        if np.isfinite(error) and np.any(wanted):
-            errors.append(error)
+        wanted = one.changes[:, 0]
+        if np.linalg.norm(wanted) < visible(candidates):
+            continue
+        others = [other for other in starts if other.effect != one.effect and not _extends(other.effect, one.effect)
+                  and not _extends(one.effect, other.effect)]
+        nearest: list[Start] = []
+        for _ in range(size):
+            beside = [other for other in others if other.effect not in {own.effect for own in nearest}]
+            nearest.append(min(beside, key=lambda other: _explained(wanted, [*nearest, other])[0]))
+        left, explained = _explained(wanted, nearest)
+        errors.append(left / max(explained, 1e-300))
     return density(np.array(errors), FORMS) if errors else np.full(len(FORMS), 1.0 / len(FORMS))
 
 
-def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
-    """Return the most log evidence for what a wider set does beyond other forms of the plainer set's laws.
+def _explained(wanted: Array, others: list[Start]) -> tuple[float, float]:
+    """Return the norms of what other effects leave of a change (M,), and of what they change for that."""
+    columns = np.hstack([one.changes for one in others])
+    weights = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ wanted)
+    return (float(np.linalg.norm(wanted - columns @ weights)),
+            float(np.linalg.norm(np.hstack([one.whole for one in others]) @ weights)))
 
-    Of further effects it is at most theirs in what no form of these laws explains. And the share of what the plainer
+
+def visible(candidates: int) -> float:
+    """Return the norm of a whitened signature at which one of so many effects would be as probable as none.
+
+    There half of its square is the logarithm of how many there are.
+    """
+    return sqrt(2.0 * log(max(candidates, 2)))
+
+
+def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
+    """Return the log odds of a wider set over another form of the plainer set's laws that does the same.
+
+    Of further effects they are at most theirs in what no form of these laws explains. And the share of what the plainer
     set leaves that the wider one takes is compared with the shares that the best other effect takes of law-form errors
-    of the plainer set.
+    of the plainer set. Forms that differ by as much as the plainer set leaves are as rare as among published ones.
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
@@ -223,7 +238,13 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
     beyond = log(largest_odds(p))
-    return min(beyond, _outside_forms(found, fewer, wider)) if fewer < wider else beyond
+    if fewer < wider:
+        beyond = min(beyond, _outside_forms(found, fewer, wider))
+    if beyond <= 0.0:
+        return 0.0
+    size = float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
+    forms = law_form_errors() * size
+    return beyond + log((len(forms) + 1) / (np.count_nonzero(np.square(forms) >= left) + 1))
 
 
 def _outside_forms(found: Search, fewer: Names, wider: Names) -> float:
@@ -269,10 +290,9 @@ def estimate(coordinate: Coordinate, z: float, half: float, draws: Array, told: 
 def smallest_visible(found: Search) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been as probable as none.
 
-    There half the square of its signature's norm is the logarithm of how many effects there are; the signature is taken
-    as linear in the effect's size.
+    The signature is taken as linear in the effect's size.
     """
-    least = np.sqrt(2.0 * log(len(found.experiment.candidates())))
+    least = visible(len(found.experiment.candidates()))
     seen: dict[str, float] = {}
     for one in found.starts:
         size = float(np.linalg.norm(one.changes[:, 0]))

@@ -311,7 +311,9 @@ def search(found: Search, progress: Progress) -> None:
     most = min(found.best(1), key=found.chi_squared)
     bases = list(dict.fromkeys([*found.best(1)[:found.effort.bases], most]))
     found.sign(bases)
-    found.keep(found.pool(fit_task, [task for names in bases for task in beside(found, names)]))
+    laid = found.pool(beginnings_task, [(found.fitter_of(names), found.fits[names]) for names in bases])
+    found.keep(found.pool(fit_task, [task for names, beginnings in zip(bases, laid, strict=True)
+                                     for task in beside(found, names, beginnings.values())]))
     to_rest(found, 2)
     for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
         # one of the two may have brought the other out of a bad start
@@ -366,15 +368,15 @@ def to_rest(found: Search, size: int) -> None:
 
 @dataclass(frozen=True)
 class Beginning:
-    """A point beside a fit at which an effect is begun, the squares that it would `leave` to first order, if known.
+    """A point beside a fit at which an effect is begun.
 
-    Then its derivative `slopes` (M, k), in SI, by the effect's own coordinates at the fit's motion is known too, and
-    the point of its ranges at which it does `least`.
+    Where first-order changes tell it, its whole `change` (M,) and its derivative `slopes` (M, k) by the effect's own
+    coordinates at the fit's motion, in SI, are known, and the point of its ranges at which it does `least`.
     """
 
     origin: Fit
     point: Point
-    leaves: float = np.inf
+    change: Array | None = None
     slopes: Array | None = None
     least: Point | None = None
 
@@ -456,8 +458,7 @@ def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beg
         own.setdefault((point.effects, tuple(point.parameters.signs.values())), []).append(place)
     best = {key: min(places, key=lambda place: float(reached[place])) for key, places in own.items()}
     least = {key: min(places, key=lambda place: float(size[place])) for key, places in own.items()}
-    sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place], float(reached[place]))
-                                                   for place in best.values()])
+    sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place]) for place in best.values()])
     found: dict[tuple[Hashable, ...], Beginning] = {
         key: one if least[key] == best[key] else replace(one, least=told[least[key]])
         for key, one in zip(best, sloping, strict=True)}
@@ -468,18 +469,18 @@ def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beg
     return found
 
 
-def _sloping(experiment: Experiment, origin: Fit, points: Sequence[tuple[Point, Array, float]]) -> list[Beginning]:
-    """Return beginnings at points, of each of which the change (M,) from `origin` and the squares left are given."""
+def _sloping(experiment: Experiment, origin: Fit, points: Sequence[tuple[Point, Array]]) -> list[Beginning]:
+    """Return beginnings at points, of each of which the change (M,) from `origin` is given."""
     own = [[one.name not in {known.name for known in origin.parameters.coordinates}
-            for one in point.parameters.coordinates] for point, _, _ in points]
-    beside = [point.beside() for point, _, _ in points]
+            for one in point.parameters.coordinates] for point, _ in points]
+    beside = [point.beside() for point, _ in points]
     asked = [near for (around, _), mine in zip(beside, own, strict=True)
              for near, is_own in zip(around, mine, strict=True) if is_own]
     changes, at, found = experiment.changes(origin.prediction, asked), 0, []
-    for (point, change, left), (_, steps), mine in zip(points, beside, own, strict=True):
+    for (point, change), (_, steps), mine in zip(points, beside, own, strict=True):
         count = sum(mine)
         slopes = (changes[:, at:at + count] - change[:, None]) / steps[mine]
-        found.append(Beginning(origin, point, left, slopes if np.isfinite(slopes).all() else None))
+        found.append(Beginning(origin, point, change, slopes if np.isfinite(slopes).all() else None))
         at += count
     return found
 
@@ -517,31 +518,40 @@ def _start(found: Search, origin: Fit, fit: Fit) -> Start:
     return Start(name, columns - rest @ (rest.T @ columns), columns)
 
 
-def beside(found: Search, names: Names) -> list[Task]:
-    """Return the fits of a set with the effects beside it that promise most of what it leaves."""
-    fit = found.fits[names]
-    rest = found.explicable(names)
-    left = fit.residual - rest @ (rest.T @ fit.residual)
-    gains: dict[str, tuple[float, int]] = {}
-    for place, start in enumerate(found.starts):
-        if start.effect in names or not found.experiment.together([*names, start.effect]):
-            continue
-        gain = log_gain(start.changes - rest @ (rest.T @ start.changes), left)
-        if gain > gains.get(start.effect, (-np.inf, 0))[0]:
-            gains[start.effect] = (gain, place)
-    tasks = []
-    for name in sorted(gains, key=lambda one: -gains[one][0])[:found.effort.partners]:
-        alone = found.fits.get(frozenset({name}))
-        if alone is None or gains[name][0] < log(len(found.experiment.candidates())):
-            continue  # the choice among so many costs more than it would gain
-        space = found.experiment.parameters([*names, name], {**fit.parameters.signs, **alone.parameters.signs})
-        known = {one.name: z for own in (alone, fit) for one, z in zip(own.parameters.coordinates, own.z, strict=True)}
-        z = np.array([known[one.name] for one in space.coordinates])
-        middle = np.where(space.own(name), 0.0, z)
-        found.fitters.setdefault(names | {name}, found.fitter_of(names))
-        tasks += [Task(found.fitter_of(names), Point(space, own), fit.prediction, found.effort.last_steps // 2)
-                  for own in ((z, middle) if found.effort.starts > 1 else (z,))]
-    return tasks
+def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list[Task]:
+    """Return the fits of a set with the effects beside it that promise most of what it leaves.
+
+    What each changes is known to first order at the set's own fit, or where it was begun beside the baseline.
+    """
+    fit, white = found.fits[names], found.fitter.covariance.whiten
+    rest, free = found.explicable(names), np.array([one.name for one in fit.parameters.coordinates])
+    left = white(found.experiment.measurement.values - fit.predicted)
+    left -= rest @ (rest.T @ left)
+    known = dict(zip(free, fit.z, strict=True))
+    promised: dict[str, tuple[float, Point]] = {}
+
+    def weigh(effect: str, columns: Array, point: Point) -> None:
+        gain = log_gain(columns - rest @ (rest.T @ columns), left)
+        if gain > promised.get(effect, (log(len(found.experiment.candidates())), point))[0]:  # what the choice costs
+            promised[effect] = (gain, point)
+
+    told = set(names)
+    for one in beginnings:
+        if one.change is not None and one.slopes is not None:
+            (effect,) = one.point.effects - names
+            weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point)
+            told.add(effect)
+    for start in found.starts:
+        alone = found.fits.get(frozenset({start.effect}))
+        if alone is not None and start.effect not in told and found.experiment.together([*names, start.effect]):
+            space = found.experiment.parameters([*names, start.effect], {
+                **fit.parameters.signs, **alone.parameters.signs})
+            own = dict(zip((one.name for one in alone.parameters.coordinates), alone.z, strict=True)) | known
+            weigh(start.effect, start.changes, Point(space, np.array([own[one.name] for one in space.coordinates])))
+    best = sorted(promised.values(), key=lambda one: -one[0])[:found.effort.partners]
+    for _, point in best:
+        found.fitters.setdefault(point.effects, found.fitter_of(names))
+    return [Task(found.fitter_of(names), point, fit.prediction, found.effort.last_steps // 2) for _, point in best]
 
 
 def without(found: Search, names: Names, effect: str) -> Task:
