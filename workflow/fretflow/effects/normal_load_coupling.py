@@ -18,7 +18,7 @@ from fretflow.wear.slow import SlowState
 
 @dataclass(frozen=True)
 class _CurvedGuide:
-    """``(N_0 + s x + s k x^2) / (N_0 + s x)``, what a guide's curvature adds to friction; slopes as of its numerator."""
+    """``(N_0 + s x + s k x^2) / (N_0 + s x)``, what the curvature of a guide adds to friction."""
 
     load: float
     slope: float

@@ -227,7 +227,7 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
 
     Of further effects they are at most theirs in what no form of these laws explains. And the share of what the plainer
     set leaves that the wider one takes is compared with the shares that the best other effect takes of law-form errors
-    of the plainer set. Forms that differ by as much as the plainer set leaves are as rare as among published ones.
+    of the plainer set. Forms that differ by as much as the wider set takes are as rare as among published ones.
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
@@ -242,9 +242,8 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
         beyond = min(beyond, _outside_forms(found, fewer, wider))
     if beyond <= 0.0:
         return 0.0
-    size = float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
-    forms = law_form_errors() * size
-    return beyond + log((len(forms) + 1) / (np.count_nonzero(np.square(forms) >= left) + 1))
+    forms = law_form_errors() * float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
+    return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 
 
 def _outside_forms(found: Search, fewer: Names, wider: Names) -> float:

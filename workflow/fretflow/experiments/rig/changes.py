@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fretflow.experiments.rig.experiment import simulation_of
-from fretflow.experiments.rig.model import HARMONICS, Period, RigModel, harmonics_of
+from fretflow.experiments.rig.model import Period, RigModel, harmonics_of
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.inference.evidence import LOOP_HARMONICS
@@ -199,9 +199,10 @@ def _beside(loop: Loop) -> list[dict[str, Array]]:
     """Return forces between the specimens beside the contact, functions of the motion that all loops share."""
     first = simulation_of(loop.base.prediction).loops[0].solution.rig_displacement[:, 1]
     x = loop.signals.arm / (0.5 * float(np.ptp(first)))
-    rates = loop.harmonics(HARMONICS) @ derivative_matrix(HARMONICS, loop.period.problem.frequency
-                                                         / loop.rig.problem.frequency)
-    v = rates @ np.linalg.lstsq(loop.harmonics(HARMONICS), x, rcond=None)[0]
+    most = loop.rig.observation.harmonics
+    waves = loop.harmonics(most)
+    rates = waves @ derivative_matrix(most, loop.period.problem.frequency / loop.rig.problem.frequency)
+    v = rates @ np.linalg.lstsq(waves, x, rcond=None)[0]
     histories = [x, x**2, x**3, np.abs(x) * x**3, v, np.abs(v) * v, np.sign(v) * np.sqrt(np.abs(v)), np.abs(x) * v]
     histories = [loop.rig.problem.normal_load * history for history in histories]
     found = loop.answers([_on_arm(loop, -history, 0) for history in histories])

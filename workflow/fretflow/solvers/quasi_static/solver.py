@@ -223,6 +223,8 @@ def _beginning(problem: PeriodicProblem, equations: InternalEquations, march: Co
     near = _as_history(start, equations.seen, samples)
     other = equations.coefficients(_resample(start.internal, samples)[:, equations.other])
     tangent = start.tangent if isinstance(start, PeriodWithTangent) else None
+    if tangent is not None and tangent.shape != equations.impedance.shape:
+        tangent = None  # of other harmonics
     return SampleState.of(near), (InitialGuess(equations.coefficients(near.position), other, near, tangent),)
 
 
