@@ -211,7 +211,7 @@ def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = experiment.rig, experiment.rig.observation
     problem = tools.reduce(case).vary(friction_coefficient=rig.problem.friction_coefficient)
-    full = replace(rig, problem=problem, samples=2 * rig.samples)
+    full = replace(rig, problem=problem).denser()
     try:
         found = tools.pool(predict_task, [_Prediction(full, hypothesis(fit.prediction.point)) for fit in fits])
     except FretflowError as error:

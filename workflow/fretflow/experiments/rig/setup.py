@@ -33,9 +33,9 @@ EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 # gone with the next mesh. Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square
 # left elsewhere, most of it at the edges. That share of it stays as an error of each point.
 DEPTH_ERROR = 1.1
-SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to four times as many
+SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to twice as many
 # Kinks of the force fall at random between samples, so that errors are of second order, but not of a sign of their own:
-# the difference to more is taken for the error, of which it leaves a third at twice as many, and no more at four times.
+# the difference to twice as many is taken for the error, of which it leaves a third.
 SAMPLING_ERROR = 1.0 / 3.0
 
 
@@ -171,7 +171,7 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     observation
         What the predictions are of.
     finer, denser, plain
-        Predictions (M,) on the finer mesh, with more samples, and of the coarse model.
+        Predictions (M,) on the finer mesh, with twice the samples, and of the coarse model.
     """
     mesh, sampled = finer - plain, denser - plain
     modes = np.zeros((len(plain), 2 * len(observation.pieces)))
