@@ -131,6 +131,21 @@ def test_evidence_is_the_density_of_the_whole_covariance() -> None:
     assert found[::6, ::5, ::5] - found[0, 0, 0] == pytest.approx(written - written[0, 0, 0], abs=1e-5)
 
 
+@pytest.mark.parametrize("where", ["one loop", "all loops"])
+def test_law_form_errors_have_the_size_that_they_are(where: str) -> None:
+    """An error of 0.2 of all that an effect does, as rms, is told as that, be it spread or in a single loop."""
+    own = measurement()
+    change = 0.3 * wave("viscous")
+    shape = np.where(own.group == LOOPS // 2, np.sqrt(LOOPS), 0.0) if where == "one loop" else np.sqrt(2.0) * np.cos(
+        4.0 * np.pi * own.phase)
+    noise = SD * np.random.default_rng(2).standard_normal(len(own.values))
+    experiment = Waves(measurement(cosine() + change * (1.0 + 0.2 * shape) + 0.1 * noise, 0.1 * SD))
+    known, space = experiment.measurement.covariance(), experiment.parameters(["viscous"])
+    fit = Fitter(experiment, known).fit(Point(space, np.zeros(space.size)), None)
+    found = Discrepancy(experiment.measurement, known).evidence(fit, modulations(experiment.measurement, change))
+    assert 0.08 < float(FORMS[int(np.argmax(found.table[:, 0, 0]))]) < 0.45  # nothing else being wrong
+
+
 def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:
     """At size one the mean variance is that of the channel, one here, once in height and once in time.
 

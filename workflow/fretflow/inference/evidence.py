@@ -150,14 +150,16 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
     """Return smooth functions (M, any) in proportion to a `signature` (M,), of unit variance in all.
 
     A law of the motion is off alike in all loops, by a function of their phase; one of time or energy alike at all
-    phases, by one of the cycles; at other conditions both may differ. What a law's form is off by is a share of all
+    phases, by one of the cycles; at other conditions both may differ, and loops of a few counts are off each by itself,
+    so that an error in one of them needs no larger size than it has. What a law's form is off by is a share of all
     that the law does: it may be as large where the law happens to do little, as late in a run-in, so that no loop
     counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature.
     """
     seen = np.array(signature, dtype=float)
     for own in loops_of(measurement):
         seen[own] -= seen[own].mean()
-    shapes = _unit(np.hstack([harmonics(measurement.phase, MODULATING), _courses(measurement)]))
+    single = np.column_stack([measurement.group == one for one in range(len(measurement.groups))]).astype(float)
+    shapes = _unit(np.hstack([harmonics(measurement.phase, MODULATING), _courses(measurement), single]))
     return np.asarray(_levelled(measurement, seen)[:, None] * shapes)
 
 

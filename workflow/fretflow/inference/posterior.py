@@ -102,7 +102,7 @@ def detected(found: Found, detection: Detection) -> Found:
 def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
     """Return a verdict that names nothing which explains nothing, or predicts what was held out worse than without it.
 
-    Worse is beyond a standard deviation of the mean square of so many held-out `rows`.
+    Worse is beyond a standard deviation of the mean square of so many independent `rows`.
     """
     worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):

@@ -68,7 +68,7 @@ class Effort:
     partners: int  # effects that are fitted beside each of them
 
 
-FAST = Effort(going=10, first_steps=1, starts=1, last_steps=8, bases=2, partners=2)
+FAST = Effort(going=10, first_steps=1, starts=1, last_steps=8, bases=2, partners=3)
 FULL = Effort(going=20, first_steps=2, starts=2, last_steps=12, bases=3, partners=3)
 
 
@@ -307,9 +307,30 @@ def search(found: Search, progress: Progress) -> None:
     to_rest(found, 1)
     correct(found, [0, 1])
     progress(0.6, "what could act beside them")
-    # one may be improbable for what it leaves and yet explain most, as the stronger one of two does
-    most = min(found.best(1), key=found.chi_squared)
-    bases = list(dict.fromkeys([*found.best(1)[:found.effort.bases], most]))
+    sought: dict[Names, Fit] = {}
+    for _ in range(2):  # what was brought out of a bad start may lead then
+        lead = leading(found)
+        found.continue_fits(lead, found.effort.last_steps)
+        bases = [names for names in lead if sought.get(names) is not found.fits[names]]
+        sought.update({names: found.fits[names] for names in bases})
+        seek_partners(found, bases)
+    progress(0.85, "what the model's numbers leave out at the best")
+    correct(found, [1, 2])
+
+
+def leading(found: Search) -> list[Names]:
+    """Return the effects to which others are sought: the most probable, and the one that explains most.
+
+    That may be improbable for what it leaves, as the stronger one of two is. Laws of other forms are allowed for.
+    """
+    first = found.best(1)[:2 * found.effort.bases]
+    found.sign(first)
+    probable = sorted(first, key=lambda names: -found.log_evidence(names))[:found.effort.bases]
+    return list(dict.fromkeys([*probable, min(found.best(1), key=found.chi_squared)]))
+
+
+def seek_partners(found: Search, bases: Sequence[Names]) -> None:
+    """Fit pairs of some effects with those that promise most beside them, and the pairs' members alone from there."""
     found.sign(bases)
     laid = found.pool(beginnings_task, [(found.fitter_of(names), found.fits[names]) for names in bases])
     found.keep(found.pool(fit_task, [task for names, beginnings in zip(bases, laid, strict=True)
@@ -319,8 +340,6 @@ def search(found: Search, progress: Progress) -> None:
         # one of the two may have brought the other out of a bad start
         found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
     to_rest(found, 1)
-    progress(0.85, "what the model's numbers leave out at the best")
-    correct(found, [1, 2])
 
 
 def correct(found: Search, of: Sequence[int]) -> None:

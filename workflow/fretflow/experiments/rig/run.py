@@ -99,9 +99,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)
     progress(0.85, "held-out loops")
     unseen = held_out(hypotheses, experiment, found.after)
-    found = held_to(found, unseen.error, sum(
-        len(experiment.measurement.values[piece.place]) for piece in experiment.rig.observation.pieces
-        if piece.label in unseen.labels))
+    # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
+    found = held_to(found, unseen.error, sum(piece.label in unseen.labels for piece in experiment.rig.observation.pieces))
     return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, tools, fast, began,
                  progress)
 
