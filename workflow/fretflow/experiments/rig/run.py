@@ -100,7 +100,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     progress(0.85, "held-out loops")
     unseen = held_out(hypotheses, experiment, found.after)
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
-    found = held_to(found, unseen.error, sum(piece.label in unseen.labels for piece in experiment.rig.observation.pieces))
+    judging = [piece for piece in experiment.rig.observation.pieces if piece.label in unseen.labels]
+    found = held_to(found, unseen.error, len(judging))
     return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, tools, fast, began,
                  progress)
 
