@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from fretflow_trial.contact import Contact
 from fretflow_trial.joint import Joint
 from fretflow_trial.period import STEPS, March, Settled, State
-from fretflow_trial.physics import Channels, Condition, Physics, Slow, Worn, rigid
+from fretflow_trial.physics import Channels, Condition, Physics, Slow, Worn
+from fretflow_trial.rig import EXACT, Scheme
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ class Plan:
     sweep: tuple[Condition, ...]  # at the end
     samples: int = 200  # a period
     steps: int = STEPS
+    scheme: Scheme = EXACT
 
 
 @dataclass(frozen=True)
@@ -103,12 +105,12 @@ class Test:
         # in passing, the pressure of the jump before will do
         for _ in range(MOST_UPDATES if tolerance == KEPT or state is None else 1):
             march = March(self.joint, self.physics, condition, slow, self.pressure,
-                          self.contacts.get(condition.frequency), self.plan.steps)
+                          self.contacts.get(condition.frequency), self.plan.steps, self.plan.scheme)
             self.contacts[condition.frequency] = march.contact
             settled = march.settle(state, tolerance)
             before, self.pressure = self.pressure, settled.track.pressing.mean(axis=0) / self.joint.areas
             moved = float(np.abs(self.pressure - before) @ self.joint.share / (before @ self.joint.share))
-            if self.physics.springs is rigid or moved < SAME_PRESSURE:
+            if self.physics.springs is None or moved < SAME_PRESSURE:
                 break
         return march, settled
 
