@@ -133,13 +133,27 @@ def rigid_modes(nodes: Array) -> Array:
 
 
 def half_spaces(like: Joint, patches: int) -> Joint:
-    """Return elastic half-spaces under `patches` squares a side, on a body that yields as a whole as `like` does.
+    """Return elastic half-spaces under `patches` squares a side, on bodies that yield as a whole as those of `like`.
+
+    What the bodies yield beyond half-spaces, as rigid faces do, is added.
+    """
+    nodes, sliding, normal = half_space_compliance(like.specimen, patches)
+    none = np.zeros_like(normal)
+    local, modes = np.block([[sliding, none], [none, normal]]), rigid_modes(nodes)
+    whole = np.block([[like.sliding, like.cross], [like.cross.T, like.normal]])
+    body = _as_rigid(whole, rigid_modes(like.nodes)) - _as_rigid(local, modes)
+    both, n = local + modes @ body @ modes.T, len(nodes)
+    return Joint(nodes, np.full(n, like.areas.sum() / n), both[:n, :n], both[n:, n:], both[:n, n:], like.specimen)
+
+
+def half_space_compliance(specimen: Specimen, patches: int) -> tuple[Array, Array, Array]:
+    """Return the middles (n, 2) in m of squares and how two half-spaces yield there, sliding and normal (n, n) in m/N.
 
     The surface displacement at the middle of a square by uniform traction on another is A. E. H. Love's (Phil. Trans.
     R. Soc. A 228 (1929) 377-420) and, in sliding, that of V. Cerruti's kernel integrated alike (K. L. Johnson, Contact
-    Mechanics (1985), sections 3.2 and 3.6). What the bodies yield beyond that, as rigid faces, is added.
+    Mechanics (1985), sections 3.2 and 3.6).
     """
-    specimen, width = like.specimen, like.specimen.contact_width / patches
+    width = specimen.contact_width / patches
     line = width * (np.arange(patches) - 0.5 * (patches - 1))
     nodes = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     apart = nodes[:, None, :] - nodes[None, :, :]
@@ -151,14 +165,9 @@ def half_spaces(like: Joint, patches: int) -> Joint:
     poisson, area = specimen.poissons_ratio, width**2
     soft = 2.0 * (1.0 + poisson) / (np.pi * specimen.youngs_modulus * area)  # of both bodies, by force
     normal = soft * (1.0 - poisson) * (along + across)
-    sliding = soft * (along + (1.0 - poisson) * across)
-    none = np.zeros_like(normal)
-    local, modes = np.block([[sliding, none], [none, normal]]), rigid_modes(nodes)
-    whole = np.block([[like.sliding, like.cross], [like.cross.T, like.normal]])
-    body = _as_rigid(whole, rigid_modes(like.nodes)) - _as_rigid(local, modes)
-    both, n = local + modes @ body @ modes.T, len(nodes)
-    return Joint(nodes, np.full(n, area), both[:n, :n], both[n:, n:], both[:n, n:], specimen)
+    return nodes, soft * (along + (1.0 - poisson) * across), normal
 
 
 def _as_rigid(compliance: Array, modes: Array) -> Array:
+    # how the faces yield where they move as rigid ones
     return np.asarray(np.linalg.inv(modes.T @ np.linalg.solve(compliance, modes)))

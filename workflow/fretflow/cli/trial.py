@@ -63,9 +63,11 @@ def trial(
 
 
 def _show_targets(scores: Mapping[str, Any]) -> None:
-    table = new_table("targets, effects at signal-to-noise 10 or more", "score", "reached", "of", "target", "met")
+    table = new_table("targets, effects at signal-to-noise 10 or more", "score", "reached",
+                      "95 % interval", "of", "target", "met")
     for one in scores["targets"]:
         reached = "-" if one["value"] is None else f"{one['value']:.3g}"
         met = {None: "too few cases" if one["cases"] else "no case", True: "yes", False: "no"}[one["met"]]
-        table.add_row(one["name"], reached, str(one["cases"]), one["target"], met)
+        interval = "-" if one["interval_95"] is None else "{:.3g} to {:.3g}".format(*one["interval_95"])
+        table.add_row(one["name"], reached, interval, str(one["cases"]), one["target"], met)
     Terminal(highlight=False).print(table)
