@@ -112,7 +112,7 @@ def calibration_by_chance(events: Sequence[tuple[float, bool]], draws: int = 400
         return None
     stated = np.array([one for one, _ in events])
     held = np.random.default_rng(0).random((draws, len(stated))) < stated
-    return float(np.mean([expected_calibration_error(list(zip(stated, row, strict=True))) for row in held]))
+    return float(np.mean([expected_calibration_error(list(zip(stated, row, strict=True))) or 0.0 for row in held]))
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float] | None:

@@ -90,22 +90,22 @@ def standing(rng: Generator) -> Setting:
 def drawn(rng: Generator) -> Setting:
     """Return a rig, its specimens and their mesh, an integrator, a plan, channels and noise, all drawn anew."""
     joint, stated = _joint(rng)
-    frequency = float(np.round(even(rng, 70.0, 130.0)))
-    stated_mass = float(np.round(even(rng, 6.0, 16.0), 1))
+    frequency = float(np.round(even(rng, 85.0, 130.0)))
+    stated_mass = float(np.round(even(rng, 8.0, 16.0), 1))
     rig = Rig(stated_mass * even(rng, 0.97, 1.03), float(np.round(even(rng, 0.3, 0.8), 2)),
-              float(np.round(frequency * even(rng, 0.3, 0.6))), float(np.round(even(rng, 1500.0, 3500.0), -1)),
+              float(np.round(frequency * even(rng, 0.3, 0.5))), float(np.round(even(rng, 1500.0, 3500.0), -1)),
               float(np.round(decades(rng, 0.005, 0.02), 4)))
     elastic = float(np.linalg.inv(joint.sliding).sum())
     softest = elastic / (YIELDING * joint.areas.sum())
     physics = Physics(rig=rig, friction=even(rng, 0.5, 0.95), wear=decades(rng, 0.4e-14, 3e-14),
                       rigid=decades(rng, min(softest, RIGID_SPRINGS), RIGID_SPRINGS))
     load = float(np.round(even(rng, 40.0, 90.0), 1))
-    # Coulomb's fundamental against what accelerates the masses through a stroke, in quadrature (J. P. Den Hartog,
-    # Trans. ASME 53 (1931) 107-115)
-    omega, stroke = 2.0 * np.pi * frequency, even(rng, 4e-6, 10e-6)
+    # Friction's first harmonic in quadrature with what accelerates the masses through a stroke (J. P. Den Hartog,
+    # Trans. ASME 53 (1931) 107-115): above 4 / pi of the limit the joint does not come to rest.
+    omega, stroke = 2.0 * np.pi * frequency, even(rng, 1e-6, 8e-6)
     inertia = ((rig.block_mass + rig.arm_mass) * omega**2 - rig.ground) * stroke
     main = Condition(float(np.round(np.hypot(inertia, 4.0 / np.pi * physics.friction * load), 1)), load, frequency)
-    return Setting(joint, physics, stated, stated_mass, _plan(rng, main, rig), _noise(rng, main, stroke),
+    return Setting(joint, physics, stated, stated_mass, _plan(rng, main, rig), _noise(rng, main),
                    BASIC + tuple(name for name in MORE if rng.random() < 0.6), int(rng.integers(2, 6)),
                    bool(rng.random() < DRIVE_RECORDED), int(rng.integers(6, 14)), SLIDING)
 
@@ -131,9 +131,9 @@ def _plan(rng: Generator, main: Condition, rig: Rig) -> Plan:
     places = (np.arange(1, count) + rng.uniform(-0.3, 0.3, count - 1)) / count
     shares = np.append(places**even(rng, 1.0, 4.0), 1.0)  # even in cycles, or most of them early
     counts = sorted({0, *(int(round(share * cycles, -2)) for share in shares)})
-    others = [replace(main, amplitude=round(main.amplitude * even(rng, 0.93, 0.97), 1)),
-              replace(main, amplitude=round(main.amplitude * even(rng, 1.1, 1.2), 1)),
-              replace(main, amplitude=round(main.amplitude * even(rng, 1.2, 1.4), 1)),
+    others = [replace(main, amplitude=round(main.amplitude * even(rng, 0.95, 0.98), 1)),
+              replace(main, amplitude=round(main.amplitude * even(rng, 1.05, 1.12), 1)),
+              replace(main, amplitude=round(main.amplitude * even(rng, 1.12, 1.25), 1)),
               replace(main, load=round(main.load * even(rng, 0.65, 0.9), 1)),
               replace(main, frequency=float(round(main.frequency * even(rng, 0.8, 0.9))))]
     chosen = sorted(rng.choice(len(others), int(rng.integers(1, len(others) + 1)), replace=False))
@@ -146,9 +146,9 @@ def _plan(rng: Generator, main: Condition, rig: Rig) -> Plan:
     return Plan(main, tuple(counts), tuple(others[k] for k in chosen), samples, steps, scheme)
 
 
-def _noise(rng: Generator, main: Condition, stroke: float) -> Noise:
+def _noise(rng: Generator, main: Condition) -> Noise:
     level = {name: decades(rng, 0.004, 0.02) for name in (*BASIC, *MORE)}
-    sample = {"displacement": level["displacement"] * stroke, "friction_force": level["friction_force"] * main.load,
+    sample = {"displacement": level["displacement"] * 12e-6, "friction_force": level["friction_force"] * main.load,
               "normal_force": 0.5 * level["normal_force"] * main.load, "approach": level["approach"] * 10e-6,
               "excitation": decades(rng, 0.001, 0.006) * main.amplitude}
     offset = {"displacement": decades(rng, 0.05e-6, 0.5e-6), "friction_force": decades(rng, 0.1, 0.6),
