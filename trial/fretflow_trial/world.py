@@ -1,13 +1,13 @@
 """The worlds that cases live in: a rig that stays the same, or one drawn anew for every case, with either kind of laws.
 
-======  =====================================================  ======================================
-world   specimens, mesh, integrator, rig, plan, channels, noise  laws of what is hidden
-======  =====================================================  ======================================
-1       those of one rig, of which a few numbers are drawn      the catalogue's
-2       those of one rig                                        other forms, where the literature has any
-3       drawn anew                                              the catalogue's
-4       drawn anew                                              other forms, drawn anew
-======  =====================================================  ======================================
+======  ========================================================  =========================================
+world   specimens, mesh, integrator, rig, plan, channels, noise   laws of what is hidden
+======  ========================================================  =========================================
+1       those of one rig, of which a few numbers are drawn        the catalogue's
+2       those of one rig                                          other forms, where the literature has any
+3       drawn anew                                                the catalogue's
+4       drawn anew                                                other forms, drawn anew
+======  ========================================================  =========================================
 """
 
 from __future__ import annotations
