@@ -10,7 +10,7 @@ import pytest
 from fretflow.recordings.recording import read_joint_recording
 from fretflow_trial.campaign import Test
 from fretflow_trial.case import LISTED, Case, Simulated, draw
-from fretflow_trial.contact import Contact
+from fretflow_trial.contact import Contact, UnsettledContactError
 from fretflow_trial.hidden import CATALOGUE, Facts, Hidden
 from fretflow_trial.joint import Joint, Specimen, half_space_compliance, half_spaces, meshed, rigid_modes, specimens
 from fretflow_trial.period import March
@@ -242,6 +242,13 @@ def test_what_is_drawn_is_within_what_nobody_calls_an_effect(anew: list[Case]) -
             assert fastest < FINEST
     assert [world for world, one in WORLDS.items() if one.anew] == [3, 4]
     assert [world for world, one in WORLDS.items() if one.other_laws] == [2, 4]
+
+
+def test_a_joint_that_sticks_is_not_recorded(anew: list[Case]) -> None:
+    case = min(anew, key=lambda one: one.joint.size * one.plan.steps)
+    held = replace(case.plan, main=replace(case.plan.main, amplitude=0.1 * case.plan.main.amplitude))
+    with pytest.raises(UnsettledContactError, match="not to be recorded"):
+        Test(case.joint, case.physics, held).run(case.recordable)
 
 
 def test_a_rig_drawn_anew_is_recorded_with_its_own_drawing(anew: list[Case], tmp_path: Path) -> None:
