@@ -49,14 +49,17 @@ def short() -> Short:
 
 def test_composition_has_its_shares_and_comes_again() -> None:
     cases = compose(40, 11)
-    assert Counter(kind for kind, _, _ in cases) == {"nothing": 8, "unlisted": 8, "pair": 8, "single": 16}
-    for kind, names, _ in cases:
+    assert Counter(kind for kind, _, _, _ in cases) == {"nothing": 8, "unlisted": 8, "pair": 8, "single": 16}
+    for kind, names, _, _ in cases:
         assert len(set(names)) == len(names) == {"nothing": 0, "pair": 2}.get(kind, 1)
         assert set(names) <= set(UNLISTED if kind == "unlisted" else LISTED)
-    assert Counter(names[0] for kind, names, _ in cases if kind == "single").most_common(1)[0][1] == 1
+    assert Counter(names[0] for kind, names, _, _ in cases if kind == "single").most_common(1)[0][1] == 1
     assert [case[:2] for case in compose(40, 11)] == [case[:2] for case in cases]
     assert [case[:2] for case in compose(40, 12)] != [case[:2] for case in cases]
     assert len(compose(7, 1)) == 7
+    for kind in ("nothing", "single"):
+        assert len(set(Counter(world for own, _, _, world in cases if own == kind).values())) == 1
+    assert {world for *_, world in compose(40, 11, 4)} == {4}
 
 
 def test_listed_effects_are_the_catalogues_with_its_parameters() -> None:
@@ -165,13 +168,13 @@ def test_key_is_plain_json(short: Short) -> None:
 def test_make_writes_a_recording_and_its_key(short: Short, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def quick(kind: str, names: list[str], seed: SeedSequence) -> Simulated:
-        asked.append((kind, tuple(names), seed.entropy))
+    def quick(kind: str, names: list[str], seed: SeedSequence, world: int, least: float) -> Simulated:
+        asked.append((kind, tuple(names), seed.entropy, world, least))
         return replace(short.simulated, signals={})
 
     monkeypatch.setattr(make, "simulate", quick)
-    make.main(["--effect", "viscous", "--seed", "3", "--out", str(tmp_path)])
-    assert asked == [("single", ("viscous",), 3)]
+    make.main(["--effect", "viscous", "--seed", "3", "--world", "4", "--least-signal", "15", "--out", str(tmp_path)])
+    assert asked == [("single", ("viscous",), 3, 4, 15.0)]
     assert (tmp_path / "recording" / "recording.toml").is_file()
     assert json.loads((tmp_path / "key.json").read_text())["kind"] == "nothing"
     with pytest.raises(SystemExit):

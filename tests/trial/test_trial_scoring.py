@@ -24,7 +24,16 @@ from fretflow_trial.answers import (
 )
 from fretflow_trial.case import LISTED
 from fretflow_trial.page import page
-from fretflow_trial.scoring import Result, Share, _within, expected_calibration_error, reliability, scoreboard
+from fretflow_trial.scoring import (
+    Result,
+    Share,
+    _within,
+    calibration_by_chance,
+    expected_calibration_error,
+    median_interval,
+    reliability,
+    scoreboard,
+)
 
 ALL = frozenset({"displacement", "friction_force", "normal_force", "approach"})
 BASIC = frozenset({"displacement", "friction_force"})
@@ -186,6 +195,9 @@ def test_scoreboard_and_page() -> None:
     assert found["both effects of a pair"] == (0.0, False)
     assert found["location"] == (1.0, True)
     assert found["held-out error over the repeatability floor, median"] == (1.05, True)
+    assert scores["targets"][0]["interval_95"] == Share(1, 2).interval()
+    # stated 0.95 each: six right of eight are 0.2 less; one at 0.6 does not hold; the failed one is no event
+    assert found["expected calibration error, all sizes"] == (pytest.approx((abs(3 - 6 * 0.95) + 0.6) / 7.0), False)
     assert scores["all"]["right_name"]["cases"] == 3
     assert scores["by_effect"]["viscous"]["set"]["hits"] == 1
     assert [one["top_1"]["cases"] for one in scores["by_signal"]] == [0, 1, 0, 5, 0]
@@ -199,9 +211,52 @@ def test_scoreboard_and_page() -> None:
     assert text.count('href="reports/case-00') == 7  # a diagnosis that failed has no report
 
 
+def test_each_world_has_its_own_scores() -> None:
+    results = [Result("case-000", replace(truth("viscous"), world=1), said("named", "viscous")),
+               Result("case-001", replace(truth("viscous"), world=4), said("named", "backlash")),
+               Result("case-002", replace(truth(), world=4), said("none"))]
+    scores = scoreboard(results)
+    found = {world: {one["name"]: (one["value"], one["cases"]) for one in rows}
+             for world, rows in scores["by_world"].items()}
+    assert list(found) == ["1", "4"]
+    assert found["1"]["right name, aliases merged"] == (1.0, 1)
+    assert found["1"]["false alarms"] == (None, 0)
+    assert found["4"]["right name, aliases merged"] == (0.0, 1)
+    assert found["4"]["wrong name at probability above 0.9"] == (0.5, 2)
+    assert [one["world"] for one in scores["cases"]] == [1, 4, 4]
+    text = page({**scores, "settings": {"cases": 3, "seed": 1, "fast": True}, "facts": {}})
+    assert ">world 1<" in text
+    assert ">world 2<" not in text
+
+
+def test_median_has_the_interval_of_order_statistics() -> None:
+    """Of ten values the second to the ninth hold the median with 97.9 %, the third to the eighth with 89 %."""
+    assert median_interval([float(k) for k in (7, 3, 1, 9, 5, 10, 2, 8, 4, 6)]) == (2.0, 9.0)
+    assert median_interval([1.0, 2.0, 3.0, 4.0, 5.0]) is None  # 1 - 2 / 2^5 = 94 %
+    assert median_interval([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) == (1.0, 6.0)
+    assert median_interval([]) is None
+
+
+def test_calibration_error_by_chance_is_that_of_a_fair_coin() -> None:
+    """Stated 1/2, the error of n answers is the mean distance of a binomial share from it, near sqrt(1 / 2 pi n)."""
+    found = calibration_by_chance([(0.5, True)] * 50)
+    assert found == pytest.approx(math.sqrt(1.0 / (2.0 * math.pi * 50.0)), rel=0.1)
+    assert calibration_by_chance([(1.0, True)] * 5) == 0.0
+    assert calibration_by_chance([]) is None
+
+
+def test_intervals_of_the_baseline_count_where_nothing_is_hidden() -> None:
+    key = replace(truth(), parameters={"rig.moving_mass": 10.0})
+    told = {"rig.moving_mass": (10.1, 9.9, 10.3)}
+    scores = scoreboard([Result("case-000", key, replace(said("none"), parameters=told)),
+                         Result("case-001", key, replace(said("unknown"), parameters=told))])
+    assert scores["all"]["coverage_with_baseline"]["cases"] == 1
+    assert scores["all"]["coverage"]["cases"] == 0
+
+
 def test_scoreboard_of_no_strong_case_names_no_target_met() -> None:
     scores = scoreboard([Result("case-000", truth("viscous", signal=1.0), said("none"))])
-    assert {one["met"] for one in scores["targets"]} == {None}
+    assert {one["met"] for one in scores["targets"] if "all sizes" not in one["name"]} == {None}
 
 
 def test_failed_diagnosis_is_no_false_alarm_but_is_counted() -> None:

@@ -43,6 +43,7 @@ class Key:
     catalogue_laws: bool
     parameters: Mapping[str, float]  # "effect.parameter" and those of the baseline, SI
     hidden: tuple[str, ...]
+    world: int = 1
 
     @classmethod
     def read(cls, raw: Mapping[str, Any]) -> Key:
@@ -57,7 +58,7 @@ class Key:
             raw["kind"], frozenset(raw["effects"]), frozenset(block for one in hidden for block in one["blocks"]),
             frozenset(raw["channels"]), min((one["signal_to_noise"] for one in hidden), default=float("inf")),
             min((one["total_signal_to_noise"] for one in hidden), default=float("inf")), raw["catalogue_laws"], values,
-            tuple(one["id"] for one in hidden))
+            tuple(one["id"] for one in hidden), raw.get("world", 1))
 
 
 @dataclass(frozen=True)

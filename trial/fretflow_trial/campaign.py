@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow_trial.contact import Contact
+from fretflow_trial.contact import Contact, UnsettledContactError
 from fretflow_trial.joint import Joint
 from fretflow_trial.period import STEPS, March, Settled, State
-from fretflow_trial.physics import Channels, Condition, Physics, Slow, Worn, rigid
+from fretflow_trial.physics import Channels, Condition, Physics, Slow, Worn
+from fretflow_trial.rig import EXACT, Scheme
 
 Array = NDArray[np.float64]
 
@@ -19,7 +21,9 @@ SHARE_OF_WEAR = 0.15  # later, of the depth so far
 SHARE_OF_CYCLES = 0.3  # a jump's share of the cycles so far
 FIRST_JUMP = 500.0
 SAME_PRESSURE, MOST_UPDATES = 0.02, 4  # of the springs, which follow the pressure
+LARGEST_UNREST = 1e-3  # of a recorded loop, over its range
 PASSING, KEPT = 2e-3, 2e-4  # tolerance of periods that only wear, and of recorded ones
+PASSING_STEPS = 200  # or up to twice as many, of a period that only wears
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class Plan:
     sweep: tuple[Condition, ...]  # at the end
     samples: int = 200  # a period
     steps: int = STEPS
+    scheme: Scheme = EXACT
 
 
 @dataclass(frozen=True)
@@ -62,28 +67,43 @@ class Test:
     def __init__(self, joint: Joint, physics: Physics, plan: Plan) -> None:
         self.joint, self.physics, self.plan = joint, physics, plan
         self.pressure = plan.main.load * np.ones(joint.size) / joint.areas.sum()
-        self.contacts: dict[float, Contact] = {}
+        self.contacts: dict[tuple[float, int], Contact] = {}
 
-    def run(self) -> Outcome:
-        """Run the test to its end."""
+    def run(self, fits: Callable[[Channels], bool] = lambda loop: True) -> Outcome:
+        """Run the test to its end.
+
+        Raises
+        ------
+        UnsettledContactError
+            As soon as a loop does not repeat or does not fit.
+        """
         joint, plan = self.joint, self.plan
         none = np.zeros(joint.size)
         slow = Slow(0.0, 0.0, none, none, 0.0, 0.0)
         state: State | None = None
-        loops, starts, jumps, unrest = [], [], 0, 0.0
+        loops: list[Channels] = []
+        starts, jumps, unrest = [], 0, 0.0
         for count in plan.cycles:
             while slow.cycles < count:
                 march, settled = self._settle(plan.main, slow, state, PASSING)
                 slow, state, jumps = self._jump(march, settled, slow, count), settled.state, jumps + 1
             march, settled = self._settle(plan.main, slow, state, KEPT)
             state, unrest = settled.state, max(unrest, settled.change)
-            loops.append(self.sense(march, settled))
+            loops.append(self._sensed(march, settled, fits))
             starts.append((state, slow, self.pressure))
         # from the running test, as a rig is set to another condition, and not from rest
-        others = [self._settle(condition, slow, state, KEPT) for condition in plan.sweep]
-        unrest = max([unrest, *(settled.change for _, settled in others)])
-        sweep = tuple(self.sense(*other) for other in others)
-        return Outcome(tuple(loops), sweep, slow.depth, slow.energy, jumps, unrest, slow, tuple(starts))
+        sweep: list[Channels] = []
+        for condition in plan.sweep:
+            march, settled = self._settle(condition, slow, state, KEPT)
+            unrest = max(unrest, settled.change)
+            sweep.append(self._sensed(march, settled, fits))
+        return Outcome(tuple(loops), tuple(sweep), slow.depth, slow.energy, jumps, unrest, slow, tuple(starts))
+
+    def _sensed(self, march: March, settled: Settled, fits: Callable[[Channels], bool]) -> Channels:
+        channels = self.sense(march, settled)
+        if settled.change > LARGEST_UNREST or not fits(channels):
+            raise UnsettledContactError("a motion that does not repeat or is not to be recorded")
+        return channels
 
     def sense(self, march: March, settled: Settled) -> Channels:
         """Return what the sensors show of a period."""
@@ -100,15 +120,19 @@ class Test:
 
     def _settle(self, condition: Condition, slow: Slow, state: State | None, tolerance: float
                 ) -> tuple[March, Settled]:
+        steps = self.plan.steps
+        if tolerance == PASSING and self.plan.scheme.method != "explicit":  # which longer steps would upset
+            steps //= max(steps // PASSING_STEPS, 1)
+        alike = condition.frequency, steps
         # in passing, the pressure of the jump before will do
         for _ in range(MOST_UPDATES if tolerance == KEPT or state is None else 1):
             march = March(self.joint, self.physics, condition, slow, self.pressure,
-                          self.contacts.get(condition.frequency), self.plan.steps)
-            self.contacts[condition.frequency] = march.contact
+                          self.contacts.get(alike), steps, self.plan.scheme)
+            self.contacts[alike] = march.contact
             settled = march.settle(state, tolerance)
             before, self.pressure = self.pressure, settled.track.pressing.mean(axis=0) / self.joint.areas
             moved = float(np.abs(self.pressure - before) @ self.joint.share / (before @ self.joint.share))
-            if self.physics.springs is rigid or moved < SAME_PRESSURE:
+            if self.physics.springs is None or moved < SAME_PRESSURE:
                 break
         return march, settled
 

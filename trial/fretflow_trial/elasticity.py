@@ -87,19 +87,20 @@ def element_stiffness(size: Array, young: float, poisson: float) -> Array:
 
 
 def specimen_compliance(along: tuple[float, ...] = ALONG, across: tuple[float, ...] = ACROSS,
-                        upwards: tuple[float, ...] = UPWARDS, poisson: float = POISSONS_RATIO
-                        ) -> tuple[Array, Array]:
+                        upwards: tuple[float, ...] = UPWARDS, poisson: float = POISSONS_RATIO, half: float = HALF,
+                        ridge: float = RIDGE_TOP * MM) -> tuple[Array, Array]:
     """Return the contact nodes (n, 2) in m and the compliance of the upper specimen times Young's modulus.
 
-    The compliance (3 n, 3 n), 1/m, has x along the ridge, y across it and z up; the top is clamped.
+    The ridge is 2 `half` wide and `ridge` high, in m. The compliance (3 n, 3 n), 1/m, has x along the ridge, y across
+    it and z up; the top is clamped.
     """
     grids = grid(along), grid(across), grid(upwards)
     shape = tuple(len(one.nodes) for one in grids)
     number = np.arange(np.prod(shape)).reshape(shape)
-    whole, used = _assemble(grids, number, poisson)
+    whole, used = _assemble(grids, number, poisson, half, ridge)
     clamped = (3 * number[:, :, -1].ravel()[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(used, clamped)
-    inside = [np.abs(one.nodes) < HALF * 1.001 for one in grids[:2]]
+    inside = [np.abs(one.nodes) < half * 1.001 for one in grids[:2]]
     touching = number[np.ix_(*inside)][:, :, 0].ravel()
     contact = np.searchsorted(free, (3 * touching[:, None] + np.arange(3)).ravel())
     forces = np.zeros((len(free), len(contact)))
@@ -110,14 +111,15 @@ def specimen_compliance(along: tuple[float, ...] = ALONG, across: tuple[float, .
     return np.stack([grids[0].nodes[x], grids[1].nodes[y]], axis=1), 0.5 * (compliance + compliance.T)
 
 
-def _assemble(grids: tuple[Grid, Grid, Grid], number: Index, poisson: float) -> tuple[csc_matrix, Index]:
+def _assemble(grids: tuple[Grid, Grid, Grid], number: Index, poisson: float, half: float, ridge: float
+              ) -> tuple[csc_matrix, Index]:
     """Return the stiffness for E = 1 over all DOFs of the grid, and those DOFs that are in body or ridge."""
     places, values = [], []
     along, across, upwards = grids
     for j, in_y in enumerate(across.members):
         for k, in_z in enumerate(upwards.members):
-            beside = abs(across.nodes[in_y].mean()) > HALF
-            if beside and upwards.nodes[in_z].mean() < RIDGE_TOP * MM:
+            beside = abs(across.nodes[in_y].mean()) > half
+            if beside and upwards.nodes[in_z].mean() < ridge:
                 continue
             for i, in_x in enumerate(along.members):
                 nodes = number[np.ix_(in_x, in_y, in_z)].ravel()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from fretflow_trial.joint import Joint, specimens
 from fretflow_trial.physics import Channels, Physics
 
 Array = NDArray[np.float64]
@@ -24,6 +25,7 @@ class Facts:
     amplitude: float  # N
     load: float  # N
     hinge: float  # N/m
+    joint: Joint = field(default_factory=specimens)
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Hidden:
 
 
 Draw = Callable[[Generator, bool, Facts], Hidden]
+
+
+def form(rng: Generator, other: bool, *forms: str) -> str:
+    """Return the catalogue's law, or one of the `forms` of the same physics that the literature has beside it."""
+    return str(rng.choice(forms)) if other else CATALOGUE
 
 
 def even(rng: Generator, low: float, high: float) -> float:

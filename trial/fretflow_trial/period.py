@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow_trial.contact import Contact, Flags
-from fretflow_trial.joint import SPECIMEN_MASS, Joint
+from fretflow_trial.joint import Joint
 from fretflow_trial.physics import Channels, Condition, Instant, Physics, Slow, Worn, opened
-from fretflow_trial.rig import ARM, BLOCK, step_of
+from fretflow_trial.rig import ARM, BLOCK, EXACT, Scheme, step_of
 
 Array = NDArray[np.float64]
 
@@ -76,14 +76,16 @@ class March:
         A contact of another march to reuse where it is the same.
     steps : int
         Steps a period.
+    scheme : Scheme
+        How the rig is integrated.
     """
 
     def __init__(self, joint: Joint, physics: Physics, condition: Condition, slow: Slow, pressure: Array,
-                 contact: Contact | None = None, steps: int = STEPS) -> None:
+                 contact: Contact | None = None, steps: int = STEPS, scheme: Scheme = EXACT) -> None:
         self.joint, self.physics, self.condition, self.slow, self.steps = joint, physics, condition, slow, steps
         self.duration = 1.0 / (condition.frequency * steps)
-        rig = replace(physics.rig, added_mass=SPECIMEN_MASS)
-        self.step = step_of(rig, self.duration)
+        rig = replace(physics.rig, added_mass=joint.specimen.mass)
+        self.step = step_of(rig, self.duration, scheme)
         self.whole_step = np.hstack([self.step.free, self.step.early, self.step.late])
         self.contact = self._contact(pressure, contact)
         self.gap = opened(physics.gap, joint.nodes) + slow.depth - slow.layer
@@ -95,7 +97,8 @@ class March:
 
     def _contact(self, pressure: Array, other: Contact | None) -> Contact:
         joint, soft = self.joint, np.zeros(self.joint.size)
-        springs = [k * joint.areas for k in self.physics.springs(self.slow, pressure)]
+        found = None if self.physics.springs is None else self.physics.springs(self.slow, pressure)
+        springs = [k * joint.areas for k in found or (self.physics.rigid, self.physics.rigid)]
         if self.physics.layer is not None:
             soft = self.slow.layer / (self.physics.layer(joint.nodes).modulus * joint.areas)
         sliding, normal = 1.0 / (1.0 / springs[0] + NORMAL_TO_SHEAR * soft), 1.0 / (1.0 / springs[1] + soft)

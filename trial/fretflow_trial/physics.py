@@ -77,12 +77,6 @@ Over = Callable[[Slow], float]
 Springs = Callable[[Slow, Array], tuple[Array, Array]]
 
 
-def rigid(slow: Slow, pressure: Array) -> tuple[Array, Array]:
-    """Return asperities that hardly yield, N/m^3: sliding and normal."""
-    stiff = np.full(len(pressure), RIGID_SPRINGS)
-    return stiff, stiff
-
-
 @dataclass(frozen=True)
 class Layer:
     """Debris: what enters and leaves, how it slows wear, and how soft it is."""
@@ -108,7 +102,8 @@ class Physics:
     load_at_instant: tuple[Callable[[float, float, float], float], ...] = ()  # N beside, by load, periods, arm's place
     rig_forces: tuple[Callable[[Array, Slow], tuple[float, float]], ...] = ()  # N on block and arm
     excitation: tuple[Callable[[Array], Array], ...] = ()  # beside cos, over amplitude, by phase
-    springs: Springs = rigid
+    rigid: float = RIGID_SPRINGS  # N/m^3, of asperities that hardly yield
+    springs: Springs | None = None  # N/m^3, sliding and normal, of asperities that do
     gap: Callable[[Array], Array] | None = None  # by nodes (n, 2) in m
     wear_factors: tuple[Callable[[Worn, Slow], Array], ...] = ()
     layer: Callable[[Array], Layer] | None = None  # by nodes

@@ -51,6 +51,7 @@ class Settings:
     cases: int
     seed: int
     fast: bool
+    world: int | None = None  # of all cases; None: drawn for each
     format: str = FORMAT
 
 
@@ -118,7 +119,7 @@ class Trial:
         if not left:
             return
         with tied_processes(self.jobs) as workers:
-            tasks = [(self.out, names[k], self.settings.cases, self.settings.seed, k, self._secret) for k in left]
+            tasks = [(self.out, names[k], self.settings, k, self._secret) for k in left]
             for name, _ in each(workers, make_one, tasks):
                 done += 1
                 self.say(f"made {name} ({done}/{len(names)})")
@@ -161,10 +162,10 @@ class Trial:
             return Answer.failed(str(error), stored["seconds"])
 
 
-def make_one(out: Path, name: str, cases: int, seed: int, place: int, secret: bytes) -> str:
+def make_one(out: Path, name: str, settings: Settings, place: int, secret: bytes) -> str:
     """Make the recording of one case and seal its answer; return its name."""
-    kind, effects, own = compose(cases, seed)[place]
-    simulated = simulate(kind, effects, own)
+    kind, effects, own, world = compose(settings.cases, settings.seed, settings.world)[place]
+    simulated = simulate(kind, effects, own, world)
     folder = out / "recordings" / name
     with tempfile.TemporaryDirectory(dir=out) as scratch:
         written = write(simulated, Path(scratch) / name, TITLE)

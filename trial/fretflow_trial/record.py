@@ -8,24 +8,25 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
+from scipy.signal import lfilter
 
-from fretflow_trial.case import BASIC, Simulated
-from fretflow_trial.joint import DENSITY, Joint, specimens
+from fretflow_trial.case import Simulated
+from fretflow_trial.joint import DENSITY, Joint
 from fretflow_trial.physics import Channels
+from fretflow_trial.world import BASIC
 
 Array = NDArray[np.float64]
 
 UNITS = {"displacement": ("displacement_um", "um", 1e6, 5), "friction_force": ("friction_force_N", "N", 1.0, 4),
          "normal_force": ("normal_force_N", "N", 1.0, 4), "approach": ("approach_um", "um", 1e6, 5)}
 DRIVE = ("excitation_N",)
-GRID = 9  # points of the wear map a side
 
 
 def write(simulated: Simulated, folder: Path, title: str) -> Path:
     """Write the recording of a simulated case to `folder`, which is made, and return it."""
     case = simulated.case
     rng = np.random.default_rng(case.seed)
-    joint = specimens()
+    joint = case.joint
     gains = {name: 1.0 + case.noise.calibration * rng.standard_normal() for name in case.channels}
     folder.mkdir(parents=True)
     counts = case.plan.cycles
@@ -56,32 +57,40 @@ def _loop_rows(simulated: Simulated, rng: Generator, loop: Channels, mark: str, 
         begin = (first + repeat) % loop.periods * samples
         part = slice(begin, begin + samples)
         friction = noise.repeat_friction * rng.standard_normal()
-        drive = loop.excitation[part] + noise.sample["excitation"] * rng.standard_normal(samples)
+        drive = loop.excitation[part] + noise.sample["excitation"] * coloured(rng, samples, noise.colour)
         columns = [loop.time[:samples], *([drive] if case.drive_recorded else [])]
         for name in case.channels:
             scatter = gains[name] * (1.0 + noise.repeat_gain * rng.standard_normal() * (name in BASIC))
             ideal = getattr(loop, name)[part] + friction * simulated.rates.friction[name][row]
             columns.append(UNITS[name][2] * (scatter * ideal + offsets[name]
-                                             + noise.sample[name] * rng.standard_normal(samples)))
+                                             + noise.sample[name] * coloured(rng, samples, noise.colour)))
         places = [6, *([4] if case.drive_recorded else []), *(UNITS[name][3] for name in case.channels)]
         lines += [f"{mark},{repeat}," + ",".join(f"{value:.{digits}f}" for value, digits in zip(
             values, places, strict=True)) for values in zip(*columns, strict=True)]
     return lines
 
 
+def coloured(rng: Generator, count: int, colour: float) -> Array:
+    """Return noise (`count`,) of unit variance, each sample correlated by `colour` with the one before."""
+    fresh = rng.standard_normal(count)
+    fresh[1:] *= np.sqrt(1.0 - colour**2)
+    return np.asarray(lfilter([1.0], [1.0, -colour], fresh))
+
+
 def _map(simulated: Simulated, rng: Generator, joint: Joint) -> str:
     """Return the map of total depth on an even grid, as a profilometer gives it."""
     line = np.unique(np.round(joint.nodes[:, 0], 12))
     depth = RectBivariateSpline(line, line, simulated.outcome.depth.reshape(len(line), -1), kx=1, ky=1)
-    even = np.linspace(line[0], line[-1], GRID)
-    found = depth(even, even) + simulated.case.noise.depth * rng.standard_normal((GRID, GRID))
+    even = np.linspace(line[0], line[-1], simulated.case.map_points)
+    found = depth(even, even) + simulated.case.noise.depth * rng.standard_normal(2 * [len(even)])
     rows = [f"{1e3 * x:.5f},{1e3 * y:.5f},{1e6 * found[i, j]:.4f}" for i, x in enumerate(even)
             for j, y in enumerate(even)]
     return "\n".join(["x_mm,y_mm,depth_um", *rows]) + "\n"
 
 
 def _toml(simulated: Simulated, title: str, volume: float, spread: float) -> str:
-    case, rig, main = simulated.case, simulated.case.physics.rig, simulated.case.plan.main
+    case, rig, main, part = (simulated.case, simulated.case.physics.rig, simulated.case.plan.main,
+                             simulated.case.stated)
     calibrated = "\n".join(
         f'{name} = {{ column = "{UNITS[name][0]}", unit = "{UNITS[name][1]}", '
         f"calibration_sd = {case.noise.calibration} }}" for name in case.channels)
@@ -108,14 +117,14 @@ out_of_phase_frequency = "{rig.out_of_phase} Hz"
 damping_ratio = {rig.damping_ratio}
 
 [specimen]
-youngs_modulus = "193 GPa"
-poissons_ratio = 0.29
+youngs_modulus = "{1e-9 * part.youngs_modulus:g} GPa"
+poissons_ratio = {part.poissons_ratio:g}
 density = "{DENSITY:.0f} kg/m^3"
-contact_width = "1 mm"
-ridge_height = "1 mm"
+contact_width = "{1e3 * part.contact_width:g} mm"
+ridge_height = "{1e3 * part.ridge_height:g} mm"
 body = "square"
-body_width = "6 mm"
-body_height = "5 mm"
+body_width = "{1e3 * part.body_width:g} mm"
+body_height = "{1e3 * part.body_height:g} mm"
 
 [wear]
 worn_volume = "{1e9 * volume:.6g} mm^3"

@@ -49,6 +49,22 @@ class Rig:
 
 
 @dataclass(frozen=True)
+class Scheme:
+    """How the rig is integrated over a step.
+
+    `method` is ``exact`` for forces linear in time, ``implicit`` (the theta rule; with theta = 1/2 the trapezoidal
+    rule, which is Newmark's of constant average acceleration) or ``explicit`` (velocity Verlet, which is Newmark's of
+    central differences).
+    """
+
+    method: str = "exact"
+    theta: float = 0.5  # of the implicit rule; more damps
+
+
+EXACT = Scheme()
+
+
+@dataclass(frozen=True)
 class Step:
     """``y' = free y + early f + late f'`` over one step, with forces (block, arm) at its start and end."""
 
@@ -57,13 +73,17 @@ class Step:
     late: Array  # (4, 2)
 
 
-def step_of(rig: Rig, duration: float) -> Step:
-    """Return the step of `duration` in s, exact for forces linear in time.
+def step_of(rig: Rig, duration: float, scheme: Scheme = EXACT) -> Step:
+    """Return the step of `duration` in s.
 
-    The exponential of the system augmented by force and force rate holds all three blocks (C. F. Van Loan, IEEE
-    Trans. Autom. Control 23 (1978) 395-404).
+    Sources: C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395-404 for the exponential of the system augmented by
+    force and force rate; N. M. Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67-94 for the others.
     """
     mass, damping, stiffness = rig.matrices()
+    if scheme.method == "implicit":
+        return _implicit_step(mass, damping, stiffness, duration, scheme.theta)
+    if scheme.method == "explicit":
+        return _explicit_step(mass, damping, stiffness, duration)
     augmented = np.zeros((8, 8))
     augmented[0:2, 2:4] = np.eye(2)
     augmented[2:4, 0:2] = -np.linalg.solve(mass, stiffness)
@@ -73,3 +93,24 @@ def step_of(rig: Rig, duration: float) -> Step:
     found = expm(augmented * duration)
     late = found[:4, 6:8] / duration
     return Step(found[:4, :4], found[:4, 4:6] - late, late)
+
+
+def _implicit_step(mass: Array, damping: Array, stiffness: Array, duration: float, theta: float) -> Step:
+    pull, drag = np.linalg.solve(mass, stiffness), np.linalg.solve(mass, damping)
+    rates = np.block([[np.zeros((2, 2)), np.eye(2)], [-pull, -drag]])
+    forced = duration * np.vstack([np.zeros((2, 2)), np.linalg.inv(mass)])
+    left = np.linalg.inv(np.eye(4) - theta * duration * rates)
+    return Step(left @ (np.eye(4) + (1.0 - theta) * duration * rates), (1.0 - theta) * left @ forced,
+                theta * left @ forced)
+
+
+def _explicit_step(mass: Array, damping: Array, stiffness: Array, duration: float) -> Step:
+    pull, drag, push = (np.linalg.solve(mass, one) for one in (stiffness, damping, np.eye(2)))
+    half, none = 0.5 * duration, np.zeros((2, 2))
+    # accelerations at the start by position, velocity, force; then positions, and velocities with those at the end
+    place = np.hstack([np.eye(2) - duration * half * pull, duration * np.eye(2) - duration * half * drag,
+                       duration * half * push, none])
+    kept = np.linalg.inv(np.eye(2) + half * drag)
+    speed = kept @ (np.hstack([-half * pull, np.eye(2) - half * drag, half * push, half * push]) - half * pull @ place)
+    both = np.vstack([place, speed])
+    return Step(both[:, :4], both[:, 4:6], both[:, 6:])

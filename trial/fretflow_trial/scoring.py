@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 from fretflow_trial.answers import (
     AMBIGUOUS,
     FAILED,
@@ -104,6 +106,29 @@ def expected_calibration_error(events: Sequence[tuple[float, bool]], bins: int =
     return sum(abs(one.held.hits - one.held.cases * (one.stated or 0.0)) for one in parts) / len(events)
 
 
+def calibration_by_chance(events: Sequence[tuple[float, bool]], draws: int = 400) -> float | None:
+    """Return the mean calibration error if every stated probability were right: what so few events show by chance."""
+    if not events:
+        return None
+    stated = np.array([one for one, _ in events])
+    held = np.random.default_rng(0).random((draws, len(stated))) < stated
+    return float(np.mean([expected_calibration_error(list(zip(stated, row, strict=True))) or 0.0 for row in held]))
+
+
+def median_interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Return the 95 % interval of the median from the order statistics, None where so few values give none.
+
+    The number of values under the median is binomial with 1/2 (W. J. Conover, Practical Nonparametric Statistics,
+    3rd ed. (1999), section 3.2).
+    """
+    count, ordered, tail = len(values), sorted(values), 0.0
+    for rank in range(count // 2 + 1):
+        tail += math.comb(count, rank) / 2**count
+        if tail > 0.025:
+            return (ordered[rank - 1], ordered[count - rank]) if rank else None
+    return None
+
+
 def strong(result: Result) -> bool:
     """Return whether all that is hidden stands out of the noise of a sample; true where nothing is hidden."""
     return result.key.signal >= STRONG
@@ -118,8 +143,11 @@ def scoreboard(results: Sequence[Result]) -> dict[str, Any]:
     """Return all scores of a trial as JSON."""
     loud = [one for one in results if strong(one)]
     return {
-        "targets": targets(loud),
-        "targets_distinct": targets([one for one in results if distinct(one)]),
+        "targets": targets(loud, results),
+        "targets_distinct": targets([one for one in results if distinct(one)], results),
+        "by_world": {str(world): targets([one for one in loud if one.key.world == world],
+                                         [one for one in results if one.key.world == world])
+                     for world in sorted({one.key.world for one in results})},
         "all": _scores(results),
         "strong": _scores(loud),
         "by_effect": _by_effect(results),
@@ -145,32 +173,40 @@ def _within(share: Mapping[str, Any], low: float, high: float) -> bool | None:
     return None if below <= high and low <= above else False
 
 
-def targets(loud: Sequence[Result]) -> list[dict[str, Any]]:
-    """Return each target at signal-to-noise 10 or more, what was reached, and whether that meets it (None: no case)."""
-    scores = _scores(loud)
+def targets(loud: Sequence[Result], everything: Sequence[Result]) -> list[dict[str, Any]]:
+    """Return each target, what was reached, within which 95 % interval, and whether that meets it (None: no case).
+
+    A calibration error has no interval but what chance alone would show.
+
+    All are of the cases `loud`, at signal-to-noise 10 or more, but for the last, which is of `everything`.
+    """
+    scores, quiet = _scores(loud), _scores(everything)
 
     def at_least(name: str, key: str, least: float) -> dict[str, Any]:
         value = scores[key]["value"]
         return {"name": name, "value": value, "cases": scores[key]["cases"], "target": f"at least {least:g}",
+                "interval_95": scores[key]["interval_95"], "by_chance": None,
                 "met": None if value is None else value >= least}
 
-    def at_most(name: str, key: str, most: float) -> dict[str, Any]:
-        value = scores[key]["value"]
-        return {"name": name, "value": value, "cases": scores[key]["cases"], "target": f"at most {most:g}",
+    def at_most(name: str, one: Mapping[str, Any], most: float) -> dict[str, Any]:
+        value = one["value"]
+        return {"name": name, "value": value, "cases": one["cases"], "target": f"at most {most:g}",
+                "interval_95": one.get("interval_95"), "by_chance": one.get("by_chance"),
                 "met": None if value is None else value <= most}
 
     coverage = at_least("90 % intervals that hold the truth", "coverage", 0.85)
     coverage.update(target="0.85 to 0.95", met=_within(scores["coverage"], 0.85, 0.95))
     return [
         at_least("right name, aliases merged", "right_name", 0.94),
-        at_most("wrong name at probability above 0.9", "wrong_and_sure", 0.01),
-        at_most("false alarms", "false_alarms", 0.05),
+        at_most("wrong name at probability above 0.9", scores["wrong_and_sure"], 0.01),
+        at_most("false alarms", scores["false_alarms"], 0.05),
         at_least("unlisted effects called unknown", "unknown_recognised", 0.90),
         at_least("both effects of a pair", "pairs", 0.80),
         at_least("location", "location", 0.90),
-        at_most("expected calibration error", "calibration_error", 0.05),
+        at_most("expected calibration error", scores["calibration_error"], 0.03),
         coverage,
-        at_most("held-out error over the repeatability floor, median", "held_out", 1.1)]
+        at_most("held-out error over the repeatability floor, median", scores["held_out"], 1.05),
+        at_most("expected calibration error, all sizes", quiet["calibration_error"], 0.05)]
 
 
 def _scores(results: Sequence[Result]) -> dict[str, Any]:
@@ -179,8 +215,9 @@ def _scores(results: Sequence[Result]) -> dict[str, Any]:
     hidden = [one for one in results if one.key.hidden]
     right = [one for one in results if one.key.effects and set_right(one.answer, one.key)]
     events = _events(results)
-    parameters = [hit for one in right if one.key.catalogue_laws and one.answer.verdict == NAMED
-                  for hit in covered(one.answer, one.key).items()]
+    told = [one for one in results if one.key.kind == "nothing" and one.answer.verdict == NONE]
+    told += [one for one in right if one.answer.verdict == NAMED]
+    parameters = [hit for one in told if one.key.catalogue_laws for hit in covered(one.answer, one.key).items()]
     effects = [hit for name, hit in parameters if name.partition(".")[0] not in ("contact", "wear", "rig")]
     floors = [one.answer.after / one.answer.floor for one in right
               if one.answer.after is not None and one.answer.floor]
@@ -199,11 +236,13 @@ def _scores(results: Sequence[Result]) -> dict[str, Any]:
         "pairs": share(kinds["pair"], both_found).to_json(),
         "location": share(_to_locate(results), located).to_json(),
         "failed": share(results, lambda a, k: a.verdict == FAILED).to_json(),
-        "calibration_error": {"value": expected_calibration_error(events), "cases": len(events)},
+        "calibration_error": {"value": expected_calibration_error(events), "cases": len(events),
+                              "by_chance": calibration_by_chance(events)},
         "coverage": Share(sum(effects), len(effects)).to_json(),
         "coverage_with_baseline": Share(sum(hit for _, hit in parameters), len(parameters)).to_json(),
         "held_out": {"value": median(floors) if floors else None, "cases": len(floors),
-                     "at_most_1.1": Share(sum(ratio <= 1.1 for ratio in floors), len(floors)).to_json()},
+                     "interval_95": median_interval(floors),
+                     "at_most_1.05": Share(sum(ratio <= 1.05 for ratio in floors), len(floors)).to_json()},
         "improvement": {"value": median(gains) if gains else None, "cases": len(gains)},
         "seconds": {"value": median(seconds) if seconds else None, "longest": max(seconds, default=None),
                     "cases": len(seconds)},
@@ -241,7 +280,7 @@ def _by_signal(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 def _line(one: Result) -> dict[str, Any]:
     key, answer = one.key, one.answer
-    return {"case": one.name, "kind": key.kind, "hidden": list(key.hidden),
+    return {"case": one.name, "world": key.world, "kind": key.kind, "hidden": list(key.hidden),
             "signal_to_noise": None if math.isinf(key.signal) else key.signal,
             "total_signal_to_noise": None if math.isinf(key.total_signal) else key.total_signal,
             "verdict": answer.verdict, "effects": sorted(answer.effects), "probability": answer.probability,

@@ -36,6 +36,7 @@ class Noise:
     repeat_friction: float
     depth: float  # m
     volume: float  # relative
+    colour: float = 0.0  # correlation of a sample's noise with that of the sample before
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,9 @@ def signal(joint: Joint, with_effect: Outcome, without: Outcome, rates: Slopes, 
     left, found = _left(change / overall, refit / overall[:, None], noise.calibration * gains / overall[:, None])
     rms = {name: float(np.sqrt(np.mean(left[:len(change)][place == k]**2))) for k, name in enumerate(parts)}
     kept = float(np.sum(left[:len(change)]**2))
-    sample = np.array([*(noise.sample[name] / np.sqrt(repeats) for name in names), noise.depth])[place]
+    # coloured noise is counted as if it were as strong everywhere as where it is strongest, in the slowest changes
+    slow = np.sqrt((1.0 + noise.colour) / (1.0 - noise.colour) / repeats)
+    sample = np.array([*(noise.sample[name] * slow for name in names), noise.depth])[place]
     scatter = np.hstack([noise.calibration * gains, _each_loop(joint, loops, rates, noise, repeats)])
     apart, _ = _left(change / sample, refit / sample[:, None], scatter / sample[:, None])
     whole = max(float(np.sum((change / overall)**2)), 1e-300)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from fretflow.cli.terminal import Json, Terminal, keep_json, new_table, say_line, show_files
 from fretflow.core.errors import FretflowError, InputError
@@ -17,8 +17,8 @@ from fretflow.core.provenance import commit, versions
 
 
 def trial(
-    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, out: Path = Path("runs/trial"),
-    json: Json = None,
+    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, world: Literal[1, 2, 3, 4] | None = None,
+    out: Path = Path("runs/trial"), json: Json = None,
 ) -> None:
     """Try `diagnose` on recordings whose hidden physics it cannot know, and write the scoreboard.
 
@@ -37,6 +37,10 @@ def trial(
         diagnose with --fast
     jobs
         recordings made or diagnosed at a time
+    world
+        where all recordings are from: 1, one rig and the catalogue's laws; 2, that rig, laws of other published forms;
+        3, specimens, mesh, integrator, rig, channels and noise drawn anew for each, the catalogue's laws; 4, all drawn
+        anew. By default each recording is from any
     out
         folder of the trial
     """
@@ -49,7 +53,7 @@ def trial(
     facts = {"fretflow": versions().get("fretflow", ""), "commit": commit() or "not known",
              "begun": time.strftime("%Y-%m-%d %H:%M")}
     try:
-        scores = Trial(Settings(cases, seed, fast), out.absolute(), jobs, say=say_line, facts=facts).run()
+        scores = Trial(Settings(cases, seed, fast, world), out.absolute(), jobs, say=say_line, facts=facts).run()
     except TrialError as error:
         raise InputError(str(error)) from error
     except BrokenSealError as error:
@@ -59,9 +63,11 @@ def trial(
 
 
 def _show_targets(scores: Mapping[str, Any]) -> None:
-    table = new_table("targets, effects at signal-to-noise 10 or more", "score", "reached", "of", "target", "met")
+    table = new_table("targets, effects at signal-to-noise 10 or more", "score", "reached",
+                      "95 % interval", "of", "target", "met")
     for one in scores["targets"]:
         reached = "-" if one["value"] is None else f"{one['value']:.3g}"
         met = {None: "too few cases" if one["cases"] else "no case", True: "yes", False: "no"}[one["met"]]
-        table.add_row(one["name"], reached, str(one["cases"]), one["target"], met)
+        interval = "-" if one["interval_95"] is None else "{:.3g} to {:.3g}".format(*one["interval_95"])
+        table.add_row(one["name"], reached, interval, str(one["cases"]), one["target"], met)
     Terminal(highlight=False).print(table)
