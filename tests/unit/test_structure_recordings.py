@@ -10,6 +10,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.experiments.structure.backbone import outside_of_mode
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.points import BackbonePoints, weights_of
+from fretflow.inference.evidence import code_size, size_prior
 from fretflow.recordings.kinds.structures import Control, read_structure_recording
 
 TOML = """
@@ -140,6 +141,13 @@ def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
     for share, told in ((0.99, False), (1.1, True)):
         points = replace(experiment.points, frequency=np.full(3, share * glued))
         assert bool(outside_of_mode(replace(experiment, points=points))) is told
+
+
+def test_discrepancies_have_a_size_where_steps_of_load_change_nothing(folder):
+    text = TOML.format(of="tip", unit="mm/s^2").replace("0.01 Hz", "1e-7 Hz")
+    own = StructureExperiment.of(read_structure_recording(folder(
+        text, backbone="a,f,zeta\n1,80.0,0.1\n2,60,0.2\n3,40,0.4\n"))).measurement
+    assert size_prior(code_size(own)).sum() == pytest.approx(1.0)
 
 
 def test_amplitudes_that_repeat_are_one_point(folder):

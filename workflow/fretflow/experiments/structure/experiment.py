@@ -88,7 +88,7 @@ class StructureExperiment(Experiment):
         except InputError as error:
             raise InputError(f"{recording.path}: {error}") from error
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
-        kept = max(found.mode + 1, int(np.sum(found.structure.eigenvalues < highest**2)))
+        kept = max(RIGID_MOTIONS + COMPARED, int(np.sum(found.structure.eigenvalues < highest**2)))
         return replace(found, structure=condensed(found.structure, kept))
 
     @property
@@ -146,9 +146,11 @@ class StructureExperiment(Experiment):
         # points of a mesh slide one by one: a model cannot tell the continuum better than its own curve is smooth
         rough = np.repeat([scatter(place, one) for one in fine.reshape(parts, count)], count)
         last = self.third == len(THIRDS) - 1
+        # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
+        about = np.concatenate([values - values.mean() for values, _ in blocks])
         return Measurement(
             values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain]),
-            code_error=self._code_error, repeatable=noise / (noise + rough**2),
+            code_error=np.column_stack([self._code_error, MATRICES * about]), repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
             group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
             condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
