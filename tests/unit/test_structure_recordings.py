@@ -12,6 +12,7 @@ from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.points import BackbonePoints, weights_of
 from fretflow.inference.evidence import code_size, size_prior
 from fretflow.recordings.kinds.structures import Control, read_structure_recording
+from scipy.linalg import block_diag
 
 TOML = """
 format = "fretflow-recording/1"
@@ -141,6 +142,22 @@ def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
     for share, told in ((0.99, False), (1.1, True)):
         points = replace(experiment.points, frequency=np.full(3, share * glued))
         assert bool(outside_of_mode(replace(experiment, points=points))) is told
+
+
+@pytest.mark.parametrize("mode", ["", "mode = 1"])
+def test_a_mode_that_the_output_does_not_see_is_not_the_recorded_one(folder, mode):
+    path = folder(TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', f'amplitude_of = "tip"\n{mode}'))
+    held = dict(np.load(path / "structure.npz"))
+    for name, corner in (("M", 1.0), ("K", (2.0 * np.pi * 80.0)**2)):  # an oscillator apart, at the recorded frequency
+        held[name] = block_diag(held[name], corner)
+    for name in ("contact_map", "preload", *(one for one in held if one.startswith("outputs"))):
+        held[name] = np.concatenate([held[name], np.zeros((*held[name].shape[:-1], 1))], axis=-1)
+    np.savez(path / "structure.npz", **held)
+    if mode:
+        with pytest.raises(FretflowError, match="mode 1 does not move 'tip'"):
+            StructureExperiment.of(read_structure_recording(path))
+    else:
+        assert StructureExperiment.of(read_structure_recording(path)).mode == 1
 
 
 def test_discrepancies_have_a_size_where_steps_of_load_change_nothing(folder):

@@ -101,13 +101,18 @@ class StructureExperiment(Experiment):
         backbone = self.recorded
         space = self.parameters(())
         modes = self.joint(Point(space, np.zeros(space.size))).linear_modes(RIGID_MOTIONS + COMPARED)
+        motion = np.array([self._motion(one) for one in modes])
+        still = motion <= np.sqrt(np.finfo(float).eps) * motion.max()  # round-off, as across a plane of symmetry
         if backbone.mode is not None:
             if backbone.mode > len(modes):
                 raise InputError(f"backbone.mode: {backbone.mode} is beyond the {len(modes)} first modes")
+            if still[backbone.mode - 1]:
+                raise InputError(f"backbone.amplitude_of: mode {backbone.mode} does not move {backbone.amplitude_of!r};"
+                                 " name another mode by backbone.mode, or another output")
             return backbone.mode - 1
         self._check_frequency(modes[-1].frequency)
         distance = np.array([abs(log(one.frequency / float(self.points.frequency[0]))) for one in modes])
-        return int(np.argmin(distance))
+        return int(np.argmin(np.where(still, np.inf, distance)))
 
     def _check_frequency(self, highest: float) -> None:
         """Check that the recorded frequency lies above the open joint's (Rayleigh), and below `highest`."""
@@ -312,15 +317,14 @@ class StructureExperiment(Experiment):
 
     def _gain(self, mode: LinearMode) -> float:
         """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""
-        name = self.recorded.amplitude_of
-        if name not in self.structure.outputs or self.recorded.amplitude_unit == MODAL_UNIT:
+        return self._motion(mode) * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
+
+    def _motion(self, mode: LinearMode) -> float:
+        """Return the displacement of the output over the modal amplitude, in 1/kg^0.5; 1 of a modal amplitude."""
+        if self.recorded.amplitude_unit == MODAL_UNIT:
             return 1.0
-        on_contact, on_modes = self.structure.outputs[name]
-        size = abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
-        if not size > 0.0:
-            raise InputError(f"backbone.amplitude_of: mode {self.mode + 1} does not move {name!r}; name the mode by "
-                             "backbone.mode, or another output")
-        return size * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
+        on_contact, on_modes = self.structure.outputs[self.recorded.amplitude_of]
+        return abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
 
     def _seen(self, curve: ModalBackbone) -> Array:
         """Return the amplitudes of a backbone as they were recorded."""
