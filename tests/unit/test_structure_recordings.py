@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fretflow.core.errors import FretflowError
+from fretflow.experiments.structure.backbone import outside_of_mode
 from fretflow.experiments.structure.experiment import StructureExperiment
+from fretflow.experiments.structure.points import BackbonePoints, weights_of
+from fretflow.inference.evidence import code_size, size_prior
 from fretflow.recordings.kinds.structures import Control, read_structure_recording
+from scipy.linalg import block_diag
 
 TOML = """
 format = "fretflow-recording/1"
@@ -97,6 +103,7 @@ def test_damping_in_the_matrices_is_known_and_what_nothing_is_said_of_is_noted(f
     ({"backbone": "a,f,zeta\n1,80,0.1\n3,79.9,0.2\n2,79.8,0.4\n"}, "the amplitude falls at row 3"),
     ({"backbone": "a,f,zeta\n1,80,0.1\n2,nan,0.2\n3,79.8,0.4\n"}, "frequency, row 2: no number"),
     ({"backbone": "a,f,zeta\n1,80,0.1\n2,79.9,0.2\n"}, "2 points tell no trend"),
+    ({"backbone": "a,f,zeta\n2,80,0.1\n2,79.9,0.2\n2,79.8,0.4\n"}, "1 points tell no trend"),
     ({"backbone": "a,f,zeta\n1,80,1\n2,79.9,200\n3,79,3\n"}, "damping must be a ratio from 0 to 1"),
     ({"backbone": "a,g,zeta\n1,80,0.1\n2,79.9,0.2\n3,79.8,0.4\n"}, "has no column 'f'"),
     ({"of": "nose"}, "'nose' is no output of the structure; it has tip, end"),
@@ -108,6 +115,75 @@ def test_a_bad_backbone_is_told_in_one_line(folder, change, words):
         read_structure_recording(folder(**change))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_damping_in_per_cent_without_its_unit_is_told(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace('column = "zeta", unit = "%"', 'column = "zeta"')
+    with pytest.raises(FretflowError, match=r"damping\.unit: is required, as the smallest damping, 0\.1, is above"):
+        read_structure_recording(folder(text))
+
+
+def test_less_damping_than_that_without_the_joint_is_noted(folder):
+    found = read_structure_recording(folder(backbone="a,f,zeta\n1,80,0.001\n2,79.9,0.2\n3,79.8,0.4\n"))
+    assert any("to which friction adds" in str(note) for note in found.notes)
+
+
+def test_an_angular_frequency_is_read_in_hz(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace(
+        'column = "f", unit = "Hz", sd = "0.01 Hz"', 'column = "f", unit = "rad/s"')
+    found = read_structure_recording(folder(text)).backbone
+    assert found.frequency == pytest.approx(np.array([80.0, 79.9, 79.8]) / (2.0 * np.pi))
+
+
+def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', 'amplitude_of = "tip"\nmode = 1')
+    experiment = StructureExperiment.of(read_structure_recording(folder(text)))
+    glued = np.sqrt(experiment.structure.eigenvalues[0]) / (2.0 * np.pi)
+    for share, told in ((0.99, False), (1.1, True)):
+        points = replace(experiment.points, frequency=np.full(3, share * glued))
+        assert bool(outside_of_mode(replace(experiment, points=points))) is told
+
+
+@pytest.mark.parametrize("mode", ["", "mode = 1"])
+def test_a_mode_that_the_output_does_not_see_is_not_the_recorded_one(folder, mode):
+    path = folder(TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', f'amplitude_of = "tip"\n{mode}'))
+    held = dict(np.load(path / "structure.npz"))
+    for name, corner in (("M", 1.0), ("K", (2.0 * np.pi * 80.0)**2)):  # an oscillator apart, at the recorded frequency
+        held[name] = block_diag(held[name], corner)
+    for name in ("contact_map", "preload", *(one for one in held if one.startswith("outputs"))):
+        held[name] = np.concatenate([held[name], np.zeros((*held[name].shape[:-1], 1))], axis=-1)
+    np.savez(path / "structure.npz", **held)
+    if mode:
+        with pytest.raises(FretflowError, match="mode 1 does not move 'tip'"):
+            StructureExperiment.of(read_structure_recording(path))
+    else:
+        assert StructureExperiment.of(read_structure_recording(path)).mode == 1
+
+
+def test_discrepancies_have_a_size_where_steps_of_load_change_nothing(folder):
+    text = TOML.format(of="tip", unit="mm/s^2").replace("0.01 Hz", "1e-7 Hz")
+    own = StructureExperiment.of(read_structure_recording(folder(
+        text, backbone="a,f,zeta\n1,80.0,0.1\n2,60,0.2\n3,40,0.4\n"))).measurement
+    assert size_prior(code_size(own)).sum() == pytest.approx(1.0)
+
+
+def test_amplitudes_that_repeat_are_one_point(folder):
+    found = read_structure_recording(folder(backbone="a,f,zeta\n1,80,0.1\n2,79.9,0.2\n2,79.7,0.2\n3,79.8,0.4\n"))
+    points = BackbonePoints.of(found.backbone)
+    assert points.amplitude == pytest.approx([1.0, 2.0, 3.0])
+    assert points.frequency == pytest.approx([80.0, 79.8, 79.8])
+
+
+def test_bad_points_count_less_and_a_smooth_difference_does_not():
+    rng = np.random.default_rng(11)
+    place, sd = np.linspace(0.0, 3.0, 24), np.full(24, 0.02)
+    bend = 0.2 * (place / 3.0)**3  # ten times the noise at its end
+    for missed in (sd * rng.standard_normal(24), bend + sd * rng.standard_normal(24)):
+        assert np.median(weights_of(place, missed, sd)) > 0.9
+        assert np.min(weights_of(place, missed, sd)) > 0.3
+        missed[[0, -1]] += [0.3, -0.3]  # of fifteen times the noise
+        assert np.max(weights_of(place, missed, sd)[[0, -1]]) < 0.02
+        assert np.median(weights_of(place, missed, sd)[1:-1]) > 0.8
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import eigvalsh
 from scipy.stats import chi2
 
-from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
-from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.inference.least_squares import Fit
+from fretflow.experiments.structure.experiment import MATRICES, THIRDS, StructureExperiment
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
-from fretflow.inference.verdict import HeldOut, Location, Place, Verdict
+from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, Place, Verdict
 from fretflow.inference.words import blocks_of
-from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
+from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
+from fretflow.structure.reduction.contact_modes import assembled
 
-CHECKED = 5  # amplitudes at which the fitted model is solved as periodic motion too
-THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
 
 
 def told(experiment: StructureExperiment, found: Search, judged: Found) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
-    location, after = _locate(found, judged), found.fits[judged.after]
+    location, after = _locate(experiment, found, judged), found.fits[judged.after]
     return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged.verdict, judged.sets, found.explained(judged.after), location.text),
+            "sentence": _sentence(judged, found, location.text),
             "curves": experiment.curves(found.baseline.prediction, after.prediction),
-            "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(experiment, after))}
+            "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
 
 def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
@@ -55,14 +53,14 @@ def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> H
     return HeldOut(what=f"amplitudes above {above}", before=sizes[0], after=sizes[1], floor=1.0)
 
 
-def _locate(found: Search, judged: Found) -> Location:
+def _locate(experiment: StructureExperiment, found: Search, judged: Found) -> Location:
     """Return by channel and amplitude where the baseline and the recording part."""
     if judged.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
     own, fit = found.experiment.measurement, found.baseline
     square = np.square(own.values - fit.predicted) / own.variance
     total = max(float(square.sum()), 1e-300)
-    third = np.digitize(own.phase, (0.5 / 3.0, 1.0 / 3.0))
+    third = np.tile(experiment.third, len(own.channels))
     places = []
     for cut, labels, index in (("channel", own.channels, own.channel), ("amplitude", THIRDS, third)):
         for k, label in enumerate(labels):
@@ -80,7 +78,7 @@ def _locate(found: Search, judged: Found) -> Location:
 def _notes(experiment: StructureExperiment) -> list[str]:
     own = experiment.structure
     notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
-             f"motions that strain nothing; mode {experiment.mode + 1} is compared"]
+             f"motions that strain nothing; mode {experiment.mode + 1} is compared", *outside_of_mode(experiment)]
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
     if experiment.recording.responses:
@@ -91,25 +89,38 @@ def _notes(experiment: StructureExperiment) -> list[str]:
     return notes
 
 
-def _checked(experiment: StructureExperiment, fit: Fit) -> str:
-    """Return in words how far static loads and periodic motion differ for the fitted model."""
-    joint = experiment.joint(fit.prediction.point)
-    try:
-        mode = joint.linear_modes(experiment.mode + 1)[experiment.mode]
-        curve = experiment.backbone(joint, mode)
-        some = np.unique(np.linspace(0, len(curve.amplitude) - 1, CHECKED).round().astype(int))
-        periodic = follow_mode(joint, mode, np.sort(curve.amplitude)[some])
-    except FretflowError as error:
-        return f"the fitted model was not confirmed by periodic motions: {error}"
-    order = np.argsort(curve.amplitude)[some]
-    frequency = np.max(np.abs([one.frequency for one in periodic] / curve.frequency[order] - 1.0))
-    damping = np.max(np.abs([one.damping for one in periodic] - curve.damping[order]))
-    return (f"periodic motions of the fitted model (4 harmonics) differ from static loads by {100.0 * frequency:.2g} % "
-            f"of the frequency and {damping:.2g} of the damping ratio at most")
+def outside_of_mode(experiment: StructureExperiment) -> list[str]:
+    """Return what contradicts that contact only stiffens: a mode lies between that of the open and the closed joint."""
+    stiffness, mass = assembled(experiment.structure)
+    seen, place, closed = float(experiment.points.frequency[0]), experiment.mode, experiment.structure.eigenvalues
+    shift = (2.0 * np.pi * seen)**2  # of the inverse, as contact points may have no mass and bodies move freely
+    last = len(mass) - 1 - place
+    inverse = float(eigvalsh(mass, stiffness + shift * mass, subset_by_index=[last, last])[0])
+    low, high = (float(np.sqrt(max(one, 0.0))) / (2.0 * np.pi) for one in (1.0 / inverse - shift, closed[place]))
+    if low * (1.0 - MATRICES) <= seen <= high * (1.0 + MATRICES):
+        return []
+    return [f"its smallest amplitude has {seen:.5g} Hz, but M and K give this mode {low:.5g} Hz with the joint open, "
+            f"{high:.5g} Hz with it glued; check the unit of the frequency, backbone.mode and both matrices"]
 
 
-def _sentence(verdict: Verdict, sets: Sequence[frozenset[str]], explained: float, where: str) -> str:
+def _checked(found: Search, names: Names) -> str:
+    """Return in words how far periodic motion differs from static loads for a model at its fit."""
+    model = found.fitter_of(names).experiment
+    if not isinstance(model, StructureExperiment) or model.correction is None:
+        return "the fitted model was not confirmed by periodic motions: none was found"
+    frequency = np.max(np.abs(model.correction[0] / model.points.frequency))
+    damping = "".join(f" and {np.max(np.abs(one)):.2g} of the damping ratio" for one in model.correction[1:])
+    return (f"periodic motions of the fitted model ({HARMONICS} harmonics), with which it is compared, differ from "
+            f"static loads by {100.0 * frequency:.2g} % of the frequency{damping} at most")
+
+
+def _sentence(judged: Found, found: Search, where: str) -> str:
     """Return the verdict in a sentence or two."""
+    verdict, sets, explained = judged.verdict, judged.sets, found.explained(judged.after)
+    missed = chi2.sf(found.chi_squared(frozenset()), len(found.experiment.measurement.values)) < FALSE_ALARMS
+    if verdict is Verdict.NONE and missed:
+        return ("Bolt load, friction and modal damping leave something within the numerical errors of the model "
+                "here, so that nothing can be named; see what finer matrices give.")
     if verdict is Verdict.NONE:
         return "Bolt load, friction and modal damping explain frequency and damping over the amplitude."
     if verdict is Verdict.UNKNOWN:

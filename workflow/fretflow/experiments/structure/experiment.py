@@ -37,21 +37,22 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import (
     periodic_mode,
 )
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
-from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled, reduce_structure
+from fretflow.structure.reduction.contact_modes import (
+    COMPARED,
+    RIGID_MOTIONS,
+    ReducedStructure,
+    assembled,
+    reduce_structure,
+)
 
 Array = NDArray[np.float64]
 
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
-NEGLIGIBLE_DAMPING = 1e-7  # in place of a damping ratio of zero, whose logarithm there is not
-BELOW = 0.9  # of the smallest amplitude, from where on predictions are made
 MANY = 40  # contact points, from which on predictions take their time
-MODES = 8  # among which the recorded one is looked for
 OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
-HELD_OUT = 1.0 / 3.0  # of the points, those of the largest amplitudes
+THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
-SPARSE = 3  # where there are many contact points, every so many amplitudes of these are solved as periodic motions
-RETRIES = 6  # each with two thirds of the largest load, where the joint slides as a whole under it
 SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
           "the unit of the amplitude")
 
@@ -87,7 +88,7 @@ class StructureExperiment(Experiment):
         except InputError as error:
             raise InputError(f"{recording.path}: {error}") from error
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
-        kept = max(MODES, int(np.sum(found.structure.eigenvalues < highest**2)))
+        kept = max(RIGID_MOTIONS + COMPARED, int(np.sum(found.structure.eigenvalues < highest**2)))
         return replace(found, structure=condensed(found.structure, kept))
 
     @property
@@ -99,14 +100,19 @@ class StructureExperiment(Experiment):
         """Return the mode that is stated, or that whose frequency is nearest with a motion of the named output."""
         backbone = self.recorded
         space = self.parameters(())
-        modes = self.joint(Point(space, np.zeros(space.size))).linear_modes(MODES)
+        modes = self.joint(Point(space, np.zeros(space.size))).linear_modes(RIGID_MOTIONS + COMPARED)
+        motion = np.array([self._motion(one) for one in modes])
+        still = motion <= np.sqrt(np.finfo(float).eps) * motion.max()  # round-off, as across a plane of symmetry
         if backbone.mode is not None:
             if backbone.mode > len(modes):
                 raise InputError(f"backbone.mode: {backbone.mode} is beyond the {len(modes)} first modes")
+            if still[backbone.mode - 1]:
+                raise InputError(f"backbone.amplitude_of: mode {backbone.mode} does not move {backbone.amplitude_of!r};"
+                                 " name another mode by backbone.mode, or another output")
             return backbone.mode - 1
         self._check_frequency(modes[-1].frequency)
         distance = np.array([abs(log(one.frequency / float(self.points.frequency[0]))) for one in modes])
-        return int(np.argmin(distance))
+        return int(np.argmin(np.where(still, np.inf, distance)))
 
     def _check_frequency(self, highest: float) -> None:
         """Check that the recorded frequency lies above the open joint's (Rayleigh), and below `highest`."""
@@ -117,7 +123,7 @@ class StructureExperiment(Experiment):
         lowest = float(np.sqrt(max(1.0 / inverse - shift, 0.0))) / (2.0 * np.pi)
         if not lowest / OCTAVE < own < highest * OCTAVE:
             raise InputError(f"backbone.frequency: {own:.4g} Hz is none of the structure's, whose first mode with the "
-                             f"joint open has {lowest:.4g} Hz and whose mode {MODES} with it closed {highest:.4g} Hz; "
+                             f"joint open has {lowest:.4g} Hz and whose last that is compared {highest:.4g} Hz; "
                              "check its unit and those of M and K, or name its number in backbone.mode")
 
     @property
@@ -144,13 +150,21 @@ class StructureExperiment(Experiment):
         noise = np.concatenate([sd**2 for _, sd in blocks])
         # points of a mesh slide one by one: a model cannot tell the continuum better than its own curve is smooth
         rough = np.repeat([scatter(place, one) for one in fine.reshape(parts, count)], count)
-        last = np.arange(count) >= count - max(1, round(HELD_OUT * count))
+        last = self.third == len(THIRDS) - 1
+        # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
+        about = np.concatenate([values - values.mean() for values, _ in blocks])
         return Measurement(
             values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain]),
-            code_error=self._code_error, repeatable=noise / (noise + rough**2),
+            code_error=np.column_stack([self._code_error, MATRICES * about]), repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
             group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
             condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
+
+    @property
+    def third(self) -> NDArray[np.int64]:
+        """Return in which third of the points each is, (P,), from the smallest amplitudes on."""
+        parts = np.array_split(np.arange(len(self.points.amplitude)), len(THIRDS))
+        return np.repeat(np.arange(len(THIRDS)), [len(own) for own in parts])
 
     def first_prediction(self) -> Prediction:
         """Return what the baseline predicts in the middle of its ranges; where all slides there, with tighter bolts.
@@ -195,9 +209,8 @@ class StructureExperiment(Experiment):
         for name in ("bolt_load", "friction_coefficient", "modal_damping"):
             if name in self.recording.unknown:
                 baseline.append(Coordinate.within("", name, *self.recording.unknown[name], True))
-            else:
-                value = max(self.recording.known[name], NEGLIGIBLE_DAMPING)
-                baseline.append(Coordinate("", name, log(value), STATED, True))
+            elif self.recording.known[name] > 0.0:
+                baseline.append(Coordinate("", name, log(self.recording.known[name]), STATED, True))
         return Parameters.of(baseline, effects, signs, self._scaled)
 
     def released(self, point: Point) -> tuple[StructureExperiment, Point]:
@@ -230,7 +243,7 @@ class StructureExperiment(Experiment):
         own = point.parameters.values(point.z)[""]
         joint = BoltedJoint(structure=self.structure, bolt_load=own["bolt_load"],
                             law=Coulomb(friction_coefficient=np.array(own["friction_coefficient"])),
-                            modal_damping=own["modal_damping"])
+                            modal_damping=own.get("modal_damping", 0.0))  # stated as none
         for effect in sorted(point.built(), key=lambda effect: (effect.acts_at, effect.id)):
             joint = effect.bolted(joint)
         return joint
@@ -293,25 +306,25 @@ class StructureExperiment(Experiment):
         """
         power = POWERS.get(self.recorded.amplitude_unit, 0)
         asked = self.points.amplitude / self._gain(mode) * (self.points.frequency / mode.frequency)**(2 - power)
-        asked = np.r_[BELOW * asked[:1], asked]
-        for _ in range(RETRIES):
+        first, second = np.unique(asked)[:2]
+        asked = np.r_[first**2 / second, asked]  # as softer models move further than they are asked to
+        while len(asked) > 1:
             try:
                 return quasi_static_backbone(joint, mode, asked, steps=self.steps)
             except NonConvergenceError:
-                asked = asked[asked <= max(2.0 / 3.0 * asked[-1], asked[1])]
+                asked = asked[:-max(1, len(asked) // 4)]
         raise NonConvergenceError(SLIDES)
 
     def _gain(self, mode: LinearMode) -> float:
         """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""
-        name = self.recorded.amplitude_of
-        if name not in self.structure.outputs or self.recorded.amplitude_unit == MODAL_UNIT:
+        return self._motion(mode) * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
+
+    def _motion(self, mode: LinearMode) -> float:
+        """Return the displacement of the output over the modal amplitude, in 1/kg^0.5; 1 of a modal amplitude."""
+        if self.recorded.amplitude_unit == MODAL_UNIT:
             return 1.0
-        on_contact, on_modes = self.structure.outputs[name]
-        size = abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
-        if not size > 0.0:
-            raise InputError(f"backbone.amplitude_of: mode {self.mode + 1} does not move {name!r}; name the mode by "
-                             "backbone.mode, or another output")
-        return size * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
+        on_contact, on_modes = self.structure.outputs[self.recorded.amplitude_of]
+        return abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
 
     def _seen(self, curve: ModalBackbone) -> Array:
         """Return the amplitudes of a backbone as they were recorded."""
@@ -327,15 +340,15 @@ class StructureExperiment(Experiment):
 
     @cached_property
     def _bare(self) -> tuple[BoltedJoint, LinearMode]:
-        baseline = Parameters.of([Coordinate("", name, log(max(value, NEGLIGIBLE_DAMPING)), STATED, True)
+        baseline = Parameters.of([Coordinate("", name, log(value), STATED, True)
                                   for name, value in self._middles.items()], ())
-        joint = self.joint(Point(baseline, np.zeros(3)))
+        joint = self.joint(Point(baseline, np.zeros(baseline.size)))
         return joint, joint.linear_modes(self.mode + 1)[self.mode]
 
     @property
     def _middles(self) -> dict[str, float]:
-        return {name: self.recording.known.get(name) or float(np.sqrt(np.prod(self.recording.unknown[name])))
-                for name in ("bolt_load", "friction_coefficient", "modal_damping")}
+        unknown = {name: float(np.sqrt(low * high)) for name, (low, high) in self.recording.unknown.items()}
+        return unknown | {name: value for name, value in self.recording.known.items() if value > 0.0}
 
     @cached_property
     def _largest_modal(self) -> float:
@@ -347,8 +360,13 @@ class StructureExperiment(Experiment):
         return None if more is None else replace(self, correction=more)
 
     def told_at(self, prediction: Prediction) -> StructureExperiment:
-        """Return the same with its numerical errors told, and as far as they are known put right, at a prediction."""
-        about = replace(self, about=prediction.point)
+        """Return the same with its numerical errors told, and as far as they are known put right, at a prediction.
+
+        What this one misses tells the tails of the errors of measurement too.
+        """
+        points = BackbonePoints.of(self.recorded)
+        missed = (self.measurement.values - prediction.values).reshape(-1, len(points.amplitude))
+        about = replace(self, about=prediction.point, points=points.weighed(missed))
         more, most = (about._beyond_static_loads(prediction, finer) for finer in (1, 2))
         return replace(about, correction=more, truncation=None if more is None or most is None else most - more)
 
@@ -360,7 +378,7 @@ class StructureExperiment(Experiment):
         """
         joint, curve = self.joint(prediction.point), prediction.state
         mode = joint.linear_modes(self.mode + 1)[self.mode]
-        rising = np.argsort(curve.amplitude)[::SPARSE if self.many else 1]
+        rising = np.argsort(curve.amplitude)[::1 + self.structure.contacts // MANY]
         static = [np.asarray(one)[rising] for one in (self._seen(curve), curve.frequency, curve.damping)]
         found: list[PeriodicMode] = []
         for amplitude in curve.amplitude[rising]:

@@ -1,12 +1,19 @@
-"""What is compared of a measured backbone: few averaged points, and the noise that their scatter tells."""
+"""What is compared of a measured backbone: few averaged points, and the noise that their scatter tells.
+
+Errors have a density of Student's t, whose width and tails scatter tells (K. L. Lange, R. J. A. Little, J. M. G.
+Taylor, J. Am. Stat. Assoc. 84 (1989) 881-896). As the expectation maximisation of such a density has it, each point
+counts as normal with a variance of its own, large where it is far off a smooth curve.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from fretflow.core.errors import InputError
 from fretflow.experiments.structure.responses import backbone_of
@@ -17,7 +24,6 @@ Array = NDArray[np.float64]
 
 MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighbours tell the same
 ORDERS = (1, 3)  # of polynomials through the neighbours about which values scatter; a curved one needs the higher
-NORMAL_QUARTILE = 0.6745  # of a normal error of unit sd
 ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
 
 
@@ -33,24 +39,24 @@ class BackbonePoints:
 
     @classmethod
     def of(cls, backbone: MeasuredBackbone) -> BackbonePoints:
-        """Return at most `MOST_POINTS` points; noise that is not stated is read off how neighbours differ."""
+        """Return at most `MOST_POINTS` points; noise is read off how neighbours differ."""
         count = len(backbone.amplitude)
         place = np.log(backbone.amplitude)
-        groups = [own for own in np.array_split(np.arange(count), min(count, MOST_POINTS)) if len(own)]
+        first = np.flatnonzero(np.diff(place, prepend=-np.inf) > 0.0)  # amplitudes may repeat
+        groups = np.split(np.arange(count), [own[0] for own in np.array_split(first, min(len(first), MOST_POINTS))][1:])
         size = np.sqrt([len(own) for own in groups])
 
         def averaged(values: Array) -> Array:
             return np.array([values[own].mean() for own in groups])
 
         def noise(values: Array, stated: float | None, name: str) -> Array:
-            mean = np.abs(averaged(values))
             if stated is not None:
                 one = np.full(len(groups), stated)
             elif count < 8:
                 one = np.full(len(groups), ROUGH[name] * float(np.mean(values)))
             else:
                 one = averaged(noise_of(place, values))
-            return np.maximum(one / size, 1e-6 * mean)
+            return np.maximum(one / size, 1e-6 * np.abs(averaged(values)))
 
         damping = backbone.damping
         return cls(amplitude=np.exp(averaged(place)), frequency=averaged(backbone.frequency),
@@ -63,6 +69,12 @@ class BackbonePoints:
         return BackbonePoints(self.amplitude[:count], self.frequency[:count],
                       None if self.damping is None else self.damping[:count], self.frequency_sd[:count],
                       self.damping_sd[:count])
+
+    def weighed(self, missed: Array) -> BackbonePoints:
+        """Return the same with larger errors where a prediction misses values (channels, P) by more than smoothly."""
+        place, sd = np.log(self.amplitude), (self.frequency_sd, self.damping_sd)
+        return replace(self, **{name: own / np.sqrt(weights_of(place, one, own)) for name, own, one in zip(
+            ("frequency_sd", "damping_sd"), sd, missed, strict=False)})
 
 
 def with_backbone(recording: StructureRecording) -> StructureRecording:
@@ -102,21 +114,56 @@ def noise_of(place: Array, values: Array) -> Array:
     for size, order in product((np.ones_like(values), np.maximum(np.abs(values), np.finfo(float).tiny)), ORDERS):
         left = _about_neighbours(place, values, size, order)
         if left.size:
-            sd = _robust_sd(left)
-            # robust likelihood of a value: of Laplace's density, as kinks of a curve are among what is left
-            misfit = np.sqrt(2.0) * float(np.mean(np.abs(left))) / sd
-            fits.append((float(np.mean(np.log(sd * size))) + misfit, sd * size))
-    return np.asarray(min(fits, key=lambda one: one[0])[1])
+            width, likelihood = _student(left)
+            fits.append((likelihood - float(np.mean(np.log(size))), width * size))
+    return np.asarray(max(fits, key=lambda one: one[0])[1])
 
 
 def scatter(place: Array, values: Array) -> float:
     """Return the sd of values (P,) about smooth curves through their neighbours, robust against few outliers."""
     left = (_about_neighbours(place, values, np.ones_like(values), order) for order in ORDERS)
-    return min((_robust_sd(one) for one in left if one.size), default=0.0)
+    return min((_student(one)[0] for one in left if one.size), default=0.0)
 
 
-def _robust_sd(left: Array) -> float:
-    return max(float(np.median(np.abs(left))) / NORMAL_QUARTILE, 1e-12)
+def _student(left: Array) -> tuple[float, float]:
+    """Return width and mean log likelihood of the density of Student's t that fits values best."""
+    fits = []
+    for freedom in 4.0**np.arange(4):  # from Cauchy's density to one that is nearly normal
+        own = max(float(np.median(np.abs(left))), 1e-12)
+        for _ in range(50):
+            weight = (freedom + 1.0) / (freedom + (left / own)**2)
+            own = max(float(np.sqrt(np.mean(weight * left**2))), 1e-12)
+        fits.append((own, float(np.mean(student.logpdf(left / own, freedom))) - log(own)))
+    return max(fits, key=lambda one: one[1])
+
+
+def weights_of(place: Array, missed: Array, sd: Array) -> Array:
+    """Return the weights (P,), at most 1, of values that are `missed` by a smooth curve and by errors of width `sd`.
+
+    The curve is a Gaussian process, once differentiable as friction makes curves. Its length and size and the errors'
+    tails are those by which the others predict each value best (C. E. Rasmussen, C. K. I. Williams, Gaussian Processes
+    for Machine Learning (2006), section 5.4.2).
+    """
+    scaled = missed / sd
+    apart = np.abs(place[:, None] - place) / max(float(np.ptp(place)), 1e-12)
+    fits = []
+    for length, size in product(2.0**np.arange(-3, 2), np.geomspace(0.1, max(1.0, float(np.abs(scaled).max())), 6)):
+        far = np.sqrt(3.0) * apart / length
+        smooth = size**2 * (1.0 + far) * np.exp(-far)
+        fits += [_smoothed(smooth, scaled, freedom) for freedom in 4.0**np.arange(4)]  # Cauchy's to nearly normal
+    return np.minimum(max(fits, key=lambda one: one[0])[1], 1.0)
+
+
+def _smoothed(smooth: Array, values: Array, freedom: float) -> tuple[float, Array]:
+    """Return how well values over their errors' width predict each other, the smooth part being (P, P), and weights."""
+    weight = np.ones(len(values))
+    for _ in range(15):
+        inverse = np.linalg.inv(smooth + np.diag(1.0 / weight))
+        pulled, own = inverse @ values, np.diag(inverse)
+        unknown = (1.0 - own / weight) / weight  # variance of the smooth part
+        weight = (freedom + 1.0) / (freedom + (pulled / weight)**2 + unknown)
+    width = np.sqrt(1.0 + np.maximum(1.0 / own - 1.0 / weight, 0.0))
+    return float(np.sum(student.logpdf(pulled / own / width, freedom) - np.log(width))), weight
 
 
 def _about_neighbours(place: Array, values: Array, size: Array, order: int) -> Array:

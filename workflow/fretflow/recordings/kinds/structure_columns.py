@@ -67,6 +67,8 @@ def _size(block: str, name: str, unit: str, choices: tuple[str, ...]) -> tuple[f
     for si in choices:
         if si == "1":
             continue
+        if si == "Hz" and unit == "rad/s":
+            return 0.5 / np.pi, si
         try:
             return u.parse_quantity(f"1 {unit}", si), si
         except ValueError:

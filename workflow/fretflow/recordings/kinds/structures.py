@@ -276,6 +276,8 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
             notes.append(Note("structure", f"{name} is neither known nor given a range; {typical[0]:g} to "
                                            f"{typical[1]:g} in SI is taken"))
     backbone = None if file.backbone is None else _backbone(file.backbone, toml.parent, matrices)
+    if backbone is not None and backbone.damping is not None and "modal_damping" in unknown:
+        notes += _without_friction(file.backbone, float(backbone.damping.min()), unknown["modal_damping"])
     responses = tuple(_response(block, toml.parent, matrices) for block in file.frf)
     ring_down = None if file.ring_down is None else _ring_down(file.ring_down, toml.parent)
     if backbone is None and not responses and ring_down is None:
@@ -333,8 +335,9 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
     frequency, _ = read_column(table, "backbone", "frequency", block.frequency, ("Hz",))
     damping = None if block.damping is None else read_column(table, "backbone", "damping", block.damping, ("1",))[0]
     where = f"{table.path}: backbone"
-    if len(amplitude) < FEWEST:
-        raise UnreliableRecordingError(f"{where}: {len(amplitude)} points tell no trend; give {FEWEST} or more")
+    if len(set(amplitude)) < FEWEST:
+        raise UnreliableRecordingError(f"{where}: {len(set(amplitude))} points tell no trend; give {FEWEST} or more "
+                                       "different amplitudes")
     for name, values in (("amplitude", amplitude), ("frequency", frequency)):
         if not np.all(values > 0.0):
             raise UnreliableRecordingError(f"{where}: {name} must be positive, row {int(np.argmin(values)) + 1} has "
@@ -351,6 +354,23 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
         frequency_sd=stated_sd("backbone", "frequency", block.frequency, "Hz"),
         damping_sd=None if block.damping is None else stated_sd("backbone", "damping", block.damping, "1"),
         calibration_sd=block.amplitude.calibration_sd)
+
+
+def _without_friction(block: BackboneBlock | None, least: float, modal: tuple[float, float]) -> list[Note]:
+    """Return what contradicts that friction only adds to the modal damping.
+
+    Raises
+    ------
+    ConfigError
+        If all that is recorded is above the modal damping's range, and its unit is not stated.
+    """
+    if block is not None and block.damping is not None and not block.damping.unit and least > modal[1]:
+        raise ConfigError(f"backbone.damping.unit: is required, as the smallest damping, {least:g}, is above the range "
+                          f'of modal_damping, {modal[0]:g} to {modal[1]:g}; write "%", or "1" if it is a ratio')
+    if least >= modal[0]:
+        return []
+    return [Note("backbone", f"the smallest damping ratio, {least:.2g}, is below the range of modal_damping, "
+                             f"{modal[0]:g} to {modal[1]:g}, to which friction adds; check its unit and the range")]
 
 
 def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -> ControlledResponse:
