@@ -303,3 +303,22 @@ def test_a_clipped_channel_saturates_and_a_coarse_one_does_not(name: str, share:
     assert said(clipped)[0][0].startswith(f"the {name.replace('_', ' ')} saturates at ")
     step = most / 2**7
     assert said(altered(recording, name, lambda _, values: step * np.round(values / step)))[0] == ()
+
+
+@pytest.mark.real_data
+def test_hum_of_the_normal_force_is_told(recordings: Path) -> None:
+    """A channel that no equation of motion holds: its repeats differ by the hum, those of motion and force do not."""
+    recording, rng = read_recording(recordings / "example_baseline"), np.random.default_rng(3)
+
+    def pressed(loops: LoopSet, size: float) -> LoopSet:
+        shape = loops.channels["displacement"].shape
+        turns = np.arange(shape[2]) / shape[2] / FREQUENCY
+        hum = size * np.sin(2.0 * np.pi * 50.0 * turns + rng.uniform(0.0, 2.0 * np.pi, (*shape[:2], 1)))
+        return replace(loops, channels={**loops.channels, "normal_force": LOAD + hum + 0.3 * rng.standard_normal(shape)})
+
+    for size, expected in ((0.0, 0), (2.0, 1)):
+        changed = replace(recording, loops=pressed(recording.loops, size),
+                          sweep=replace(recording.sweep, loops=pressed(recording.sweep.loops, size)))
+        told, _ = said(changed)
+        assert len(told) == expected
+        assert all(one.startswith("the normal force has a hum of the mains") for one in told)

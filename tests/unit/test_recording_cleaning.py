@@ -407,6 +407,28 @@ def test_a_saturated_channel_is_named_with_its_rows(tmp_path, make):
     assert not notes_about(read_joint_recording(simulated.write(tmp_path / "b")), "saturated")
 
 
+def test_a_long_burst_is_left_out_and_noise_of_all_repeats_is_kept(tmp_path, make):
+    """Hum of a welder, say, for a quarter of a period: three in six and thirty loops, at any phase."""
+    made, rng = make(cycles=tuple(range(12)), repeats=3, noise=(3e-8, 0.3)), np.random.default_rng(2)
+    for begin in (250, 3130, 5290):
+        made.columns["friction_force"][begin:begin + 50] += 5.0 * rng.standard_normal(50)
+    (note,) = notes_about(read_joint_recording(made.write(tmp_path / "a")), "burst")
+    assert (note.channel, note.rows) == ("friction_force", ((201, 400), (3001, 3200), (5201, 5400)))
+    for k in range(20):  # where stick begins, a force that chatters in all loops, as it may by itself
+        made = make(cycles=tuple(range(12)), repeats=3, noise=(3e-8, 0.3))
+        rough = np.arange(7200) % 200 < 40
+        made.columns["friction_force"][rough] += 5.0 * np.random.default_rng(k).standard_normal(rough.sum())
+        assert not notes_about(read_joint_recording(made.write(tmp_path / f"b{k}")), "burst")
+
+
+def test_a_channel_of_eight_bits_is_not_saturated(tmp_path, make):
+    """Nor is one that is clipped kept, whatever the share of its samples that have no noise."""
+    made = make(cycles=(0,), repeats=1, periods=4, noise=(3e-8, 0.3))
+    most = np.abs(made.columns["displacement"]).max()
+    made.columns["displacement"] = most / 128.0 * np.round(made.columns["displacement"] / most * 128.0)
+    assert not notes_about(read_joint_recording(made.write(tmp_path)), "saturated")
+
+
 def test_memory_grows_as_the_rows_do(make, tmp_path):
     """Where one count has a thousand repeats and a thousand have one, places for all would be the square of them."""
     made = make(cycles=tuple(range(200)), repeats=1, samples=16, excitation=False)

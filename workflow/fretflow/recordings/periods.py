@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import convolve1d
+from scipy.ndimage import convolve1d, uniform_filter1d
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,7 @@ RARE = 0.02  # of the samples on either side, which do not count as its range
 FEW_GROSS = 4e-3  # of the samples may begin a spike far off it: own peaks come back in every period, of 200 samples say
 BESIDE = 0.25  # of the range: what may be beyond it next to a spike, by noise
 SPIKE = 0.02  # of the range
+ROUGH_FREEDOM = SHORTEST / 2.31  # of `roughness` of white noise: 1 + 2 (225 + 36 + 1) / 400, as differences correlate
 TIED = 0.02  # of a channel's samples at one extreme value: with noise, a wave of 25 samples or more has one or two
 NOISY = 0.3  # of the third differences that change sign
 LEVEL = 1e-3  # of tests of a channel: a thousand recordings without a fault let one be told
@@ -84,6 +85,12 @@ def noise_sd(values: Array) -> Array:
     limit = (3.0 * SIGMA_OF_MAD) ** 2 * np.median(rest, axis=-1, keepdims=True)
     inside = rest <= limit
     return np.asarray(np.sqrt(np.sum(rest * inside, axis=-1) / np.sum(inside, axis=-1) / 0.9733))
+
+
+def roughness(values: Array) -> Array:
+    """Return the variance of noise on periodic signals (..., N) about each sample, by third differences around it."""
+    rest = convolve1d(values, np.array([1.0, -3.0, 3.0, -1.0]) / np.sqrt(20.0), axis=-1, mode="wrap")
+    return np.asarray(uniform_filter1d(rest**2, SHORTEST, axis=-1, mode="wrap"))
 
 
 def spikes(values: Array, begins: NDArray[np.bool_]) -> NDArray[np.int64]:
