@@ -314,7 +314,8 @@ def test_hum_of_the_normal_force_is_told(recordings: Path) -> None:
         shape = loops.channels["displacement"].shape
         turns = np.arange(shape[2]) / shape[2] / FREQUENCY
         hum = size * np.sin(2.0 * np.pi * 50.0 * turns + rng.uniform(0.0, 2.0 * np.pi, (*shape[:2], 1)))
-        return replace(loops, channels={**loops.channels, "normal_force": LOAD + hum + 0.3 * rng.standard_normal(shape)})
+        pressing = LOAD + hum + 0.3 * rng.standard_normal(shape)
+        return replace(loops, channels={**loops.channels, "normal_force": pressing})
 
     for size, expected in ((0.0, 0), (2.0, 1)):
         changed = replace(recording, loops=pressed(recording.loops, size),
