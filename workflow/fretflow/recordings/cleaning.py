@@ -159,7 +159,7 @@ def _right_way_round(cut: list[tuple[int, Array, Stretch]], names: tuple[str, ..
         rows = np.concatenate([part.rows for (_, _, part), fine in zip(cut, good, strict=True) if not fine])
         raise UnreliableRecordingError(
             f"displacement and {force}, {rows_in_words(row_ranges(rows))}: loops run the wrong way round and give "
-            "energy; the sign of one channel is reversed, or the two columns are swapped")
+            "energy; reverse the sign of one channel (scale = -1), or name the columns the other way round")
     for (_, _, part), fine in zip(cut, good, strict=True):
         if not fine:
             notes.add("loop left out: it runs the wrong way round and gives energy", force, part.rows)

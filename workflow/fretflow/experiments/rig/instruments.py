@@ -128,13 +128,11 @@ def _late(recording: Recording, case: Case) -> list[str]:
     rows = _fundamentals(recording, case)
     gains, period = _fitted_gains(rows, case), 2.0 * np.pi / np.median(rows[:, 3].real)
     guesses = [np.zeros(2)] + ([] if gains is None else [-np.angle(gains) * period / (2.0 * np.pi)])
-    if not equations.repeated:  # nothing tells whether the equations hold
-        late, off = guesses[-1], np.abs(guesses[-1]) > ChannelDelay.priors()["delay"].high
+    tried = map(equations.synchronised, guesses if equations.repeated else [])
+    late, found = next((one for one in tried if one[1].holds), (guesses[-1], None))
+    if found is None:  # nothing tells the errors, or more acts on the rig: the fundamentals tell large delays alone
+        off = np.abs(late) > ChannelDelay.priors()["delay"].high
     else:
-        tried = map(equations.synchronised, guesses)
-        late, found = next((one for one in tried if one[1].holds), (np.zeros(2), None))
-        if found is None:
-            return []
         places = [DISPLACEMENT + 1, FORCE + 1]
         covariance = found.covariance[np.ix_(places, places)] + (SYNCHRONISED * period)**2 * np.eye(2)
         off = np.array([_off(found, late[k], covariance[k, k]) for k in (0, 1)])
