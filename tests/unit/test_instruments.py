@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.case.config import Rig
+from fretflow.core.units import parse_quantity
 from fretflow.experiments.rig.equations import Equations
 from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.setup import case_of
@@ -209,7 +210,8 @@ def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray]
 
 @pytest.mark.real_data
 @pytest.mark.parametrize(("name", "size", "anew"), [
-    ("displacement", 0.4e-6, False), ("friction_force", 2.0, False), ("displacement", 0.4e-6, True)])
+    ("displacement", 0.4e-6, False), ("friction_force", 2.0, False), ("displacement", 0.4e-6, True),
+    ("excitation", 2.0, False), ("excitation", 6.0, True), ("friction_force", 5.0, True)])
 def test_hum_is_told_with_its_size(name: str, size: float, anew: bool, recordings: Path) -> None:
     """Of 50 Hz, in periods of 10 ms that cannot tell it from 60."""
     recording, rng = read_recording(recordings / "example_baseline"), np.random.default_rng(7)
@@ -222,7 +224,102 @@ def test_hum_is_told_with_its_size(name: str, size: float, anew: bool, recording
         return values + size * np.sin(2.0 * np.pi * 50.0 * turns + begin)
 
     (told,), _ = said(altered(recording, name, humming))
-    found = re.match(r"the (.+) has a hum of the mains, (\S+) to (\S+) (um|N) in all", told)
-    scale = 1e6 if found.group(4) == "um" else 1.0
+    found = re.match(r"the (.+) has a hum of the mains, (.+) to (.+) in all", told)
+    low, high = (parse_quantity(found.group(k), "m" if name == "displacement" else "N") for k in (2, 3))
     assert found.group(1) == name.replace("_", " ")
-    assert 0.75 * float(found.group(2)) < size * scale < 1.25 * float(found.group(3))
+    assert 0.75 * low < size < 1.25 * high
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("late", [100e-6, -60e-6, 1e-3])
+@pytest.mark.parametrize("name", ["displacement", "excitation"])
+def test_a_channel_that_is_not_in_step_is_told_with_its_delay(name: str, late: float, recordings: Path) -> None:
+    """Within what a channel is in step with the drive anyway; higher harmonics are turned by half a period."""
+    recording = read_recording(recordings / "example_baseline")
+    swept = np.array([one.excitation_frequency for one in recording.sweep.conditions])
+
+    def delayed(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        turns = late * (np.full(len(loops.cycles), FREQUENCY) if loops is recording.loops else swept)
+        lines = np.fft.rfft(values, axis=2)
+        turning = np.exp(-2j * np.pi * np.outer(turns, np.arange(lines.shape[2])))
+        return np.fft.irfft(turning[:, None] * lines, values.shape[2], axis=2)
+
+    (told,), _ = said(altered(recording, name, delayed))
+    found = re.match(rf"the {name} comes (\d+) µs (early|late) against", told)
+    assert float(found.group(1)) * (1e-6 if found.group(2) == "late" else -1e-6) == pytest.approx(late, abs=20e-6)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("name", "by"), [("displacement", 8e-6), ("friction_force", -6.0), ("excitation", 6.0)])
+def test_a_zero_that_drifts_is_told_with_its_size(name: str, by: float, recordings: Path) -> None:
+    """Of the channel whose mean no other follows, as the rig at rest would have it."""
+    recording = read_recording(recordings / "example_baseline")
+
+    def drift(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        share = loops.cycles / loops.cycles[-1] if loops is recording.loops else np.ones(len(loops.cycles))
+        return values + by * share[:, None, None]
+
+    (told,), _ = said(altered(recording, name, drift))
+    found = re.fullmatch(rf"the zero of the {name.replace('_', ' ')} drifts by (.+) over the test", told)
+    assert parse_quantity(found.group(1), "m" if name == "displacement" else "N") == pytest.approx(by, rel=0.25)
+
+
+@pytest.mark.real_data
+def test_a_friction_force_that_grows_to_one_side_is_no_drift_of_a_zero(recordings: Path) -> None:
+    """The rig at rest follows it: ``H_aa = 1 / k_g + 1 / k_h``."""
+    recording = read_recording(recordings / "example_baseline")
+    rig = recording.rig or Rig()
+    ground = (rig.moving_mass + rig.arm_mass) * (2.0 * np.pi * rig.in_phase_frequency)**2
+    share = (recording.loops.cycles / recording.loops.cycles[-1])[:, None, None]
+    moved = {"friction_force": 10.0 * share, "displacement": -10.0 / ground * share}
+    loops = replace(recording.loops, channels={
+        name: values + moved.get(name, 0.0) for name, values in recording.loops.channels.items()})
+    assert said(replace(recording, loops=loops))[0] == ()
+
+
+@pytest.mark.real_data
+def test_columns_that_are_swapped_are_told(recordings: Path) -> None:
+    """Both are forces, so that no unit tells."""
+    recording = read_recording(recordings / "example_baseline")
+
+    def swapped(loops: LoopSet) -> LoopSet:
+        channels = dict(loops.channels)
+        channels["excitation"], channels["friction_force"] = channels["friction_force"], channels["excitation"]
+        return replace(loops, channels=channels)
+
+    recording = replace(recording, loops=swapped(recording.loops),
+                        sweep=replace(recording.sweep, loops=swapped(recording.sweep.loops)))
+    assert said(recording)[0][0].startswith("excitation and friction force are swapped")
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("share", [0.9, 0.7])
+@pytest.mark.parametrize("name", ["displacement", "friction_force", "excitation"])
+def test_a_clipped_channel_saturates_and_a_coarse_one_does_not(name: str, share: float, recordings: Path) -> None:
+    """Eight bits leave a twentieth of a sine on its last step, as a limit would."""
+    recording = read_recording(recordings / "example_baseline")
+    most = float(np.nanmax(np.abs(recording.loops.channels[name])))
+    clipped = altered(recording, name, lambda _, values: np.clip(values, -share * most, share * most))
+    assert said(clipped)[0][0].startswith(f"the {name.replace('_', ' ')} saturates at ")
+    step = most / 2**7
+    assert said(altered(recording, name, lambda _, values: step * np.round(values / step)))[0] == ()
+
+
+@pytest.mark.real_data
+def test_hum_of_the_normal_force_is_told(recordings: Path) -> None:
+    """A channel that no equation of motion holds: its repeats differ by the hum, those of motion and force do not."""
+    recording, rng = read_recording(recordings / "example_baseline"), np.random.default_rng(3)
+
+    def pressed(loops: LoopSet, size: float) -> LoopSet:
+        shape = loops.channels["displacement"].shape
+        turns = np.arange(shape[2]) / shape[2] / FREQUENCY
+        hum = size * np.sin(2.0 * np.pi * 50.0 * turns + rng.uniform(0.0, 2.0 * np.pi, (*shape[:2], 1)))
+        pressing = LOAD + hum + 0.3 * rng.standard_normal(shape)
+        return replace(loops, channels={**loops.channels, "normal_force": pressing})
+
+    for size, expected in ((0.0, 0), (2.0, 1)):
+        changed = replace(recording, loops=pressed(recording.loops, size),
+                          sweep=replace(recording.sweep, loops=pressed(recording.sweep.loops, size)))
+        told, _ = said(changed)
+        assert len(told) == expected
+        assert all(one.startswith("the normal force has a hum of the mains") for one in told)

@@ -187,7 +187,8 @@ def test_last_loop_cut_off(tmp_path, make):
 
 
 @pytest.mark.parametrize(("spoil", "message"), [
-    (lambda c: c.update(friction_force=-c["friction_force"]), "sign of one channel is reversed, or .* swapped"),
+    (lambda c: c.update(friction_force=-c["friction_force"]),
+     r"reverse the sign of one channel \(scale = -1\), or name the columns"),
     (lambda c: c.update(displacement=c["friction_force"] * 1e-7, friction_force=c["displacement"] * 1e7),
      "rows 1-800: loops run the wrong way round"),
     (lambda c: c.update(displacement=0.0 * c["displacement"]), "displacement: it never changes"),
@@ -405,6 +406,33 @@ def test_a_saturated_channel_is_named_with_its_rows(tmp_path, make):
     assert sum(b - a + 1 for a, b in note.rows) == len(rows)
     simulated = make(cycles=(0,), repeats=1, periods=4)  # whose plateaus are exact
     assert not notes_about(read_joint_recording(simulated.write(tmp_path / "b")), "saturated")
+
+
+def test_a_long_burst_is_left_out_and_noise_of_all_repeats_is_kept(tmp_path, make):
+    """Of a welder, say, for a quarter of a period: three in six and thirty loops, at any phase."""
+    made, rng = make(cycles=tuple(range(12)), repeats=3, noise=(3e-8, 0.3)), np.random.default_rng(2)
+    for begin in (250, 3130, 5290):
+        made.columns["friction_force"][begin:begin + 50] += 5.0 * rng.standard_normal(50)
+    (note,) = notes_about(read_joint_recording(made.write(tmp_path / "a")), "burst")
+    assert (note.channel, note.rows) == ("friction_force", ((201, 400), (3001, 3200), (5201, 5400)))
+    made = make(cycles=tuple(range(12)), repeats=3, noise=(3e-8, 0.3))
+    made.columns["excitation"][2250:2310] += 60.0 * rng.standard_normal(60)  # passes the middle more than once a period
+    (note,) = notes_about(read_joint_recording(made.write(tmp_path / "drive")), "left out")
+    assert (note.channel, note.rows) == ("excitation", ((2201, 2400),))
+    assert "burst" in note.text
+    for k in range(20):  # where stick begins, a force that chatters in all loops, as it may by itself
+        made = make(cycles=tuple(range(12)), repeats=3, noise=(3e-8, 0.3))
+        rough = np.arange(7200) % 200 < 40
+        made.columns["friction_force"][rough] += 5.0 * np.random.default_rng(k).standard_normal(rough.sum())
+        assert not notes_about(read_joint_recording(made.write(tmp_path / f"b{k}")), "burst")
+
+
+def test_a_channel_of_eight_bits_is_not_saturated(tmp_path, make):
+    """A twentieth of a sine is on its last step then."""
+    made = make(cycles=(0,), repeats=1, periods=4, noise=(3e-8, 0.3))
+    most = np.abs(made.columns["displacement"]).max()
+    made.columns["displacement"] = most / 128.0 * np.round(made.columns["displacement"] / most * 128.0)
+    assert not notes_about(read_joint_recording(made.write(tmp_path)), "saturated")
 
 
 def test_memory_grows_as_the_rows_do(make, tmp_path):

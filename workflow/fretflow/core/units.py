@@ -27,9 +27,9 @@ def registry() -> pint.UnitRegistry[Any]:
 # Units that engineers write and read, with their size in SI, largest first; these do not need pint.
 _READABLE = {
     "m": (("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9)),
-    "Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
+    "Pa": (("TPa", 1e12), ("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
     "N/m": (("N/um", 1e6), ("N/mm", 1e3), ("N/m", 1.0)),
-    "N": (("kN", 1e3), ("N", 1.0), ("mN", 1e-3)),
+    "N": (("MN", 1e6), ("kN", 1e3), ("N", 1.0), ("mN", 1e-3)),
     "Hz": (("kHz", 1e3), ("Hz", 1.0)),
     "kg": (("kg", 1.0), ("g", 1e-3)),
     "s": (("h", 3600.0), ("min", 60.0), ("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)),

@@ -13,14 +13,12 @@ from fretflow.core.errors import UnitError, UnreliableRecordingError, Unsupporte
 from fretflow.core.units import pretty_quantity
 from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
-from fretflow.recordings.periods import spikes
+from fretflow.recordings.periods import is_noisy, spikes, standing_still
 from fretflow.recordings.plausibility import check_heading
 from fretflow.recordings.readers.tables import Array, Table, read_table
 from fretflow.recordings.schema import DisplacementOf, FileBlock, LoopsBlock
 
 LARGEST = 1e15  # in any unit; what is beyond was never measured
-TIED = 0.02  # of a channel's samples at one extreme value: with noise, a wave of 25 samples or more has one or two
-NOISY = 0.3  # of the third differences that change sign
 MOST_LOST = 0.2  # of the rows, whose index may be missing
 
 
@@ -124,22 +122,14 @@ def _without_spikes(block: str, values: dict[str, Array]) -> tuple[Note, ...]:
 def _saturated(block: str, values: Mapping[str, Array], units: Mapping[str, str]) -> tuple[Note, ...]:
     """Return notes on channels that stand still at an extreme value; none where nothing has noise as sensors have."""
     notes = []
-    for name in [name for name in values if name not in (*INDICES, "time") and _is_noisy(values.get("displacement"))]:
-        column = values[name]
-        known = column[~np.isnan(column)]
-        ends = [end for end in (known.min(), known.max()) if np.mean(column == end) > TIED] if len(known) else []
-        rows = np.flatnonzero(np.isin(column, ends))
-        if ends and len(rows) < len(column):
-            notes.append(Note(block, f"stands still at {pretty_quantity(float(ends[-1]), units[name], 4)}, in "
-                              f"{len(rows) / len(column):.0%} of the samples: a saturated sensor? what is read of it "
-                              "is a lower bound", name, row_ranges(rows)))
+    if "displacement" not in values or not is_noisy(values["displacement"]):
+        return ()
+    for name in [name for name in values if name not in (*INDICES, "time")]:
+        if (rows := np.flatnonzero(standing_still(values[name]))).size:
+            limit = pretty_quantity(float(np.abs(values[name][rows]).max()), units[name], 4)
+            notes.append(Note(block, f"stands still at {limit}, in {len(rows) / len(values[name]):.0%} of the samples: "
+                              "a saturated sensor? what is read of it is a lower bound", name, row_ranges(rows)))
     return tuple(notes)
-
-
-def _is_noisy(values: Array | None) -> bool:
-    """Return whether third differences change sign from sample to sample: 77 % do in noise, few on a smooth curve."""
-    rest = np.diff(values[np.isfinite(values)], 3) if values is not None else np.zeros(0)
-    return len(rest) > 1 and float(np.mean(rest[1:] * rest[:-1] < 0.0)) > NOISY
 
 
 def _column(table: Table, block: str, channel: str, column: str | int) -> tuple[str, Array]:

@@ -11,17 +11,21 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
+from scipy.ndimage import maximum_filter1d
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings.blocks import Columns
 from fretflow.recordings.loopset import FORCES, LoopSet
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
+from fretflow.recordings.periods import LEVEL, ROUGH_FREEDOM, SHORTEST, SPIKE, roughness
 from fretflow.recordings.stretches import Notebook, Stretch, Unusable, make_stretch
 
 Array = NDArray[np.float64]
 
 SAME_PLACE = 0.05  # of a sample: grids closer than that are one
 MOST_PLACES = 20  # for repeats, times those that there are: memory grows as the file does
+FEW_BURSTS = 0.25  # of the loops, that may be left out for a burst
 LEAST_ENERGY = -0.05  # of the loop's bounding rectangle
 
 
@@ -116,7 +120,7 @@ def _on_one_grid(stretches: list[tuple[int, Stretch]], count: int, notes: Notebo
                       stretch.rows)
         whole = stretch.on_grid(samples, common or 0.0, exact)
         cut += [(k, whole[j], stretch) for j in range(stretch.periods) if j not in stretch.excluded]
-    cut = _right_way_round(cut, names, notes)
+    cut = _without_bursts(_right_way_round(cut, names, notes), names, notes)
     deepest = min(max(np.bincount([k for k, _, _ in cut])), max(1, MOST_PLACES * len(cut) // count))
     channels = np.full((len(names), count, deepest, samples), np.nan)
     filled = np.zeros(count, dtype=int)
@@ -155,7 +159,7 @@ def _right_way_round(cut: list[tuple[int, Array, Stretch]], names: tuple[str, ..
         rows = np.concatenate([part.rows for (_, _, part), fine in zip(cut, good, strict=True) if not fine])
         raise UnreliableRecordingError(
             f"displacement and {force}, {rows_in_words(row_ranges(rows))}: loops run the wrong way round and give "
-            "energy; the sign of one channel is reversed, or the two columns are swapped")
+            "energy; reverse the sign of one channel (scale = -1), or name the columns the other way round")
     for (_, _, part), fine in zip(cut, good, strict=True):
         if not fine:
             notes.add("loop left out: it runs the wrong way round and gives energy", force, part.rows)
@@ -165,3 +169,32 @@ def _right_way_round(cut: list[tuple[int, Array, Stretch]], names: tuple[str, ..
 def _relative_energy(x: Array, force: Array) -> float:
     area = 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(x, -1) - x)))
     return area / max(float(np.ptp(x) * np.ptp(force)), 1e-300)
+
+
+def _without_bursts(cut: list[tuple[int, Array, Stretch]], names: tuple[str, ...], notes: Notebook) -> list[
+        tuple[int, Array, Stretch]]:
+    """Return the loops but those of which one channel is far rougher in one place than those about it and elsewhere.
+
+    Of a count with three repeats two tell which is out of order; what a quarter of all have is the signal's own.
+    """
+    groups = [members for k in dict.fromkeys(k for k, _, _ in cut)
+              if len(members := [i for i, (own, _, _) in enumerate(cut) if own == k]) > 2]
+    if not groups:
+        return cut
+    found: dict[int, set[str]] = {}
+    for j, name in enumerate(names):
+        values = [np.stack([cut[i][1][j] for i in members]) for members in groups]
+        rough = [roughness(own - own.mean(axis=0)) / (1.0 - 1.0 / len(own)) for own in values]
+        every = np.concatenate(rough)
+        usual = maximum_filter1d(np.quantile(every, 0.75, axis=0), 2 * SHORTEST, mode="wrap")
+        limit = np.maximum(usual * stats.chi2.isf(LEVEL * SHORTEST / every.size, ROUGH_FREEDOM) / ROUGH_FREEDOM,
+                           np.square(SPIKE * np.ptp(np.concatenate(values))))
+        for members, own in zip(groups, rough, strict=True):
+            if np.any(own > limit):  # half of a burst is in the mean that the others are compared with
+                found.setdefault(members[int(np.argmax((own / limit).max(axis=1)))], set()).add(name)
+    bursts = {i: min(own) for i, own in found.items() if len(own) == 1}
+    if not 0 < len(bursts) <= FEW_BURSTS * len(cut):
+        return cut
+    for i, name in bursts.items():
+        notes.add("loop left out: a burst that its repeats do not have", name, cut[i][2].rows)
+    return _without_bursts([entry for i, entry in enumerate(cut) if i not in bursts], names, notes)

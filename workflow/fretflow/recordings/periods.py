@@ -10,8 +10,9 @@ from functools import cache
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import convolve1d
+from scipy.ndimage import convolve1d, uniform_filter1d
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,10 @@ RARE = 0.02  # of the samples on either side, which do not count as its range
 FEW_GROSS = 4e-3  # of the samples may begin a spike far off it: own peaks come back in every period, of 200 samples say
 BESIDE = 0.25  # of the range: what may be beyond it next to a spike, by noise
 SPIKE = 0.02  # of the range
+ROUGH_FREEDOM = SHORTEST / 2.31  # of `roughness` of white noise: 1 + 2 (225 + 36 + 1) / 400, as differences correlate
+TIED = 0.02  # of a channel's samples at one extreme value: with noise, a wave of 25 samples or more has one or two
+NOISY = 0.3  # of the third differences that change sign
+LEVEL = 1e-3  # of tests of a channel: a thousand recordings without a fault let one be told
 
 
 def fundamental(turns: Array, values: Array) -> complex:
@@ -82,6 +87,12 @@ def noise_sd(values: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(rest * inside, axis=-1) / np.sum(inside, axis=-1) / 0.9733))
 
 
+def roughness(values: Array) -> Array:
+    """Return the variance of noise on periodic signals (..., N) about each sample, by third differences around it."""
+    rest = convolve1d(values, np.array([1.0, -3.0, 3.0, -1.0]) / np.sqrt(20.0), axis=-1, mode="wrap")
+    return np.asarray(uniform_filter1d(rest**2, SHORTEST, axis=-1, mode="wrap"))
+
+
 def spikes(values: Array, begins: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return which samples (n,) of a signal (T,), nan where there is none, are electric spikes: far off those around.
 
@@ -123,6 +134,31 @@ def _off_range(known: Array) -> NDArray[np.bool_]:
     rare = len(starts) <= max(2, FEW_GROSS * len(known))
     off[off] = np.repeat(rare & sudden & brief, ends - starts)
     return np.asarray(off[1:-1])
+
+
+def is_noisy(values: Array) -> bool:
+    """Return whether third differences change sign from sample to sample: 77 % do in noise, few on a smooth curve."""
+    rest = np.diff(values[np.isfinite(values)], 3)
+    return len(rest) > 1 and float(np.mean(rest[1:] * rest[:-1] < 0.0)) > NOISY
+
+
+def standing_still(values: Array) -> NDArray[np.bool_]:
+    """Return which samples of a signal (of any shape), nan where there is none, stand still at an extreme value.
+
+    Of the crest of a smooth signal that is read in steps, 1 / sqrt(2) of the samples of its last two steps are in the
+    last one at the most, as it is a parabola; noise leaves fewer. More are a sensor's limit, by a binomial test, where
+    they are more than a smooth signal without steps has.
+    """
+    still = np.zeros(values.shape, dtype=bool)
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    if len(levels) < 3:
+        return still
+    step = np.median(np.diff(levels))
+    for end in (0, -1):
+        near = counts[np.abs(levels - levels[end]) < 1.5 * step].sum()
+        if counts[end] > TIED * counts.sum() and stats.binom.sf(counts[end] - 1, near, np.sqrt(0.5)) < LEVEL:
+            still |= values == levels[end]
+    return still
 
 
 def upward_crossings(values: Array) -> Array:

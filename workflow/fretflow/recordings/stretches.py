@@ -166,6 +166,8 @@ def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: 
     if len(crossings) < (2 if not np.isfinite(given) else 4):
         return given
     at = np.interp(crossings, np.arange(there.sum()), time[there])
+    if np.isfinite(given) and at[-1] - at[0] < 0.5 * (time[-1] - time[0]):
+        return given  # a burst passes the middle many times in one place
     found = float(1.0 / np.median(np.diff(at)))
     between = round(float((at[-1] - at[0]) * found))
     found = between / float(at[-1] - at[0])

@@ -2,7 +2,7 @@
 
 At each harmonic of every repeat, with the rig's receptances H, block b, arm a, and the specimens' compliance c ::
 
-    H_ab excitation = (1 / g_x) (1 + i w t_x) x + ((1 / g_F) (1 + i w t_F) H_aa + c) F + i w d H_ab x
+    H_ab excitation = (1 / g_x) (1 + i w t_x) x + (1 / g_F + c / H_aa) (1 + i w t_F) H_aa F + i w d H_ab x
 
 The gains g, delays t, c and d, by which the rig's damping differs from what is stated, are fitted by linear least
 squares. Repeats tell the errors, so that whether the equations hold at all is an F test of lack of fit (N. R. Draper,
@@ -13,7 +13,7 @@ small: what repeats tell of them is taken off the moments (W. A. Fuller, Measure
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,13 +23,14 @@ from scipy import stats
 
 from fretflow.experiments.rig.changes import RIG_HARMONICS
 from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-LEVEL = 1e-3  # of all tests: a thousand recordings without a fault let one be told
-DISPLACEMENT, FORCE, COMPLIANCE = 0, 2, 4  # places of two inverse gains and of c among the unknowns
+DISPLACEMENT, FORCE, COMPLIANCE = 0, 2, 4  # places of two inverse gains, each before its delay, and of c among unknowns
+STEPS = 12  # to the delays of a channel that comes late by a tenth of a period
 
 
 def blocks_of(recording: Recording) -> list[tuple[LoopSet, Array]]:
@@ -69,6 +70,10 @@ class Solution:
         more = plain.freedom - self.freedom
         gained = (plain.squares - self.squares) / more / (self.squares / self.freedom)
         return bool(stats.f.sf(gained, more, self.freedom) < LEVEL)
+
+    def odds_over(self, other: Solution) -> float:
+        """Return the ratio of likelihoods to a solution with other unknowns."""
+        return float(np.exp(min(0.5 * (other.squares - self.squares) / (self.squares / self.freedom), 700.0)))
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,27 @@ class Equations:
         names, own = np.unique(np.stack([self.loop, self.harmonic]), axis=1, return_inverse=True)
         return own.reshape(-1), names.shape[1]
 
+    @property
+    def repeated(self) -> bool:
+        """Tell whether any loop has repeats, which tell the errors."""
+        own, count = self.groups
+        return len(own) > count
+
+    def synchronised(self, late: Array) -> tuple[Array, Solution]:
+        """Return by how many seconds displacement and force (2,) come late, and the least squares without that.
+
+        Gauss-Newton from a first guess `late`: delays of a few samples turn higher harmonics by more than first order.
+        """
+        for _ in range(STEPS):
+            x, force = np.exp(1j * np.outer(late, self.omega))
+            found = replace(self, displacement=x * self.displacement, damped=x * self.damped,
+                            friction=force * self.friction, force=force * self.force).solve()
+            step = found.values[[DISPLACEMENT + 1, FORCE + 1]] / found.values[[DISPLACEMENT, FORCE]]
+            if not np.all(np.abs(step) < 1.0 / np.min(self.omega)):
+                break
+            late = late + step
+        return late, found
+
     def solve(self, more: Sequence[Complex] = ()) -> Solution:
         """Return the least squares with further terms (n,), each with a real unknown of its own.
 
@@ -129,9 +155,9 @@ class Equations:
         left = self.drive - self.displacement - self.friction
         own, count = self.groups
         freedom = 2 * (len(own) - count)
-        if freedom == 0:
+        if not self.repeated:
             raise np.linalg.LinAlgError("no loop has two repeats")
-        for _ in range(2):  # the weights, then the compliance in them too
+        for _ in range(2):  # the weights, then the compliance in them and in what comes late
             away = np.abs(left - self._repeated(left))**2
             weight = 1.0 / np.sqrt([np.mean(away[self.harmonic == n]) for n in self.harmonic])
             rows, wanted = _real(weight[:, None] * terms), _real(weight * self.drive)
@@ -142,6 +168,7 @@ class Equations:
             plain = inverse @ (rows.T @ wanted)
             values = np.linalg.solve((rows.T @ rows - errors) / np.outer(size, size), rows.T @ wanted / size) / size
             left = self.drive - terms @ values
+            terms[:, FORCE + 1] = delayed * (self.friction + values[COMPLIANCE] * self.force)
         squares = float(np.sum((weight * np.abs(left))**2))
         pure = float(np.sum((weight * np.abs(left - self._repeated(left)))**2))
         lacking = 2 * count - len(values)

@@ -2,8 +2,8 @@
 
 As its phase differs from repeat to repeat, their differences hold it, beside gains, delays, zeros and drifts of their
 own. Even harmonics alone are looked at: where friction, load or drive differ from repeat to repeat, loops differ by odd
-ones, as they are the same to either side. A hum that begins every period anew, as where a trigger does, is told on the
-displacement alone: there the rig's equations of motion lack it, as forces do not that are polynomials of the motion.
+ones, as they are the same to either side. A hum that begins every period anew, as where a trigger does, is told by the
+rig's equations of motion, which lack it as they do no force that is a polynomial of the motion.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.experiments.rig.changes import RIG_HARMONICS
-from fretflow.experiments.rig.equations import LEVEL, Equations, blocks_of
+from fretflow.experiments.rig.equations import COMPLIANCE, Equations, blocks_of
 from fretflow.experiments.rig.observation import DIGITIZING, HARMONICS
 from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -37,6 +38,8 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
     mains
         Frequency of the hum in Hz.
     """
+    seen = np.concatenate([one.channels[name].ravel() for one, _ in blocks])
+    least = DIGITIZING * (np.nanmax(seen) - np.nanmin(seen))
     squares, freedom, size = np.zeros(3), np.zeros(3), 0.0  # of hum, of other smooth differences, of the rest
     for loops, frequency in blocks:
         samples = len(loops.phase)
@@ -51,8 +54,10 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
                 away = _lines((every - mean).T, first)
                 parts = basis.T @ away
                 even = first == 2
+                own_freedom = (len(every) - 1) * np.array([2 * even, basis.shape[1] - 5, len(away) - basis.shape[1]])
                 squares += even * np.sum(parts[3:5]**2), np.sum(parts[5:]**2), np.sum(away**2) - np.sum(parts**2)
-                freedom += (len(every) - 1) * np.array([2 * even, basis.shape[1] - 5, len(away) - basis.shape[1]])
+                squares += [0.0, *own_freedom[1:] * np.square(least)]
+                freedom += own_freedom
                 size += even * (len(every) - 1) * float(np.sum((basis[:, 3:5].T @ _lines(turning, first))**2))
     if not freedom.all() or not squares.all():
         return None
@@ -61,37 +66,48 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
         return None
     p_value = float(stats.f.sf(squares[0] / freedom[0] / noise, freedom[0], freedom[1:].sum()))
     amplitude = float(np.sqrt(max(0.0, 2.0 * (squares[0] - freedom[0] * noise) / size)))
-    seen = blocks[0][0].channels[name]
-    resolved = amplitude > DIGITIZING * (np.nanmax(seen) - np.nanmin(seen))
-    return p_value if resolved else 1.0, amplitude
+    return p_value if amplitude > least else 1.0, amplitude
 
 
-def hum_in_motion(recording: Recording, equations: Equations, mains: float) -> float | None:
-    """Return the amplitude in m of a hum that begins every period of the displacement anew; None if none has to be.
+def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> tuple[float, str, float] | None:
+    """Return a hum that begins every period of a channel anew: lack of fit with it (p-value), channel and amplitude.
 
-    The equations hold with it and not without it, whatever forces go with powers of the motion. Periods may have been
-    closed by straight lines, which is tried as well.
+    The equations hold with it and not without it, even if forces go with powers of the motion; None if none has to be.
+    Periods of the motion may have been closed by straight lines, which is tried as well.
     """
-    blocks = [one for one in blocks_of(recording) if "excitation" in one[0].channels]
     bent, shapes = [], []
-    for loops, frequency in blocks:
+    for loops, frequency in [one for one in blocks_of(recording) if "excitation" in one[0].channels]:
         turns = (np.arange(len(loops.phase)) + 0.5) / len(loops.phase)
-        mean = loops.mean("displacement")
-        powers = [np.fft.rfft((mean - mean.mean(axis=1, keepdims=True))**power) for power in POWERS]
+        powers = _powers(loops.mean("displacement"))
         for k in np.nonzero(loops.usable)[0]:
-            seen = np.fft.rfft(np.column_stack([_wave(mains / frequency[k] * turns), turns]), axis=0) * 2.0 / len(turns)
-            shapes.append(seen[1:RIG_HARMONICS + 1])
+            shapes.append(_seen(mains / frequency[k], turns))
             bent.append(np.stack([lines[k, 1:RIG_HARMONICS + 1] for lines in powers], axis=1))
-    felt = equations.friction / equations.force
+    felt, driven = equations.friction / equations.force, equations.damped / equations.displacement
     forces = list(felt * np.concatenate(bent).T)
-    plain = equations.solve(forces)
-    if plain.holds:
+    if (plain := equations.solve()).holds:
         return None
-    for count in (2, 3):
-        found = equations.solve([*forces, *np.concatenate(shapes)[:, :count].T])
-        if found.holds and found.better_than(plain):
-            return float(np.hypot(*found.values[-count:][:2]))
-    return None
+    bending, waves, found = equations.solve(forces), np.concatenate(shapes).T, []
+    for name, factor in (("displacement", 1.0), ("friction_force", felt + plain.values[COMPLIANCE]),
+                         ("excitation", driven)):
+        # what forces on the rig do may be bent by them as well, unless the hum alone leaves far less than they
+        more = forces if name == "displacement" else []
+        for count in (2, 3) if more else (2,):
+            one = equations.solve([*more, *factor * waves[:count]])
+            if one.holds and (one.better_than(bending) if more else one.odds_over(bending) > 1.0 / LEVEL):
+                found.append((one.lack_of_fit, name, float(np.hypot(*one.values[-count:][:2]))))
+                break
+    return max(found, default=None)
+
+
+def _powers(motion: Array) -> list[NDArray[np.complex128]]:
+    """Return the Fourier lines (K, any) of powers of loops (K, N) without their means."""
+    return [np.fft.rfft((motion - motion.mean(axis=1, keepdims=True))**power) for power in POWERS]
+
+
+def _seen(turns_a_period: float, turns: Array) -> NDArray[np.complex128]:
+    """Return the harmonics that cosine and sine of a hum, and a straight line, have in a period (harmonics, 3)."""
+    signals = np.column_stack([_wave(turns_a_period * turns), turns])
+    return np.asarray(np.fft.rfft(signals, axis=0)[1:RIG_HARMONICS + 1] * 2.0 / len(turns))
 
 
 def _wave(turns: Array) -> Array:

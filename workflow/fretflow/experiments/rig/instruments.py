@@ -17,40 +17,42 @@ from scipy import stats
 
 from fretflow.case.config import Case
 from fretflow.core.errors import FretflowError
+from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
+from fretflow.effects.sensor_drift import SensorDrift
 from fretflow.experiments.rig.equations import (
     COMPLIANCE,
     DISPLACEMENT,
     FORCE,
-    LEVEL,
     Equations,
     Solution,
     blocks_of,
 )
-from fretflow.experiments.rig.hum import MAINS, hum_between_repeats, hum_in_motion
-from fretflow.experiments.rig.observation import Array
+from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
+from fretflow.experiments.rig.observation import LOOP_OFFSET, SYNCHRONISED, Array
 from fretflow.experiments.rig.setup import FRICTION
-from fretflow.recordings.blocks import TIED
 from fretflow.recordings.loopset import LoopSet, plateau
+from fretflow.recordings.periods import LEVEL, is_noisy, standing_still
 from fretflow.recordings.plausibility import STATED
 from fretflow.recordings.recording import Recording
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 LEFT = 0.1  # of what the equations miss: gains that leave more than a hundredth of its square do not explain it
 WORDS = {"displacement": "displacement", "friction_force": "friction force", "force": "friction force",
-         "excitation": "excitation", "normal_force": "normal force"}
+         "excitation": "excitation", "normal_force": "normal force", "approach": "approach"}
+UNITS = {"displacement": "m", "approach": "m"}  # of the others newtons
 
 
 def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     """Return what is wrong with the channels of a recording of the rig, in words; nothing where all may be right."""
-    blocks = [("loops", recording.loops), ("sweep", None if recording.sweep is None else recording.sweep.loops)]
-    found = [text for _, loops in blocks if loops is not None for text in _saturated(loops)]
+    blocks = [recording.loops, None if recording.sweep is None else recording.sweep.loops]
+    found = [text for loops in blocks if loops is not None for text in _saturated(loops)]
     if found:
         return tuple(found[:1])
     try:
         found = [*_gains(recording, case), *_friction(recording)]
-        return tuple(found or _humming(recording, case) or _drifting(recording, case)
-                     or _small_gains(recording, case)[0])
+        return tuple(found or _late(recording, case) or _humming(recording, case) or _drifting(recording, case)
+                     or _small_gains(recording, case)[0] or _lost_zero(recording, case))
     except (FretflowError, np.linalg.LinAlgError):
         return ()
 
@@ -64,50 +66,87 @@ def doubts(recording: Recording, case: Case) -> tuple[str, ...]:
 
 
 def _saturated(loops: LoopSet) -> list[str]:
-    """Return the channels that stand still at an extreme value."""
+    """Return the channels that stand still at an extreme value; none where nothing has noise as sensors have."""
     found = []
-    for name, values in loops.channels.items():
-        known = values[np.isfinite(values)]
-        most, least = float(known.max()), float(known.min())
-        ends = {most: float(np.mean(known == most)), least: float(np.mean(known == least))}
-        share = sum(part for part in ends.values() if part > TIED)
-        if share > 0.0 and name in WORDS and most > least:
-            limit = max(ends, key=lambda end: ends[end])
-            unit, scale = ("um", 1e6) if name == "displacement" else ("N", 1.0)
-            found.append(f"the {WORDS[name]} saturates at {abs(limit) * scale:.3g} {unit} in {100.0 * share:.0f} % of "
-                         "the samples")
+    for name in [name for name in loops.channels if name in WORDS and any(map(is_noisy, map(
+            np.ravel, loops.channels.values())))]:
+        values = loops.channels[name]
+        if (still := standing_still(values)).any():
+            limit = pretty_quantity(float(np.abs(values[still]).max()), UNITS.get(name, "N"), 3)
+            found.append(f"the {WORDS[name]} saturates at {limit} in "
+                         f"{100.0 * still.sum() / np.isfinite(values).sum():.0f} % of the samples")
     return found
 
 
 def _gains(recording: Recording, case: Case) -> list[str]:
     """Return which of displacement and force contradict the rig's motion by more than a stated value may."""
     rows = _fundamentals(recording, case)
-    if len(rows) < 3:
-        return []
-    drive, x, force, omega = rows.T
-    omega = omega.real
-    receptance = np.linalg.inv(_rig(case).impedance(omega))
-    terms = np.column_stack([x, receptance[:, 1, 1] * force])
-    size = np.linalg.norm(terms, axis=0)
-    if np.linalg.cond(terms / size) > 1.0 / np.sqrt(np.finfo(np.float32).eps):
-        return []
-    wanted = receptance[:, 1, 0] * drive
-    inverse = np.linalg.lstsq(terms, wanted, rcond=None)[0]
-    if np.linalg.norm(wanted - terms @ inverse) > LEFT * np.linalg.norm(wanted - terms.sum(axis=1)):
-        return []  # with other gains the equations hold no better: there are further forces on the rig
-    gains, found = 1.0 / inverse, []
-    for name, gain in zip(("displacement", "friction force"), gains, strict=True):
-        turned = abs(float(np.angle(gain)))
-        late = float(np.angle(gain)) / float(np.median(omega))
-        if gain.real < 0.0 and turned > 0.75 * np.pi:
+    found, gains = [], _fitted_gains(rows, case)
+    for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
+        if gain.real < 0.0 and abs(np.angle(gain)) > 0.75 * np.pi:
             found.append(f"the {name} is recorded with its sign reversed, or the excitation is")
         elif not 1.0 / STATED < abs(gain) < STATED:
             found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the excitation "
                          "make of it: check its unit and gain")
-        elif abs(late) > ChannelDelay.priors()["delay"].high:  # what the catalogue's delay may be is no fault
-            found.append(f"the {name} comes {1e6 * abs(late):.0f} µs {'early' if late > 0.0 else 'late'} against the "
-                         "excitation, more than a sensor's filter delays it")
+    if found and _left(rows[:, [2, 1, 0, 3]], case) < LEFT * _left(rows, case):
+        return ["excitation and friction force are swapped: the rig's equations of motion hold the other way round"]
     return found
+
+
+def _terms(rows: Array, case: Case) -> tuple[Array, Array]:
+    """Return what the excitation makes of the rig (K,) and what displacement and force (K, 2) do, of fundamentals."""
+    drive, x, force, omega = rows.T
+    receptance = np.linalg.inv(_rig(case).impedance(omega.real))
+    return receptance[:, 1, 0] * drive, np.column_stack([x, receptance[:, 1, 1] * force])
+
+
+def _left(rows: Array, case: Case) -> float:
+    wanted, terms = _terms(rows, case)
+    return float(np.linalg.norm(wanted - terms.sum(axis=1)))
+
+
+def _fitted_gains(rows: Array, case: Case) -> Array | None:
+    """Return complex gains of displacement and force that explain the fundamentals (K, 4); None if none do."""
+    if len(rows) < 3:
+        return None
+    wanted, terms = _terms(rows, case)
+    if np.linalg.cond(terms / np.linalg.norm(terms, axis=0)) > 1.0 / np.sqrt(np.finfo(np.float32).eps):
+        return None
+    inverse = np.linalg.lstsq(terms, wanted, rcond=None)[0]
+    if np.linalg.norm(wanted - terms @ inverse) > LEFT * _left(rows, case):
+        return None  # with other gains the equations hold no better: there are further forces on the rig
+    return np.asarray(1.0 / inverse)
+
+
+def _late(recording: Recording, case: Case) -> list[str]:
+    """Return the channel that comes early or late, if the equations of motion hold without that.
+
+    What the catalogue's delay of the force may be is no fault.
+    """
+    if (equations := Equations.of(recording, _rig(case))) is None:
+        return []
+    rows = _fundamentals(recording, case)
+    gains, period = _fitted_gains(rows, case), 2.0 * np.pi / np.median(rows[:, 3].real)
+    guesses = [np.zeros(2)] + ([] if gains is None else [-np.angle(gains) * period / (2.0 * np.pi)])
+    tried = map(equations.synchronised, guesses if equations.repeated else [])
+    late, found = next((one for one in tried if one[1].holds), (guesses[-1], None))
+    if found is None:  # nothing tells the errors, or more acts on the rig: the fundamentals tell large delays alone
+        off = np.abs(late) > ChannelDelay.priors()["delay"].high
+    else:
+        places = [DISPLACEMENT + 1, FORCE + 1]
+        covariance = found.covariance[np.ix_(places, places)] + (SYNCHRONISED * period)**2 * np.eye(2)
+        off = np.array([_off(found, late[k], covariance[k, k]) for k in (0, 1)])
+        across = np.array([1.0, -1.0])
+        if off.all() and not _off(found, float(across @ late), float(across @ covariance @ across)):
+            return [_comes("excitation", -float(np.mean(late)), "the other channels")]
+        off[1] &= abs(late[1]) > ChannelDelay.priors()["delay"].high
+    return [_comes(name, float(late[k]), "the excitation")
+            for k, name in enumerate(("displacement", "friction force")) if off[k]]
+
+
+def _comes(name: str, late: float, against: str) -> str:
+    return (f"the {name} comes {1e6 * abs(late):.0f} µs {'late' if late > 0.0 else 'early'} against {against}: "
+            "check the filters and the sampling of the channels")
 
 
 def _rig(case: Case) -> LumpedRig:
@@ -118,35 +157,37 @@ def _rig(case: Case) -> LumpedRig:
 
 
 def _humming(recording: Recording, case: Case) -> list[str]:
-    """Return the channel that has the hum of the mains in all of its samples, if one alone of motion and force has.
+    """Return the channel that has the hum of the mains in all of its samples, if one alone has.
 
-    A force of that frequency would move the arm, and a motion the force: both have it then, or differ otherwise too. A
-    period is too short to tell 50 from 60 Hz.
+    A force of that frequency would move the arm, and a motion the force: both have it then, or differ otherwise too,
+    except for the drive's own. A period is too short to tell 50 from 60 Hz.
     """
     blocks = blocks_of(recording)
     seen = {name: [hum_between_repeats(blocks, name, mains) for mains in MAINS]
-            for name in ("displacement", "friction_force", "force") if all(name in one.channels for one, _ in blocks)}
-    least = {name: min(one[0] if one is not None else 0.0 for one in found) for name, found in seen.items()}
-    loud = [name for name, p_value in least.items() if p_value < LEVEL / (len(MAINS) * len(least))]
-    if len(loud) == 1 and len(least) > 1 and None not in seen[loud[0]]:
+            for name in WORDS if all(name in one.channels for one, _ in blocks)}
+    known = {name: found for name, found in seen.items() if None not in found}
+    loud = [name for name, found in known.items()
+            if min(one[0] for one in found if one is not None) < LEVEL / (len(MAINS) * len(seen))]
+    unknown = {"displacement", "friction_force", "force"} & (set(seen) - set(known))
+    if len(loud) == 1 and len(seen) > 1 and (loud == ["excitation"] or not unknown):
         (name,) = loud
-        sizes = sorted(one[1] for one in seen[name] if one is not None)
+        sizes = sorted(one[1] for one in known[name] if one is not None)
     elif not loud and (equations := Equations.of(recording, _rig(case))) is not None:
-        name = "displacement"
-        sizes = sorted(one for mains in MAINS if (one := hum_in_motion(recording, equations, mains)) is not None)
+        told = [one for mains in MAINS if (one := hum_begun_anew(recording, equations, mains)) is not None]
+        name = max(told)[1] if told else ""
+        sizes = sorted(size for _, own, size in told if own == name)
     else:
         return []
     if not sizes:
         return []
-    unit, scale = ("um", 1e6) if name == "displacement" else ("N", 1.0)
-    return [f"the {WORDS[name]} has a hum of the mains, {sizes[0] * scale:.2g} to {sizes[-1] * scale:.2g} {unit} in "
-            "all samples"]
+    low, high = (pretty_quantity(size, UNITS.get(name, "N"), 3) for size in (sizes[0], sizes[-1]))
+    return [f"the {WORDS[name]} has a hum of the mains, {low} to {high} in all samples"]
 
 
 def _drifting(recording: Recording, case: Case) -> list[str]:
     """Return the channel whose gain changes over the test, if one real gain a cycle count makes the equations hold."""
     equations = Equations.of(recording, _rig(case))
-    if equations is None or (plain := equations.solve()).holds:
+    if equations is None or recording.loops is None or (plain := equations.solve()).holds:
         return []
     counts, fitted = np.unique(equations.cycles), []
     for name in ("displacement", "friction force", "excitation"):
@@ -155,7 +196,8 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
             own = {"displacement": equations.displacement, "excitation": equations.drive,
                    "friction force": equations.friction + free.values[COMPLIANCE] * equations.force}[name]
             free = equations.solve([np.where(equations.cycles == count, own, 0.0) for count in counts[1:]])
-        if free.holds and free.better_than(plain) and _off(free, free.values[-1], free.covariance[-1, -1]):
+        stated = recording.loops.calibration_sd.get(name.replace(" ", "_"), 0.0)
+        if free.holds and free.better_than(plain) and _off(free, free.values[-1], free.covariance[-1, -1] + stated**2):
             fitted.append((free.lack_of_fit, name, free))
     if not fitted:
         return []
@@ -184,6 +226,41 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
     heavier = (x - 1.0) * (mass + arm) / mass  # with the same in-phase frequency, all receptances go with the total
     return told, [f"the moving mass would be {100.0 * abs(heavier):.2g} % {'above' if heavier > 0.0 else 'below'} the "
                   f"file's: a displacement gain of {1.0 / x:.3g} explains the same"] if wrong[0] else []
+
+
+def _lost_zero(recording: Recording, case: Case) -> list[str]:
+    """Return the channel whose zero drifts over the test, if means of the loops contradict the rig at rest without it.
+
+    Means obey ``H_ab excitation = x + H_aa F + a constant`` at zero frequency. What the catalogue's drift of the force
+    may be is no fault, nor is a channel that has no mean at all.
+    """
+    loops = recording.loops
+    if loops is None or "excitation" not in loops.channels:
+        return []
+    there = np.flatnonzero(loops.repeats)
+    rest = np.linalg.inv(_rig(case).stiffness)[1]
+    sizes = {"displacement": 1.0, loops.force_name: rest[1], "excitation": -rest[0]}
+    signals = {name: loops.mean(name)[there] for name in sizes}
+    means = {name: size * signals[name].mean(axis=1) for name, size in sizes.items()}
+    lost = float(np.hypot(*(LOOP_OFFSET[name] * abs(sizes[name]) * np.ptp(signals[name], axis=1).max() / 2.0
+                            for name in ("displacement", loops.force_name)))) * float(stats.norm.isf(LEVEL / 2.0))
+    cycles = loops.cycles[there].astype(float)
+    total = sum(means.values())
+    drifting = [name for name in means if _drifts(cycles, total, lost) and _drifts(cycles, means[name], lost)
+                and not _drifts(cycles, total - means[name], lost)]
+    if len(drifting) != 1 or not np.ptp(means["displacement"]) or not np.ptp(means[loops.force_name]):
+        return []
+    (name,) = drifting
+    by = float(means[name][-1] - means[name][0]) / sizes[name]
+    if name == loops.force_name and abs(by) <= SensorDrift.priors()["drift"].high:
+        return []
+    return [f"the zero of the {WORDS[name]} drifts by {pretty_quantity(by, UNITS.get(name, 'N'), 3)} over the test"]
+
+
+def _drifts(cycles: Array, values: Array, lost: float) -> bool:
+    """Tell whether values (K,) rise or fall with the cycles by more than chance makes, and than is lost anyway."""
+    line = stats.linregress(cycles, values)
+    return bool(abs(line.slope) * np.ptp(cycles) > lost and line.pvalue < LEVEL)
 
 
 def _off(found: Solution, distance: float, variance: float) -> bool:
