@@ -27,7 +27,7 @@ from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coord
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.march import ContactMarch, PeriodicMarch, Surroundings
 from fretflow.solvers.quasi_static.newton import LAGGED, NEAR
-from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleState
+from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleSolver, SampleState
 from fretflow.solvers.quasi_static.starts import stuck_start
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -43,19 +43,23 @@ CONTACT_TOLERANCE = 0.01  # of the residual's
 REPEAT = 0.5  # of the residual: what of a nodal force may change from period to period, which Phi hardly feels
 FIRST_REPEAT = 0.02
 RATE_STEP = 1e-6  # of the frequency
+NO_MEMORY = np.zeros((0, 0)), np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
 class CurvePoint:
     """Coefficients of the coordinates that the contact sees and of the others in m, omega in rad/s, and the period.
 
-    `residual` (n_a,) N, and its norm relative to the excitation.
+    `end` is the contact at the end of the period, which is the one before its beginning, from which the `history` can
+    be marched again where it is not kept. `residual` (n_a,) N, and its norm relative to the excitation.
     """
 
     seen: Array
     other: Array
     omega: float
-    history: PeriodHistory
+    end: SampleState
+    sticks: bool  # every node, all the period
+    history: PeriodHistory | None
     residual: Array
     norm: float
     secants: Secants
@@ -67,19 +71,16 @@ class CurvePoint:
         return np.append(np.full(len(self.seen), max(float(np.linalg.norm(self.seen)), SMALL)), self.omega)
 
     @property
-    def end(self) -> SampleState:
-        """Return the contact at the end of the period, which is the one before its beginning."""
-        return SampleState.of(self.history)
-
-    @property
-    def sticks(self) -> bool:
-        """Tell whether no node moves during the period."""
-        return not np.any(self.history.state != STICK)
-
-    @property
     def unknowns(self) -> Array:
         """Return (a, omega)."""
         return np.append(self.seen, self.omega)
+
+    def without_history(self) -> CurvePoint:
+        """Return it with copies of its arrays, laid out as if read from a file, and its period not kept."""
+        end = SampleState(self.end.displacement.copy(), self.end.force.copy(), self.end.state.copy())
+        secants = Secants(self.secants.defects.copy(), self.secants.residuals.copy())
+        return replace(self, seen=self.seen.copy(), other=self.other.copy(), end=end, history=None,
+                       residual=self.residual.copy(), secants=secants)
 
 
 class ContinuationSystem:
@@ -142,8 +143,28 @@ class ContinuationSystem:
         none = np.zeros((self.samples, len(self.seen), 0))
         history = self._period(e, seen, none, start, near, last).history
         residual = balance.residual - e.coefficients(history.force @ self.march.system.transfer.T)
-        return CurvePoint(seen, balance.other, omega, history, residual, float(np.linalg.norm(residual)) / self.scale,
-                     Secants.none(len(seen)))
+        return CurvePoint(seen, balance.other, omega, SampleState.of(history), not np.any(history.state != STICK),
+                          history, residual, float(np.linalg.norm(residual)) / self.scale, Secants.none(len(seen)))
+
+    def period(self, point: CurvePoint) -> PeriodHistory:
+        """Return the period of a root, marched again where it has not been kept. Raises NonConvergenceError."""
+        if point.history is not None:
+            return point.history
+        again = self.evaluate(point.unknowns, point.end, None, point.norm, point.other).history
+        if again is None:
+            raise NonConvergenceError("forced response: the period is not found again")
+        return again
+
+    @property
+    def memory(self) -> tuple[Array, Array]:
+        """Return what a step leaves to the next: the derivative (n_a, n_a + 1) of R or (0, 0), and the march's."""
+        return NO_MEMORY[0] if self._derivative is None else self._derivative, self.march.memory
+
+    def begin_step(self, memory: tuple[Array, Array]) -> None:
+        """Begin a step with nothing but a `memory`, so that it depends on what can be kept in a file."""
+        derivative, self.march.memory = memory
+        self._derivative = derivative if derivative.size else None
+        self.march.solver = SampleSolver(self.march.system)
 
     def derivative(self, point: CurvePoint) -> Array:
         """Return the derivative (n_a, n_a + 1) of R by (a, omega); friction that depends on the rate is held."""
