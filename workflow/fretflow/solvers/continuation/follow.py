@@ -1,15 +1,16 @@
 """Forced response by pseudo-arc-length continuation.
 
 From each end of the frequency range the curve of periods is followed to where it leaves the range, around turning
-points, so that several periods at one frequency are all found. Each step is tried at a frequency, and where there is
-no period near, across the last chord. Its length is measured relative to the motion and the frequency themselves and
-set by how far the point found is from where the chord led, and by the effort. Where another direction has been, its
-points are solved again, from the contact as it is now, while they lie ahead. At the peak and its half-power points
-more periods are solved, with finer settings. Where a curve cannot be followed (samples that begin to stick make it
-jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
-Equations: `continuation_system`.
+points, so that several periods at one frequency are all found. Each step is tried at a frequency, with several
+coordinates also from where the joint settles in time there, and where there is no period near, across the last chord.
+Its length is measured relative to the motion and the frequency themselves and set by how far the point found is from
+where the chord led, and by the effort. Where another direction has been, its points are solved again, from the contact
+as it is now, while they lie ahead. At the peak and its half-power points more periods are solved, with finer settings.
+Where a curve cannot be followed (samples that begin to stick make it jagged) it is taken up again at a frequency
+further on, and the point is marked as bridged.
+Equations: `continuation.system`; an interrupted curve: `continuation.checkpoint`.
 
-Stability is found at some points, and between any two that differ, at all: see `continuation_found`.
+Stability is found at some points, and between any two that differ, at all: see `continuation.points`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from math import pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -42,10 +44,9 @@ from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.starts import settled_starts
+from fretflow.solvers.quasi_static.starts import instant_of, settled_starts
 
 Array = NDArray[np.float64]
-EFFORT = 8  # iterations of a good arc
 OFF = 0.03  # distance of a good point from where the last chord led
 FAR = 2.0  # arcs; a root beyond is on another part of the curve
 BACK = -0.3  # cosine of the bend beyond which a root lies on the part behind
@@ -56,7 +57,7 @@ LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
 MAX_POINTS = 1000
 # Of a contact that sees several coordinates, unless asked for: N samples leave a motion off by about 1 / N, so that a
 # tenth of that is close enough; what the harmonics leave out, too, is in the curve's sampling error.
-SEVERAL: dict[str, Any] = {"harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256}
+SEVERAL: dict[str, Any] = {"harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256, "effort": 20}
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class Sweep:
     fine_samples: int = 256
     tolerance: float = 1e-4  # of the residual, relative to the excitation
     fine_tolerance: float = 1e-5
-    max_iterations: int = 8
+    max_iterations: int = 8  # derivatives of a point
+    effort: int = 8  # iterations of a good arc
     first_arc: float = 0.05
     longest_arc: float = 0.2
     longest_step: float = 0.04  # of the frequency
@@ -269,7 +271,7 @@ class _Follower:
 
     def _next_arc(self, new: CurvePoint, chord: Array, predicted: Array) -> float:
         length, off = float(np.linalg.norm(chord)), float(np.linalg.norm(chord - predicted))
-        growth = min(2.0 ** (0.5 * (EFFORT - new.iterations)), sqrt(OFF / max(off, 1e-6)))
+        growth = min(2.0 ** (0.5 * (self.sweep.effort - new.iterations)), sqrt(OFF / max(off, 1e-6)))
         share = max(abs(float(chord[-1])) / length, 1e-9)  # of the frequency in the chord
         arc = length * float(np.clip(growth, 0.5, 2.0))
         return max(min(arc, self.sweep.longest_arc, self.sweep.longest_step / share), self.sweep.shortest_arc)
@@ -281,11 +283,9 @@ class _Follower:
             return met, arc
         history: tuple[float, ...] = ()
         while arc >= self.sweep.shortest_arc:
-            ahead = now.unknowns + arc * along * now.scales
-            planes = (Plane.of_frequency(float(ahead[-1]), ahead[:-1]), Plane(ahead, along, now.scales))
-            for plane in planes if abs(along[-1]) > STEEP else planes[::-1]:
+            for solve in self._ways(now, along, arc):
                 try:
-                    new = self.system.correct(plane, now.end, now)
+                    new = solve()
                 except NonConvergenceError as error:
                     history = error.history
                     continue
@@ -295,6 +295,16 @@ class _Follower:
                     return new, arc
             arc *= SHORTER
         raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap", history)
+
+    def _ways(self, now: CurvePoint, along: Array, arc: float) -> list[Callable[[], CurvePoint]]:
+        """Return the ways to a point an arc ahead: at its frequency, from where the joint settles there, or across."""
+        system, ahead = self.system, now.unknowns + arc * along * now.scales
+        omega, seen = float(ahead[-1]), ahead[:-1]
+        ways = [partial(system.correct, Plane.of_frequency(omega, seen), now.end, now)]
+        if len(system.seen) > 1:
+            ways.append(partial(self._settled, omega, now))
+        across = partial(system.correct, Plane(ahead, along, now.scales), now.end, now)
+        return [*ways, across] if abs(along[-1]) > STEEP else [across, *ways]
 
     def _met(self, now: CurvePoint, along: Array, arc: float) -> CurvePoint | None:
         """Return the next point of another curve, solved again from the contact at `now`, or None."""
@@ -323,11 +333,13 @@ class _Follower:
                 return self._settled(now.omega * (1.0 + way * relative))
         raise error
 
-    def _settled(self, omega: float) -> CurvePoint:
-        """Return the point of one frequency from where the joint settles in time. Raises NonConvergenceError."""
+    def _settled(self, omega: float, near: CurvePoint | None = None) -> CurvePoint:
+        """Return the point of one frequency where the joint settles in time, from `near` by. Raises as `correct`."""
         at, march = self.system.at(omega), self.system.march
+        begin = None if near is None else instant_of(at, self.system.motion(near), near.end)
         error = NonConvergenceError(f"forced response at {omega / (2.0 * pi):.6g} Hz: the motion does not settle")
-        for found in settled_starts(at, self.system.equations(omega), march, None):
+        starts = settled_starts(at, self.system.equations(omega), march, begin)
+        for found in starts if near is None else islice(starts, 1):
             try:
                 return self.system.at_frequency(omega, found.start.seen, found.contact)
             except NonConvergenceError as failure:
