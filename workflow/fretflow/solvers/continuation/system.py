@@ -8,8 +8,9 @@ One row more, ``t . (y - y_0) = 0`` in scaled unknowns, makes the system square 
 
 Marching the contact gives Phi, and its derivative at a multiple of the cost. So the derivative is avoided where there
 is one coordinate: the defect of a model is corrected (`continuation.model`), the contact's own backbone, within a few
-per cent of Phi, or where all sticks a spring, which is exact. Where this is slow, Newton takes over, with the
-derivative of Phi by the march. Either way the root is that of R.
+per cent of Phi, or where all sticks a spring, which is exact. Where this is slow, or there are several, Newton takes
+over with the derivative of Phi by the march, made rarely: between, secants tell how R changes across its kinks. Either
+way the root is that of R.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from fretflow.solvers.quasi_static.starts import stuck_start
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 ACROSS = 2.0  # growth of the residual that is let pass
-ASTRAY = 10.0  # growth of the smallest residual beyond which secants lead nowhere
 MAX_DEFECTS = 12
 SLOW = 0.5  # decrease of the residual by a correction of the defect
 MAX_SLOW = 3  # times
@@ -288,7 +288,7 @@ class ContinuationSystem:
         """
         solve, secants, best, since = plane.solver(matrix / self.scale), Secants.none(len(now.unknowns)), now, 0
         before: tuple[Array, Array] | None = None
-        while now.norm > self.tolerance and since <= FORMER and now.norm < ASTRAY * best.norm:
+        while now.norm > self.tolerance and since <= FORMER and np.isfinite(now.norm):
             off = solve(now.residual / self.scale)
             ahead = now.unknowns / plane.scales - off
             if before is not None:
