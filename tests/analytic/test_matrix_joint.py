@@ -17,11 +17,13 @@ from fretflow.core.errors import HeavyContactWarning, InputError
 from fretflow.effects.cycle import march_wear
 from fretflow.solvers.audit import energy_balance
 from fretflow.solvers.continuation.follow import continue_response
+from fretflow.solvers.continuation.system import ContinuationSystem
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
 from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
 from fretflow.solvers.quasi_static.cautions import neglected_inertia
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.starts import settled_starts
 from fretflow.solvers.solve import solve_periodic
 from fretflow.solvers.time_integration import settle
 from fretflow.structure.matrix_joint import Joint
@@ -104,27 +106,32 @@ def test_tangent_of_three_modes_is_that_of_central_differences():
     assert found.tangent[:, :, 0] == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
 
 
-@pytest.mark.parametrize("nodes", [1, 10])
-def test_grounded_contacts_of_another_code(nodes):
-    """Their DOF order is normal, t1, t2 with compression positive: a contact map. All their mass is at the contact."""
+def contact_map(nodes):
+    """Return that of the other code's DOF order: normal, t1, t2 with compression positive."""
+    return np.kron(np.eye(nodes), [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+
+
+def grounded(nodes, compliance):
+    """Return contacts to ground of the other code; all their mass is at the contact."""
     data = np.load(PEERS / f"problem_{nodes}.npz")
-    case = next(c for c in json.loads((PEERS / "coupled_dlft_3d.json").read_text())["B_dlft3d"]
-                if c["N"] == nodes and c["eps"] == 100.0)
-    rows = np.kron(np.eye(nodes), [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
     face = Interface(np.zeros((nodes, 2)), np.ones(nodes), np.zeros(nodes))
     static, moving = data["F0"], data["Fc"] - 1j * data["Fs"]
     drive = Harmonic(0.8 / (2.0 * np.pi), {str(k): force for k, force in enumerate(moving)},
                      overtones=((0, {str(k): force for k, force in enumerate(static)}),))
+    joint = Joint.from_matrices(data["K"], data["M"], data["C"], contact_map=contact_map(nodes),
+                                observe={str(k): k for k in range(3 * nodes)}, contact_compliance=compliance)
+    return PeriodicProblem(joint, face, Coulomb(0.3), drive)
 
-    def given(compliance):
-        joint = Joint.from_matrices(data["K"], data["M"], data["C"], contact_map=rows,
-                                    observe={str(k): k for k in range(3 * nodes)}, contact_compliance=compliance)
-        return PeriodicProblem(joint, face, Coulomb(0.3), drive)
 
-    found = solve_periodic(given(1e-10), "dlft", harmonics=3, samples=128, penalty="100 N/m", tolerance=1e-11)
+@pytest.mark.parametrize("nodes", [1, 10])
+def test_grounded_contacts_of_another_code(nodes):
+    case = next(c for c in json.loads((PEERS / "coupled_dlft_3d.json").read_text())["B_dlft3d"]
+                if c["N"] == nodes and c["eps"] == 100.0)
+    found = solve_periodic(grounded(nodes, 1e-10), "dlft", harmonics=3, samples=128, penalty="100 N/m",
+                           tolerance=1e-11)
     moved = analysis_matrix(3, 128) @ found.displacement.reshape(128, -1)
-    assert moved == pytest.approx(np.array(case["X"]) @ rows.T, abs=1e-7)
-    soft = given(0.02)
+    assert moved == pytest.approx(np.array(case["X"]) @ contact_map(nodes).T, abs=1e-7)
+    soft = grounded(nodes, 0.02)
     true = solve_periodic(soft, harmonics=15, samples=256, tolerance=1e-8)
     other = solve_periodic(soft, "dlft", harmonics=15, samples=256, tolerance=1e-8)
     history = settle(soft, true, (2, 6), 512, 1e-4)
@@ -190,3 +197,22 @@ def test_a_response_in_partial_slip_ends_and_is_that_of_time_integration():
     swing = np.ptp(history.of_period(history.outputs["tip"]))
     for end in (curve.along(1)[-1], curve.along(-1)[0]):
         assert curve.peak_to_peak[end, 1] == pytest.approx(swing, rel=0.02)
+    up, down = (curve.along(direction)[np.argsort(curve.frequency[curve.along(direction)])] for direction in (1, -1))
+    again = np.interp(curve.frequency[up], curve.frequency[down], curve.peak_to_peak[down, 1])
+    assert again == pytest.approx(curve.peak_to_peak[up, 1], rel=0.02)
+
+
+def test_secants_lead_across_the_kinks_of_ten_contacts_that_begin_to_slip():
+    """Where Newton's own steps creep from one to the next; the period is that of a joint stepped in time."""
+    given = grounded(10, 0.02).vary(frequency=0.0497)
+    system = ContinuationSystem(given, 21, 128, 0.1 / 128, 8)
+    near = next(settled_starts(given, system.equations(given.omega), system.march, None))
+    point = system.at_frequency(given.omega, near.start.seen, near.contact)
+    assert point.norm < 0.1 / 128 < 0.1 * system.evaluate(np.append(near.start.seen, given.omega), near.contact, None,
+                                                          1.0).norm
+    history = settle(given, None, (2, 6), 256, 1e-3)
+    internal = system.motion(point)
+    loads = given.loads_at(2.0 * np.pi * np.arange(128) / 128)
+    outputs = given.boundary.observe(internal, system.period(point).displacement, system.period(point).force, loads)
+    swings = np.array([np.ptp(history.of_period(history.outputs[str(k)])) for k in range(30)])
+    assert [np.ptp(outputs[str(k)]) for k in range(30)] == pytest.approx(swings, abs=0.02 * swings.max())

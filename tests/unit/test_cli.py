@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 from inspect import signature
 from pathlib import Path
 
@@ -267,6 +268,17 @@ def test_a_log_without_a_terminal_gets_a_line_a_minute(capsys, monkeypatch):
             progress.advance("wear", now / 150.0, f"{now:.0f} s")
     said = capsys.readouterr().out.splitlines()
     assert [line.split() for line in said] == [["wear", "41", "%", "61", "s"], ["wear", "81", "%", "122", "s"]]
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_time_left_is_told_only_where_the_share_grows_steadily(capsys, monkeypatch, steady):
+    monkeypatch.setattr(terminal, "Terminal", partial(terminal.Terminal, force_terminal=True, width=100))
+    with terminal.Progress() as progress:
+        progress.begin("response", steady=steady)
+        progress.advance("response", 0.5, "50 Hz")
+    said = capsys.readouterr().out
+    assert "50 Hz" in said
+    assert ("left" in said) == steady
 
 
 @pytest.mark.parametrize("width", ["60", "80"])

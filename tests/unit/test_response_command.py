@@ -14,6 +14,7 @@ from fretflow import cli
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Solver, validate_case
 from fretflow.cli import response as cli_response
+from fretflow.cli.terminal import INTERRUPTED
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError
 from fretflow.core.store import read_record, write_record
@@ -21,6 +22,7 @@ from fretflow.effects.model import EffectModel
 from fretflow.pipeline import response_curves as stage
 from fretflow.pipeline.problem import rig_problem
 from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
+from fretflow.solvers.continuation import checkpoint
 from fretflow.solvers.continuation.curve import ResponseCurve, SweepDirection, read_peak
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -113,8 +115,8 @@ def test_a_point_of_a_curve_is_the_period_that_the_solver_finds(home):
 def test_a_curve_is_made_once_for_its_load(home, monkeypatch):
     made = []
     follow = stage.respond
-    monkeypatch.setattr(stage, "respond", lambda problem, sweep, note: made.append(problem.excitation.amplitude)
-                        or follow(problem, sweep, note))
+    monkeypatch.setattr(stage, "respond", lambda problem, *settings: made.append(problem.excitation.amplitude)
+                        or follow(problem, *settings))
     ask = ["response", str(home), "--unworn", "--stop", "41 Hz", "--start", "39 Hz"]
     assert cli.execute([*ask, "--excitation", "90 N"]) == 0
     assert cli.execute([*ask, "--excitation", "90 N", "--excitation", "0.08 kN"]) == 0
@@ -163,3 +165,33 @@ def test_gaps_in_a_curve_are_told(home, capsys):
     bridged[run.curve.along(SweepDirection.UP)[1]] = True
     cli_response.show_peaks([replace(run, curve=replace(run.curve, bridged=bridged))])
     assert "1 gaps bridged, unworn, " in capsys.readouterr().out
+
+
+def test_an_interrupted_command_goes_on_from_its_points(home, monkeypatch):
+    monkeypatch.setattr(checkpoint, "RARELY", 0.0)
+    follow, points, last = stage.respond, [], 6
+
+    def counted(problem, sweep, note, unfinished):
+        def counting(direction, frequency):
+            points.append(frequency)
+            if len(points) == last:
+                raise KeyboardInterrupt
+            note(direction, frequency)
+
+        return follow(problem, sweep, counting, unfinished)
+
+    monkeypatch.setattr(stage, "respond", counted)
+    ask = ["response", str(home), "--unworn", "--start", "38 Hz", "--stop", "42 Hz"]
+    assert cli.execute(ask) == INTERRUPTED
+    (part,) = (home / stage.FOLDER).glob(f"*{stage.UNFINISHED}")
+    first, points[:], last = set(points[:-1]), [], -1
+    assert cli.execute(ask) == 0
+    (file,) = (home / stage.FOLDER).glob("*.h5")
+    assert part.with_suffix(".h5") == file
+    assert not part.exists()
+    assert points[0] not in first
+    kept, points[:] = file.read_bytes(), []
+    file.unlink()
+    assert cli.execute(ask) == 0
+    assert file.read_bytes() == kept
+    assert first < set(points)

@@ -35,7 +35,8 @@ def response(
     """Follow the nonlinear frequency response by continuation, up and down, around turning points.
 
     Every point is a solution of the whole contact, with its stability; peak, half-power damping and folds are read
-    off each curve. A curve takes a minute or two and is kept beside the run's stages, so that it is made once.
+    off each curve. A curve is kept beside the run's stages, so that it is made once; an interrupted one goes on from
+    its last points. It takes longer where nodes stick and slip in turn, so that no time left is shown.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def response(
         folders = complete_stages(run)
         case = load_case(run / CASE_FILE)
     with progress:
-        progress.begin(STAGE)
+        progress.begin(STAGE, steady=False)
         curves, files = make_curves(case, folders, home, states, bounds, levels,
                                     lambda share, text: progress.advance(STAGE, share, text),
                                     lambda text: progress.note(STAGE, text))

@@ -94,16 +94,20 @@ class Progress:
         self._told = monotonic()
 
     def __enter__(self) -> Progress:
-        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
         from rich.progress import Progress as Bars
+        from rich.text import Text
+
+        class TimeLeft(TimeRemainingColumn):
+            def render(self, task: Task) -> Text:
+                return Text("left ").append(super().render(task)) if task.fields["steady"] else Text("")
 
         self._bars = Bars(
             TextColumn("{task.fields[stage]:<9}"),
             BarColumn(bar_width=24),
             TextColumn("{task.percentage:>3.0f} %"),
             TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
+            TimeLeft(),
             TextColumn("{task.description}"),
             console=self._console,
             disable=not self._console.is_terminal or started_size() > 1,
@@ -116,9 +120,9 @@ class Progress:
     def __exit__(self, *exception: object) -> None:
         self._bars.stop()
 
-    def begin(self, stage: str) -> None:
-        """Note that `stage` starts computing."""
-        self._task, self._told = self._bars.add_task("", total=1.0, stage=stage), monotonic()
+    def begin(self, stage: str, steady: bool = True) -> None:
+        """Note that `stage` starts computing; where its share does not grow steadily no time left is shown."""
+        self._task, self._told = self._bars.add_task("", total=1.0, stage=stage, steady=steady), monotonic()
 
     def advance(self, stage: str, share: float, text: str) -> None:
         """Note that `share` (0 to 1) of `stage` is done."""

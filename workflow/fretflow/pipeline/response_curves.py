@@ -1,7 +1,8 @@
 """Nonlinear frequency responses of a run: curves by continuation, and what is read off them.
 
-They cost a minute or two each and are no stage of a run: each curve is kept beside the run's stages under a name that
-holds a hash of all that it depends on, and is made once.
+They are no stage of a run: each curve is kept beside the run's stages under a name that holds a hash of all that it
+depends on, and is made once. While it is followed its points are kept in a file of their own, from which an interrupted
+one goes on.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.history import WearHistory
 
-VERSION = 1  # of the curves; a new one makes old files unused
+VERSION = 2  # of the curves; a new one makes old files unused
 FOLDER = "response_curves"
 PEAKS = "peaks.json"
+UNFINISHED = ".part"  # ending of the file of a curve that is being followed
 HARMONICS, SAMPLES = 40, 256  # at least: an arm that sticks rings at many times the lowest frequencies
 
 
@@ -151,7 +153,7 @@ def _under(problem: PeriodicProblem, excitation: float) -> PeriodicProblem:
 
 
 def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> RunCurve:
-    """Return the curve that is `asked` for, from its file if it has been made before.
+    """Return the curve that is `asked` for, from its file if it has been made before, wholly or in part.
 
     Raises
     ------
@@ -172,8 +174,10 @@ def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> Run
         done = max(done, (before + min(max(along, 0.0), 1.0)) / len(sweep.directions))
         progress(done, f"{asked.name}, {'up' if direction is SweepDirection.UP else 'down'}: {frequency:.4g} Hz")
 
-    found = RunCurve(state=asked.state, cycles=asked.cycles, curve=respond(asked.problem, sweep, note))
+    unfinished = asked.file.with_suffix(UNFINISHED)
+    found = RunCurve(state=asked.state, cycles=asked.cycles, curve=respond(asked.problem, sweep, note, unfinished))
     write_record(asked.file, found)
+    unfinished.unlink(missing_ok=True)
     return found
 
 

@@ -1,15 +1,16 @@
 """Forced response by pseudo-arc-length continuation.
 
 From each end of the frequency range the curve of periods is followed to where it leaves the range, around turning
-points, so that several periods at one frequency are all found. Each step is tried at a frequency, and where there is
-no period near, across the last chord. Its length is measured relative to the motion and the frequency themselves and
-set by how far the point found is from where the chord led, and by the effort. Where another direction has been, its
-points are solved again, from the contact as it is now, while they lie ahead. At the peak and its half-power points
-more periods are solved, with finer settings. Where a curve cannot be followed (samples that begin to stick make it
-jagged) it is taken up again at a frequency further on, and the point is marked as bridged.
-Equations: `continuation_system`.
+points, so that several periods at one frequency are all found. Each step is tried at a frequency, with several
+coordinates also from where the joint settles in time there, and where there is no period near, across the last chord.
+Its length is measured relative to the motion and the frequency themselves and set by how far the point found is from
+where the chord led, and by the effort. Where another direction has been, its points are solved again, from the contact
+as it is now, while they lie ahead. At the peak and its half-power points more periods are solved, with finer settings.
+Where a curve cannot be followed (samples that begin to stick make it jagged) it is taken up again at a frequency
+further on, and the point is marked as bridged.
+Equations: `continuation.system`; an interrupted curve: `continuation.checkpoint`.
 
-Stability is found at some points, and between any two that differ, at all: see `continuation_found`.
+Stability is found at some points, and between any two that differ, at all: see `continuation.points`.
 """
 
 from __future__ import annotations
@@ -18,48 +19,45 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from math import pi, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.solvers.continuation.checkpoint import Checkpoint, Trace
 from fretflow.solvers.continuation.curve import (
-    Parabola,
     ResponseCurve,
     SweepDirection,
-    arc_lengths,
     channel_index,
-    half_power_bracket,
     label_branches,
-    summit,
 )
 from fretflow.solvers.continuation.model import Plane
 from fretflow.solvers.continuation.points import STRAIGHT, Face, FoundPoint, Trail, channels_of, judge
-from fretflow.solvers.continuation.system import ContinuationSystem, CurvePoint
+from fretflow.solvers.continuation.refinement import Refinement
+from fretflow.solvers.continuation.system import NO_MEMORY, ContinuationSystem, CurvePoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.starts import settled_starts
+from fretflow.solvers.quasi_static.starts import instant_of, settled_starts
 
 Array = NDArray[np.float64]
-EFFORT = 8  # iterations of a good arc
 OFF = 0.03  # distance of a good point from where the last chord led
 FAR = 2.0  # arcs; a root beyond is on another part of the curve
 BACK = -0.3  # cosine of the bend beyond which a root lies on the part behind
 STEEP = 0.03  # share of the frequency in a chord; across a steeper one there may be no period at a frequency
 SHORTER = 0.4
-PEAK_CHANGE = 1e-3
-MAX_INSERTIONS = 10
 BRIDGES = (0.002, 0.005, 0.01, 0.02, 0.05)  # of the frequency
 LOAD_STEPS = tuple(0.1 * k for k in range(1, 11))
 MAX_POINTS = 1000
 # Of a contact that sees several coordinates, unless asked for: N samples leave a motion off by about 1 / N, so that a
 # tenth of that is close enough; what the harmonics leave out, too, is in the curve's sampling error.
-SEVERAL: dict[str, Any] = {"harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256}
+SEVERAL: dict[str, Any] = {"harmonics": 21, "tolerance": 0.1 / 128, "fine_tolerance": 0.1 / 256, "effort": 20}
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,8 @@ class Sweep:
     fine_samples: int = 256
     tolerance: float = 1e-4  # of the residual, relative to the excitation
     fine_tolerance: float = 1e-5
-    max_iterations: int = 8
+    max_iterations: int = 8  # derivatives of a point
+    effort: int = 8  # iterations of a good arc
     first_arc: float = 0.05
     longest_arc: float = 0.2
     longest_step: float = 0.04  # of the frequency
@@ -92,7 +91,6 @@ class _Run:
     """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
 
     found: list[FoundPoint]
-    followed: list[FoundPoint]  # before the refinement
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
@@ -151,51 +149,73 @@ def continue_response(problem: PeriodicProblem, start: float, stop: float, chann
     return respond(problem, sweep, lambda direction, frequency: progress(frequency) if progress else None)
 
 
-def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirection, float], None]) -> ResponseCurve:
+def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirection, float], None],
+            unfinished: Path | None = None) -> ResponseCurve:
     """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
 
-    Nodes out of reach are left out, see `candidate_nodes`; where one turns out to touch, all is done again.
+    Nodes out of reach are left out, see `candidate_nodes`; where one turns out to touch, all is done again. Points are
+    kept in the file `unfinished` as they are found; where it is there, the curve goes on from them, to the same result.
 
     Raises
     ------
     NonConvergenceError
         Naming the frequency, with the residual history of the last attempt.
+    StoreError
+        If the file cannot be read or written.
     """
-    nodes = candidate_nodes(problem, None)
+    checkpoint = Checkpoint(unfinished)
+    nodes = candidate_nodes(problem, None) if checkpoint.saved is None else checkpoint.saved.nodes
     while True:
         face = Face.of(problem, nodes)
+        traces: list[Trace] = []
         runs: dict[SweepDirection, _Run] = {}
         for direction in sweep.directions:
-            follower = _Follower(face, sweep, partial(note, direction))
-            runs[direction] = follower.follow(direction, [run.followed for run in runs.values()])
+            follower = _Follower(face, sweep, partial(note, direction), checkpoint)
+            traces.append(follower.follow(direction, traces))
+            runs[direction] = follower.finish(traces[-1])
         missed = np.any([p.touched for run in runs.values() for p in run.found], axis=0) & ~nodes
         if not missed.any():
             return _curve(problem, runs)
-        nodes = nodes | missed
+        nodes, checkpoint.saved = nodes | missed, None
 
 
 class _Follower:
     """Follows the curve of the nodes within reach."""
 
-    def __init__(self, face: Face, sweep: Sweep, note: Callable[[float], None]) -> None:
-        self.face, self.sweep, self.note = face, sweep, note
+    def __init__(self, face: Face, sweep: Sweep, note: Callable[[float], None], checkpoint: Checkpoint) -> None:
+        self.face, self.sweep, self.note, self.checkpoint = face, sweep, note, checkpoint
         self.problem = problem = face.part
-        self.channel = channel_index(sweep.channel, channels_of(problem))
-        self.trails: list[Trail] = []
         backbone, s = _backbone(problem), sweep
         self.system = ContinuationSystem(problem, s.harmonics, s.samples, s.tolerance, s.max_iterations, backbone)
-        self.size = len(seen_coordinates(problem.boundary)) * (2 * s.fine_harmonics + 1)
-        self.fine = ContinuationSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations,
-                                       backbone)
+        self.trails: list[Trail] = []
+        fine = ContinuationSystem(problem, s.fine_harmonics, s.fine_samples, s.fine_tolerance, s.max_iterations,
+                                  backbone)
+        self.refinement = Refinement(face, fine, channel_index(s.channel, channels_of(problem)), note)
 
-    def follow(self, direction: SweepDirection, others: list[list[FoundPoint]]) -> _Run:
-        """Return the points in order; `others` are curves followed the other way."""
-        found = [self._keep(self.system, self._start(direction, [other[-1].point for other in others]))]
-        self.trails = [Trail(other) for other in others]
-        self._trace(found, direction)
-        followed = list(found)
-        change = self._refine(found)
-        return _Run(found, followed, *judge(found, self._top(found)), change)
+    def follow(self, direction: SweepDirection, others: list[Trace]) -> Trace:
+        """Return the curve in `direction`, from where it was left; `others` were followed the other way."""
+        system, self.trails = self.system, [Trail(other.found) for other in others]
+        trace = self.checkpoint.resume(direction, system, self.trails)
+        if trace is None:
+            first = self._keep(self._start(direction, [other.found[-1].point for other in others]))
+            along = np.append(np.zeros(len(first.point.seen)), float(direction))
+            trace = Trace(direction, [first], system.tangent(first.point, along), self.sweep.first_arc)
+            self._save(others, trace)
+        while not trace.ended:
+            self._advance(trace)
+            self._save(others, trace)
+        return trace
+
+    def finish(self, trace: Trace) -> _Run:
+        """Return a curve refined, with the stability of its points."""
+        self.system.begin_step(NO_MEMORY)
+        found = list(trace.found)
+        change = self.refinement.refine(found)
+        return _Run(found, *judge(found, self.refinement.top(found)), change)
+
+    def _save(self, others: list[Trace], trace: Trace) -> None:
+        self.system.begin_step(self.system.memory)
+        self.checkpoint.save(self.face.nodes, [*others, trace], self.system, self.trails)
 
     def _start(self, direction: SweepDirection, reached: list[CurvePoint]) -> CurvePoint:
         """Solve at the end of the range where `direction` begins, from rest or from where another curve ended."""
@@ -223,33 +243,35 @@ class _Follower:
             seen, start, before = point.seen, point.end, share
         return point
 
-    def _trace(self, found: list[FoundPoint], direction: SweepDirection) -> None:
+    def _advance(self, trace: Trace) -> None:
+        """Put the next point on the curve, or the last one at the end of the range."""
         s, low, high = self.system, 2.0 * pi * self.sweep.start, 2.0 * pi * self.sweep.stop
-        now = found[0].point
-        along = s.tangent(now, np.append(np.zeros(len(now.seen)), float(direction)))
-        arc = self.sweep.first_arc
-        while len(found) < MAX_POINTS:
-            try:
-                new, arc = self._arc(now, along, arc)
-            except NonConvergenceError as error:
-                way = float(np.sign(along[-1]))
-                new, arc = self._bridge(now, way, error), self.sweep.first_arc
-                if low < new.omega < high:
-                    found.append(self._keep(s, new, bridged=True))
-                    along, now = s.tangent(new, np.append(np.zeros(len(new.seen)), way)), new
-                    continue
-            if not low < new.omega < high:
-                found.append(self._keep(s, self._end(now, new, low if new.omega <= low else high)))
-                return
-            found.append(self._keep(s, new))
+        now, along, found = trace.found[-1].point, trace.along, trace.found
+        if len(found) >= MAX_POINTS:
+            raise NonConvergenceError(f"forced response: not out of the frequency range after {MAX_POINTS} points, "
+                                      f"near {now.omega / (2.0 * pi):.6g} Hz; take a smaller range")
+        bridged = False
+        try:
+            new, arc = self._arc(now, along, trace.arc)
+        except NonConvergenceError as error:
+            bridged, arc = True, self.sweep.first_arc
+            new = self._bridge(now, float(np.sign(along[-1])), error)
+        if not low < new.omega < high:
+            found.append(self._keep(self._end(now, new, low if new.omega <= low else high)))
+            trace.ended = True
+        elif bridged:
+            found.append(self._keep(new, bridged=True))
+            way = np.append(np.zeros(len(new.seen)), float(np.sign(along[-1])))
+            trace.along, trace.arc = s.tangent(found[-1].point, way), arc
+        else:
+            found.append(self._keep(new))
             chord = (new.unknowns - now.unknowns) / now.scales
-            arc, along, now = self._next_arc(new, chord, arc * along), chord / np.linalg.norm(chord), new
-        raise NonConvergenceError(f"forced response: not out of the frequency range after {MAX_POINTS} points, near "
-                                  f"{now.omega / (2.0 * pi):.6g} Hz; take a smaller range")
+            trace.arc = self._next_arc(new, chord, arc * along)
+            trace.along = chord / np.linalg.norm(chord)
 
     def _next_arc(self, new: CurvePoint, chord: Array, predicted: Array) -> float:
         length, off = float(np.linalg.norm(chord)), float(np.linalg.norm(chord - predicted))
-        growth = min(2.0 ** (0.5 * (EFFORT - new.iterations)), sqrt(OFF / max(off, 1e-6)))
+        growth = min(2.0 ** (0.5 * (self.sweep.effort - new.iterations)), sqrt(OFF / max(off, 1e-6)))
         share = max(abs(float(chord[-1])) / length, 1e-9)  # of the frequency in the chord
         arc = length * float(np.clip(growth, 0.5, 2.0))
         return max(min(arc, self.sweep.longest_arc, self.sweep.longest_step / share), self.sweep.shortest_arc)
@@ -261,11 +283,9 @@ class _Follower:
             return met, arc
         history: tuple[float, ...] = ()
         while arc >= self.sweep.shortest_arc:
-            ahead = now.unknowns + arc * along * now.scales
-            planes = (Plane.of_frequency(float(ahead[-1]), ahead[:-1]), Plane(ahead, along, now.scales))
-            for plane in planes if abs(along[-1]) > STEEP else planes[::-1]:
+            for solve in self._ways(now, along, arc):
                 try:
-                    new = self.system.correct(plane, now.end, now)
+                    new = solve()
                 except NonConvergenceError as error:
                     history = error.history
                     continue
@@ -275,6 +295,16 @@ class _Follower:
                     return new, arc
             arc *= SHORTER
         raise NonConvergenceError(f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve has a gap", history)
+
+    def _ways(self, now: CurvePoint, along: Array, arc: float) -> list[Callable[[], CurvePoint]]:
+        """Return the ways to a point an arc ahead: at its frequency, from where the joint settles there, or across."""
+        system, ahead = self.system, now.unknowns + arc * along * now.scales
+        omega, seen = float(ahead[-1]), ahead[:-1]
+        ways = [partial(system.correct, Plane.of_frequency(omega, seen), now.end, now)]
+        if len(system.seen) > 1:
+            ways.append(partial(self._settled, omega, now))
+        across = partial(system.correct, Plane(ahead, along, now.scales), now.end, now)
+        return [*ways, across] if abs(along[-1]) > STEEP else [across, *ways]
 
     def _met(self, now: CurvePoint, along: Array, arc: float) -> CurvePoint | None:
         """Return the next point of another curve, solved again from the contact at `now`, or None."""
@@ -303,11 +333,13 @@ class _Follower:
                 return self._settled(now.omega * (1.0 + way * relative))
         raise error
 
-    def _settled(self, omega: float) -> CurvePoint:
-        """Return the point of one frequency from where the joint settles in time. Raises NonConvergenceError."""
+    def _settled(self, omega: float, near: CurvePoint | None = None) -> CurvePoint:
+        """Return the point of one frequency where the joint settles in time, from `near` by. Raises as `correct`."""
         at, march = self.system.at(omega), self.system.march
+        begin = None if near is None else instant_of(at, self.system.motion(near), near.end)
         error = NonConvergenceError(f"forced response at {omega / (2.0 * pi):.6g} Hz: the motion does not settle")
-        for found in settled_starts(at, self.system.equations(omega), march, None):
+        starts = settled_starts(at, self.system.equations(omega), march, begin)
+        for found in starts if near is None else islice(starts, 1):
             try:
                 return self.system.at_frequency(omega, found.start.seen, found.contact)
             except NonConvergenceError as failure:
@@ -320,79 +352,9 @@ class _Follower:
         share = (omega - inside.omega) / way if way else 1.0  # the first step may turn back at the range's end itself
         return self.system.at_frequency(omega, inside.seen + share * (outside.seen - inside.seen), inside.end, inside)
 
-    def _refine(self, found: list[FoundPoint]) -> float:
-        """Insert points at the peak and at half its power; return how much the finer settings change its top."""
-        if self._top(found) in (0, len(found) - 1):
-            return float("nan")
-        first, last = summit(self._amplitude(found))
-        changes = []
-        for k in range(first, last + 1):
-            with suppress(NonConvergenceError):  # the point then stays as coarse as it is
-                coarse, found[k] = found[k], self._keep(self.fine, self._finer(found[k].point))
-                changes.append(abs(coarse.first_harmonic[self.channel] / found[k].first_harmonic[self.channel] - 1.0))
-        with suppress(NonConvergenceError):  # the curve then stays as coarse as it is
-            self._refine_peak(found)
-        for step in (-1, 1):
-            with suppress(NonConvergenceError):
-                self._refine_half_power(found, step)
-        return float(max(changes, default=np.nan))
-
-    def _refine_peak(self, found: list[FoundPoint]) -> None:
-        for _ in range(MAX_INSERTIONS):
-            top = self._top(found)
-            if top in (0, len(found) - 1):
-                return
-            around = found[top - 1:top + 2]
-            motion = np.array([p.first_harmonic[self.channel] for p in around])
-            arc = arc_lengths(np.array([p.frequency for p in around]), motion)
-            fitted = Parabola.through(arc, np.abs(motion))
-            first = top - 1 if fitted.vertex < arc[1] else top
-            left, right = arc[first - top + 1], arc[first - top + 2]
-            share = float(np.clip((fitted.vertex - left) / (right - left), 0.02, 0.98))
-            found.insert(first + 1, self._between(found[first], found[first + 1], share))
-            new = abs(found[first + 1].first_harmonic[self.channel])
-            if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
-                return
-
-    def _refine_half_power(self, found: list[FoundPoint], step: int) -> None:
-        for _ in range(MAX_INSERTIONS):
-            amplitude = self._amplitude(found)
-            top = int(np.argmax(amplitude))
-            bracket = half_power_bracket(amplitude, top, step)
-            if bracket is None:
-                return
-            first, last = sorted(bracket)
-            target = amplitude[top] / sqrt(2.0)
-            share = (target - amplitude[first]) / (amplitude[last] - amplitude[first])
-            found.insert(last, self._between(found[first], found[last], float(np.clip(share, 0.02, 0.98))))
-            if abs(abs(found[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
-                return
-
-    def _between(self, a: FoundPoint, b: FoundPoint, share: float) -> FoundPoint:
-        """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it."""
-        arms = [_resized(p.point.seen, self.size) for p in (a, b)]
-        start, end = (np.append(arm, p.point.omega) for arm, p in zip(arms, (a, b), strict=True))
-        unknowns = start + share * (end - start)
-        scales = np.append(np.full(len(arms[0]), np.linalg.norm(unknowns[:-1])), unknowns[-1])
-        chord = (end - start) / scales
-        near = (a if share < 0.5 else b).point
-        plane = Plane(unknowns, chord / np.linalg.norm(chord), scales)
-        known = near if len(near.history.state) == self.sweep.fine_samples else None
-        return self._keep(self.fine, self.fine.correct(plane, near.end, known))
-
-    def _finer(self, point: CurvePoint) -> CurvePoint:
-        """Solve `point` again with the fine settings, at its frequency."""
-        return self.fine.at_frequency(point.omega, _resized(point.seen, self.size), point.end)
-
-    def _amplitude(self, found: list[FoundPoint]) -> Array:
-        return np.array([abs(p.first_harmonic[self.channel]) for p in found])
-
-    def _top(self, found: list[FoundPoint]) -> int:
-        return int(np.argmax(self._amplitude(found)))
-
-    def _keep(self, system: ContinuationSystem, point: CurvePoint, bridged: bool = False) -> FoundPoint:
+    def _keep(self, point: CurvePoint, bridged: bool = False) -> FoundPoint:
         self.note(point.omega / (2.0 * pi))
-        return FoundPoint.of(self.face, system, point, bridged)
+        return FoundPoint.of(self.face, self.system, point, bridged)
 
 
 def _backbone(problem: PeriodicProblem) -> Backbone | None:
@@ -404,11 +366,6 @@ def _backbone(problem: PeriodicProblem) -> Backbone | None:
     with suppress(NonConvergenceError):
         return Backbone.of(march, march.preloaded(problem.preload.frictional))
     return None
-
-
-def _resized(seen: Array, size: int) -> Array:
-    """Return coefficients (`size`,) with zeros for further harmonics, or without the last ones."""
-    return np.concatenate([seen[:size], np.zeros(max(0, size - len(seen)))])
 
 
 def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> ResponseCurve:
@@ -425,5 +382,5 @@ def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> Respon
         stable=np.concatenate([run.stable for run in runs.values()]), bridged=np.array([p.bridged for p in found]),
         iterations=np.array([p.point.iterations for p in found]),
         residual=np.array([p.point.norm for p in found]),
-        samples=np.array([len(p.point.history.state) for p in found]),
+        samples=np.array([p.system.samples for p in found]),
         sampling_error=float(max(run.change for run in runs.values())))

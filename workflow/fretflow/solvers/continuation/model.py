@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.quasi_static.backbone import Backbone, newton_across_kinks
@@ -45,10 +46,13 @@ class Plane:
         """Return how far y is off the plane, in scaled unknowns."""
         return float(self.row @ ((y - self.unknowns) / self.scales))
 
-    def step(self, residual: Array, matrix: Array) -> Array:
-        """Return the Newton step within the plane for the residual and its derivative (2 H + 1, 2 H + 2)."""
-        bordered = np.vstack([matrix * self.scales, self.row])
-        return np.asarray(self.scales * np.linalg.solve(bordered, np.append(-residual, 0.0)))
+    def solver(self, matrix: Array) -> Callable[[Array], Array]:
+        """Return what takes a residual to how far it is off within the plane, in scaled unknowns.
+
+        `matrix` (2 H + 1, 2 H + 2) is the residual's derivative.
+        """
+        factors = lu_factor(np.vstack([matrix * self.scales, self.row]))
+        return lambda residual: np.asarray(lu_solve(factors, np.append(residual, 0.0)))
 
 
 @dataclass(frozen=True)

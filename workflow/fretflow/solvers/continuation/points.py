@@ -59,7 +59,7 @@ class FoundPoint:
     @classmethod
     def of(cls, face: Face, system: ContinuationSystem, point: CurvePoint, bridged: bool) -> FoundPoint:
         """Return what is kept of `point`, a root of `system` on `face`."""
-        period, part = point.history, face.part
+        period, part = system.period(point), face.part
         internal = system.motion(point)
         loads = system.at(point.omega).loads_at(2.0 * np.pi * np.arange(len(internal)) / len(internal))
         free = part.boundary.free_motion(internal, period.displacement, loads)
@@ -69,7 +69,7 @@ class FoundPoint:
         motion = np.column_stack([along_x(outputs[name]) for name in channels_of(part)])
         first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
         touched = (interface.gap + moved[:, 2::3]).min(axis=0) < 0.0
-        return cls(system, point, first_harmonic, np.ptp(motion, axis=0), touched, bridged)
+        return cls(system, point.without_history(), first_harmonic, np.ptp(motion, axis=0), touched, bridged)
 
 
 def channels_of(problem: PeriodicProblem) -> tuple[str, ...]:
@@ -93,6 +93,15 @@ class Trail:
         """Take the points in the order in which they were found."""
         beyond = [*(p.bridged for p in found[1:]), False]
         self._left = [(p.point, gap) for p, gap in zip(found, beyond, strict=True)]
+
+    @property
+    def left(self) -> int:
+        """Return how many points lie ahead."""
+        return len(self._left)
+
+    def pass_to(self, left: int) -> None:
+        """Go on to where so many points lie ahead."""
+        del self._left[left:]
 
     def ahead(self, now: CurvePoint, along: Array, reach: float) -> CurvePoint | None:
         """Return the next point if it lies within `reach` of `now`, where `along` leads, else None."""
@@ -130,6 +139,6 @@ def _judge_one(found: FoundPoint) -> tuple[float, bool]:
     """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
     system, point = found.system, found.point
     at = system.at(point.omega)
-    multipliers = floquet_multipliers(at.boundary.internal, system.march.system, point.history, found.frequency,
+    multipliers = floquet_multipliers(at.boundary.internal, system.march.system, system.period(point), found.frequency,
                                       Around.of(at, system.motion(point)))
     return float(abs(multipliers[0])), is_stable(multipliers)

@@ -8,32 +8,32 @@ One row more, ``t . (y - y_0) = 0`` in scaled unknowns, makes the system square 
 
 Marching the contact gives Phi, and its derivative at a multiple of the cost. So the derivative is avoided where there
 is one coordinate: the defect of a model is corrected (`continuation.model`), the contact's own backbone, within a few
-per cent of Phi, or where all sticks a spring, which is exact. Where this is slow, Newton takes over, with the
-derivative of Phi by the march. Either way the root is that of R.
+per cent of Phi, or where all sticks a spring, which is exact. Where this is slow, or there are several, Newton takes
+over with the derivative of Phi by the march, made rarely: between, secants tell how R changes across its kinks. Either
+way the root is that of R.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import pi
 
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
-from fretflow.solvers.continuation.model import SMALL, OnBackbone, Plane, Secants
+from fretflow.solvers.continuation.model import FORMER, SMALL, OnBackbone, Plane, Secants
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.march import ContactMarch, PeriodicMarch, Surroundings
-from fretflow.solvers.quasi_static.newton import LAGGED, NEAR
-from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleState
+from fretflow.solvers.quasi_static.newton import HALVED, NEAR
+from fretflow.solvers.quasi_static.sample import STICK, Array, PeriodHistory, SampleSolver, SampleState
 from fretflow.solvers.quasi_static.starts import stuck_start
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
-SHORTEST_STEP = 0.1  # of a Newton step; beyond that a shorter arc is cheaper
 ACROSS = 2.0  # growth of the residual that is let pass
-MAX_ACROSS = 6  # derivatives; with the last ones only smaller residuals are let pass
 MAX_DEFECTS = 12
 SLOW = 0.5  # decrease of the residual by a correction of the defect
 MAX_SLOW = 3  # times
@@ -43,19 +43,23 @@ CONTACT_TOLERANCE = 0.01  # of the residual's
 REPEAT = 0.5  # of the residual: what of a nodal force may change from period to period, which Phi hardly feels
 FIRST_REPEAT = 0.02
 RATE_STEP = 1e-6  # of the frequency
+NO_MEMORY = np.zeros((0, 0)), np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
 class CurvePoint:
     """Coefficients of the coordinates that the contact sees and of the others in m, omega in rad/s, and the period.
 
-    `residual` (n_a,) N, and its norm relative to the excitation.
+    `end` is the contact at the end of the period, which is the one before its beginning, from which the `history` can
+    be marched again where it is not kept. `residual` (n_a,) N, and its norm relative to the excitation.
     """
 
     seen: Array
     other: Array
     omega: float
-    history: PeriodHistory
+    end: SampleState
+    sticks: bool  # every node, all the period
+    history: PeriodHistory | None
     residual: Array
     norm: float
     secants: Secants
@@ -67,19 +71,16 @@ class CurvePoint:
         return np.append(np.full(len(self.seen), max(float(np.linalg.norm(self.seen)), SMALL)), self.omega)
 
     @property
-    def end(self) -> SampleState:
-        """Return the contact at the end of the period, which is the one before its beginning."""
-        return SampleState.of(self.history)
-
-    @property
-    def sticks(self) -> bool:
-        """Tell whether no node moves during the period."""
-        return not np.any(self.history.state != STICK)
-
-    @property
     def unknowns(self) -> Array:
         """Return (a, omega)."""
         return np.append(self.seen, self.omega)
+
+    def without_history(self) -> CurvePoint:
+        """Return it with copies of its arrays, laid out as if read from a file, and its period not kept."""
+        end = SampleState(self.end.displacement.copy(), self.end.force.copy(), self.end.state.copy())
+        secants = Secants(self.secants.defects.copy(), self.secants.residuals.copy())
+        return replace(self, seen=self.seen.copy(), other=self.other.copy(), end=end, history=None,
+                       residual=self.residual.copy(), secants=secants)
 
 
 class ContinuationSystem:
@@ -142,8 +143,28 @@ class ContinuationSystem:
         none = np.zeros((self.samples, len(self.seen), 0))
         history = self._period(e, seen, none, start, near, last).history
         residual = balance.residual - e.coefficients(history.force @ self.march.system.transfer.T)
-        return CurvePoint(seen, balance.other, omega, history, residual, float(np.linalg.norm(residual)) / self.scale,
-                     Secants.none(len(seen)))
+        return CurvePoint(seen, balance.other, omega, SampleState.of(history), not np.any(history.state != STICK),
+                          history, residual, float(np.linalg.norm(residual)) / self.scale, Secants.none(len(seen)))
+
+    def period(self, point: CurvePoint) -> PeriodHistory:
+        """Return the period of a root, marched again where it has not been kept. Raises NonConvergenceError."""
+        if point.history is not None:
+            return point.history
+        again = self.evaluate(point.unknowns, point.end, None, point.norm, point.other).history
+        if again is None:
+            raise NonConvergenceError("forced response: the period is not found again")
+        return again
+
+    @property
+    def memory(self) -> tuple[Array, Array]:
+        """Return what a step leaves to the next: the derivative (n_a, n_a + 1) of R or (0, 0), and the march's."""
+        return NO_MEMORY[0] if self._derivative is None else self._derivative, self.march.memory
+
+    def begin_step(self, memory: tuple[Array, Array]) -> None:
+        """Begin a step with nothing but a `memory`, so that it depends on what can be kept in a file."""
+        derivative, self.march.memory = memory
+        self._derivative = derivative if derivative.size else None
+        self.march.solver = SampleSolver(self.march.system)
 
     def derivative(self, point: CurvePoint) -> Array:
         """Return the derivative (n_a, n_a + 1) of R by (a, omega); friction that depends on the rate is held."""
@@ -237,53 +258,51 @@ class ContinuationSystem:
         return None
 
     def _by_newton(self, plane: Plane, now: CurvePoint) -> CurvePoint:
-        """Return the root by Newton; a former derivative, corrected by each step, serves while steps are good.
+        """Return the root by Newton, with the derivative of a point before as long as it serves.
 
-        Samples that begin to stick put kinks into R, between which shortened steps creep: whole ones come first, also
-        to a larger residual, and lead across (R. M. Chamberlain et al., Math. Program. Stud. 16 (1982) 1-17).
+        Raises
+        ------
+        NonConvergenceError
+            If a derivative made anew does not halve the residual.
         """
-        history, made, matrix = [now.norm], 0, self._derivative
+        history, matrix, made = [now.norm], self._derivative, 0
         if matrix is not None and matrix.shape != (len(now.seen), len(now.seen) + 1):
             matrix = None
         while now.norm > self.tolerance:
-            following = None if matrix is None else self._tried(now, plane, matrix, LAGGED * now.norm)
-            if following is None and made < self.max_iterations:
+            if matrix is None:
                 matrix, made = self.derivative(now), made + 1
-                following = self._searched(now, plane, matrix, ACROSS * min(history) if made < MAX_ACROSS else 0.0)
-            if following is None or matrix is None:
+            best, self._derivative = self._by_secants(plane, now, matrix, history), matrix
+            given_up = made >= self.max_iterations or (made > 0 and best.norm > HALVED * now.norm)
+            if best.norm > self.tolerance and given_up:
                 raise NonConvergenceError(
-                    f"forced response near {now.omega / (2.0 * np.pi):.6g} Hz: residual {now.norm:.1e} of the "
+                    f"forced response near {now.omega / (2.0 * pi):.6g} Hz: residual {best.norm:.1e} of the "
                     f"excitation after {len(history) - 1} iterations", history)
-            matrix = self._derivative = _corrected(matrix, now, following)
-            now = replace(following, iterations=now.iterations + 1, secants=now.secants)
-            history.append(now.norm)
+            now, matrix = best, None
         return now
 
-    def _searched(self, now: CurvePoint, plane: Plane, matrix: Array, across: float) -> CurvePoint | None:
-        """Return the point of the longest step that reduces the residual, or of the whole one if below `across`."""
-        length = 1.0
-        while length >= SHORTEST_STEP:
-            bound = max((1.0 - 1e-3 * length) * now.norm, across if length == 1.0 else 0.0)
-            following = self._tried(now, plane, matrix, bound, length)
-            if following is not None:
-                return following
-            length *= 0.5
-        return None
+    def _by_secants(self, plane: Plane, now: CurvePoint, matrix: Array, history: list[float]) -> CurvePoint:
+        """Return the best of the points to which steps by one derivative lead, extrapolated by those before them.
 
-    def _tried(self, now: CurvePoint, plane: Plane, matrix: Array, bound: float, length: float = 1.0
-               ) -> CurvePoint | None:
-        """Return the point after a step if its residual is below `bound`; None also where the contact is not found."""
-        unknowns = now.unknowns + length * plane.step(now.residual / self.scale, matrix / self.scale)
-        if unknowns[-1] > 0.0:
-            with suppress(NonConvergenceError):
-                following = self.evaluate(unknowns, now.end, now.history if now.norm < NEAR else None, now.norm,
-                                          now.other)
-                return following if following.norm < bound else None
-        return None
-
-
-def _corrected(matrix: Array, now: CurvePoint, following: CurvePoint) -> Array:
-    """Return the derivative with the change of R from one point to the other (C. G. Broyden 1965)."""
-    step = following.unknowns - now.unknowns
-    along = step / now.scales**2
-    return np.asarray(matrix + np.outer(following.residual - now.residual - matrix @ step, along / (along @ step)))
+        Samples that begin to stick put kinks into R, between which steps by the derivative at one point creep. Secants
+        tell how R changes on the whole across them (D. G. Anderson, J. ACM 12 (1965)).
+        """
+        solve, secants, best, since = plane.solver(matrix / self.scale), Secants.none(len(now.unknowns)), now, 0
+        before: tuple[Array, Array] | None = None
+        while now.norm > self.tolerance and since <= FORMER and np.isfinite(now.norm):
+            off = solve(now.residual / self.scale)
+            ahead = now.unknowns / plane.scales - off
+            if before is not None:
+                secants = secants.with_pair(ahead - before[0], off - before[1])
+            before = ahead, off
+            unknowns = plane.scales * secants.extrapolate(ahead, off)
+            if not unknowns[-1] > 0.0:
+                break
+            try:
+                near = now.history if now.norm < NEAR else None
+                following = self.evaluate(unknowns, now.end, near, now.norm, now.other)
+            except NonConvergenceError:  # of the contact, too far from where it was
+                break
+            now = replace(following, iterations=now.iterations + 1, secants=best.secants)
+            history.append(now.norm)
+            best, since = (now, 0) if now.norm < best.norm else (best, since + 1)
+        return best

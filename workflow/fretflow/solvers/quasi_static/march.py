@@ -205,6 +205,15 @@ class ContactMarch:
         """Return the contact of `problem` and the coordinates `seen` from it."""
         return cls(ContactSystem.of(problem, seen), Surroundings.of(problem, seen), Rest.of(problem))
 
+    @property
+    def memory(self) -> Array:
+        """The derivative of the slid positions after a period by those before it, (3 n, 3 n), or (0, 0)."""
+        return self._returning
+
+    @memory.setter
+    def memory(self, returning: Array) -> None:
+        self._returning = returning
+
     def preloaded(self, frictional: bool = False) -> SampleState:
         """Return the joint under its normal load, the faces frictionless while it is applied, or not.
 

@@ -41,6 +41,7 @@ from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InitialGuess, InternalNewton, Iterate
 from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState, plain
 from fretflow.solvers.quasi_static.starts import REPEATING, Settled, cold_starts, settled_starts, stuck_start
+from fretflow.solvers.time_integration import at_phase_zero
 from fretflow.structure.internal_forces import ShareOfForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -166,7 +167,8 @@ class QuasiStaticSolver:
                 return _solution(problem, equations, *newton.refine(at, self.settings.max_iterations))
         except NonConvergenceError as failure:
             error = failure
-        for settled in settled_starts(problem, equations, march, start):
+        near = None if start is None else at_phase_zero(problem, start)
+        for settled in settled_starts(problem, equations, march, near):
             try:
                 found = newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
             except NonConvergenceError as failure:

@@ -15,14 +15,14 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.fourier import analysis_matrix, time_derivative
-from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.backbone import Backbone, find_arm
 from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.newton import InitialGuess
 from fretflow.solvers.quasi_static.sample import Array, SampleState
-from fretflow.solvers.time_integration import AtInstant, at_phase_zero, begin, march_periods
+from fretflow.solvers.time_integration import AtInstant, begin, march_periods
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with further forces
@@ -45,15 +45,15 @@ class Settled(NamedTuple):
 
 
 def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
-                   near: PeriodicSolution | None) -> Iterator[Settled]:
-    """March the joint in time from a period `near`, else from its motion on a contact that sticks; yield now and then.
+                   near: AtInstant | None) -> Iterator[Settled]:
+    """March the joint in time from phase zero `near` by, else from its motion on a contact that sticks; yield at times.
 
     Raises
     ------
     NonConvergenceError
         If the contact of a time step is not found.
     """
-    now = _stuck_motion(problem, equations, march) if near is None else at_phase_zero(problem, near)
+    now = _stuck_motion(problem, equations, march) if near is None else near
     last, analysis = None, analysis_matrix(min(len(equations.analysis) // 2, (STEPS - 1) // 2), STEPS)
     for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS), start=1):
         change = np.inf if last is None else float(np.abs(internal - last).max() / np.ptp(internal, axis=0).max())
@@ -71,9 +71,13 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
 def _stuck_motion(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch) -> AtInstant:
     """Return the structure at phase zero of its motion on a contact that sticks."""
     seen = stuck_start(equations, march).seen
-    motion = equations.whole_motion(seen, equations.free_other(seen))
-    return begin(problem, np.array([motion[0], time_derivative(motion, problem.omega)[0]]),
-                 march.preloaded(problem.preload.frictional))
+    return instant_of(problem, equations.whole_motion(seen, equations.free_other(seen)),
+                      march.preloaded(problem.preload.frictional))
+
+
+def instant_of(problem: PeriodicProblem, motion: Array, contact: SampleState) -> AtInstant:
+    """Return phase zero of the `motion` (N, d) of all coordinates, m, with the contact there or shortly before."""
+    return begin(problem, np.array([motion[0], time_derivative(motion, problem.omega)[0]]), contact)
 
 
 def cold_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, marched: bool
