@@ -132,8 +132,6 @@ class RigModel:
                                 tolerance=self.wear_tolerance)
         joint = WearingJoint(cycle, settings)
         scheme: Implicit[PeriodicSolution] = Implicit(joint)
-        known = {} if near is None or not _alike(near, hypothesis) else {
-            one.step.cycles: one.solution for one in near.loops}
         step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
         steps, kept = [step], {}
         most = MOST_FINE if self.wear_tolerance <= FINE else MOST_PERIODS
@@ -143,12 +141,15 @@ class RigModel:
                                            step.cycles / max(self.total_cycles, 1), cycle.model.baseline)
             if step.cycles >= last:
                 break
-            step, state = scheme.advance(step, known.get(settings.next_stop(step.cycles), state))
+            step, state = scheme.advance(step, state)
             steps.append(step)
             if step.solves > most:
                 raise NonConvergenceError(f"the wear needs more than {most} periods for {last} cycles")
         end = kept[last]
-        others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)
+        # of other effects the first period is a good guess, and no others
+        alike = near is not None and [one.id for one in near.hypothesis.effects] == [
+            one.id for one in hypothesis.effects]
+        others = near.sweep if alike else (end,) * len(self.observation.conditions)
         sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
                       zip(self.observation.conditions, others, strict=True))
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
@@ -241,11 +242,6 @@ def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
     total = (rig.moving_mass * factor + rig.arm_mass) / (rig.moving_mass + rig.arm_mass)
     return replace(rig, moving_mass=rig.moving_mass * factor, ground_stiffness=rig.ground_stiffness * total,
                    ground_damping=rig.ground_damping * total)
-
-
-def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
-    """Return whether the periods of `near` are good guesses at all times: those of the same effects."""
-    return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
 
 
 def arm_approach(period: Period) -> Array:
