@@ -54,13 +54,16 @@ class PartOfFaces:
 def candidate_nodes(problem: PeriodicProblem, start: PeriodicSolution | None) -> NDArray[np.bool_]:
     """Return the nodes (n,) that are likely to touch: closed in `start`, or closed or nearly so under the load."""
     gap = problem.interface.gap
-    closed = np.zeros(len(gap), dtype=bool) if start is None else np.any(start.state != ContactState.SEPARATION, axis=0)
+    closed: NDArray[np.bool_] = np.zeros(len(gap), dtype=bool)
+    if start is not None:
+        closed = np.any(start.state != ContactState.SEPARATION, axis=0)
     if closed.all():
         return closed
     rest = Rest.of(problem)
     pressed = rest.settled(gap)
     bent = rest.flexibility[2::3, 2::3] @ pressed.force[2::3]
-    return closed | (gap + pressed.displacement[2::3] <= MARGIN * bent.max(initial=0.0))
+    near: NDArray[np.bool_] = closed | (gap + pressed.displacement[2::3] <= MARGIN * bent.max(initial=0.0))
+    return near
 
 
 def restrict(problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> PeriodicProblem:

@@ -199,6 +199,7 @@ class QuasiStaticSolver:
         with suppress(NonConvergenceError):
             near = newton.best(iter(first), contact) if first else None
             if near is not None and near.norm < 1.0:  # closer to balance than rest is
+                first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
