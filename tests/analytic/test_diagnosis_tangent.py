@@ -72,6 +72,20 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
                 coordinate.name, channel)
 
 
+def test_softer_bodies_are_no_springs_between_the_faces(rig):
+    """A sensor at the faces sees their own motion, of which asperities would hide a part and the bodies do not."""
+    model, space = rig, Parameters.of(BASELINE, [])
+    place = [coordinate.field for coordinate in space.coordinates].index("compliance")
+    base = model.simulate(hypothesis(Point(space, np.zeros(space.size))))
+    ends = [hypothesis(Point(space, sign * 0.2 * np.eye(space.size)[place])) for sign in (1.0, -1.0)]
+    difference = 0.5 * np.subtract(*(model.predict(model.simulate(one, base)) for one in ends))
+    found = neighbours(model, base, ends[:1])[:, 0]
+    for piece in model.observation.pieces:
+        if piece.channel == "displacement" and piece.block == "loops":
+            missed = np.linalg.norm(found[piece.place] - difference[piece.place])
+            assert missed < 0.03 * np.linalg.norm(difference[piece.place])
+
+
 def test_without_the_drive_the_phase_is_counted_from_the_displacement(rig):
     """The same loops, each begun where the displacement's fundamental is largest, as such recordings are put."""
     base = rig.simulate(Hypothesis())

@@ -39,19 +39,36 @@ class _Data:
     force: Array  # (N, 2), on block and arm, drive included
 
     @classmethod
-    def of(cls, problem: PeriodicProblem, motion: PeriodicSolution) -> _Data:
-        boundary, rig = problem.boundary, rig_of(problem.structure).rig
-        phase = 2.0 * np.pi * np.arange(len(motion.state)) / len(motion.state)
-        force = problem.loads_at(phase) @ boundary.input_force.T
-        if boundary.forces:
-            velocity = time_derivative(motion.internal, problem.omega)
-            force = force + total_force(boundary.forces, motion.internal, velocity).force
+    def of(cls, problem: PeriodicProblem, motion: PeriodicSolution, like: tuple[PeriodicProblem, _Data] | None = None
+           ) -> _Data:
+        """Return those of `problem`; what it shares with a problem that is `like` it is taken from there."""
+        rig = rig_of(problem.structure).rig
         load = problem.normal_load + rig.load_slope * motion.internal[:, 1]
         if not load.min() > 0.0:
             raise NonConvergenceError("the normal load vanishes during the motion; lower the load's slope or the drive")
-        limit = problem.nodal_law.directed_limit(motion.force, friction_factor(problem, motion)[:, None])
-        return cls(limit, load, problem.interface.gap,
-                   boundary.flexibility, np.array([getattr(rig, name) for name in MATRICES]), force)
+        pressed = like is not None and problem.preload is like[0].preload
+        if like is not None and pressed and problem.law is like[0].law:
+            limit = like[1].friction
+        else:
+            limit = problem.nodal_law.directed_limit(motion.force, friction_factor(problem, motion)[:, None])
+        if like is not None and pressed and problem.excitation is like[0].excitation and (
+                problem.boundary.forces is like[0].boundary.forces):
+            force = like[1].force
+        else:
+            force = _force(problem, motion)
+        return cls(limit, load, problem.interface.gap, problem.boundary.flexibility,
+                   np.array([getattr(rig, name) for name in MATRICES]), force)
+
+
+def _force(problem: PeriodicProblem, motion: PeriodicSolution) -> Array:
+    """Return all forces (N, 2) on block and arm at a motion, but for the contact's."""
+    boundary = problem.boundary
+    phase = 2.0 * np.pi * np.arange(len(motion.state)) / len(motion.state)
+    force = problem.loads_at(phase) @ boundary.input_force.T
+    if boundary.forces:
+        velocity = time_derivative(motion.internal, problem.omega)
+        force = force + total_force(boundary.forces, motion.internal, velocity).force
+    return np.asarray(force)
 
 
 def effect_direction(model: EffectModel, slow: SlowState, solution: PeriodicSolution, effect_id: str, name: str
@@ -83,7 +100,8 @@ def directions_to(others: Sequence[PeriodicProblem], at: PeriodicProblem, soluti
     `solution` is the period of `at`; the directions are named by their place.
     """
     here, grips = _Data.of(at, solution), _grips(at, solution)
-    return [_difference(here, _Data.of(other, solution), 1.0, grips, str(v)) for v, other in enumerate(others)]
+    return [_difference(here, _Data.of(other, solution, (at, here)), 1.0, grips, str(v))
+            for v, other in enumerate(others)]
 
 
 def _grips(at: PeriodicProblem, solution: PeriodicSolution) -> Array:
@@ -94,10 +112,10 @@ def _grips(at: PeriodicProblem, solution: PeriodicSolution) -> Array:
 
 def _difference(one: _Data, other: _Data, step: float, grips: Array, name: str) -> Direction:
     """Return the direction from the data `one` to the data `other`, `step` apart in a parameter."""
-    slopes = {part.name: (getattr(other, part.name) - getattr(one, part.name)) / step for part in fields(_Data)}
-    by_limit = slopes.pop("friction")
+    slopes = {part.name: (getattr(other, part.name) - getattr(one, part.name)) / step for part in fields(_Data)
+              if getattr(other, part.name) is not getattr(one, part.name)}
     rig = LumpedRig(**dict(zip(MATRICES, slopes.pop("rig"), strict=True)))
-    # the coefficient that makes this change of the limit
-    friction = np.divide(by_limit, grips, out=np.zeros_like(by_limit), where=grips > 0.0)
-    kept = {part: value for part, value in {"friction": friction, **slopes}.items() if np.any(value)}
+    if "friction" in slopes:  # the coefficient that makes this change of the limit
+        slopes["friction"] = np.divide(slopes["friction"], grips, out=np.zeros_like(grips), where=grips > 0.0)
+    kept = {part: value for part, value in slopes.items() if np.any(value)}
     return Direction(name=name, rig=rig if any(getattr(rig, name) for name in MATRICES) else None, **kept)

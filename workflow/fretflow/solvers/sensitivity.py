@@ -228,8 +228,11 @@ def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: S
     """Put the record together; seen (n_a, P), and the contact by P columns."""
     areas, b = problem.interface.areas, problem.boundary
     mean = solution.displacement[:, :, 0] @ areas / areas.sum()
-    internal = np.stack([equations.whole_motion(a, other) for a, other in
-                         zip(seen.T, (rig.other_by_seen @ seen + rig.other).T, strict=True)])
+    internal = np.empty((len(directions), len(solution.state), b.size))
+    for part, by in ((equations.seen, seen), (equations.other, rig.other_by_seen @ seen + rig.other)):
+        by_harmonic = by.reshape(equations.synthesis.shape[1], -1)  # coordinates and parameters together
+        internal[:, :, part] = (equations.synthesis @ by_harmonic).reshape(
+            len(equations.synthesis), len(part), -1).transpose(2, 0, 1)
     at = len(equations.seen) + 1 + b.free.shape[1]
     displacement, free = contact.outputs[:, len(equations.seen)], contact.outputs[:, len(equations.seen) + 1:at]
     outputs, at = dict[str, Array](), at + 1

@@ -8,6 +8,7 @@ finer model at the baseline, and enters the covariance.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -132,8 +133,6 @@ class RigModel:
                                 tolerance=self.wear_tolerance)
         joint = WearingJoint(cycle, settings)
         scheme: Implicit[PeriodicSolution] = Implicit(joint)
-        known = {} if near is None or not _alike(near, hypothesis) else {
-            one.step.cycles: one.solution for one in near.loops}
         step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
         steps, kept = [step], {}
         most = MOST_FINE if self.wear_tolerance <= FINE else MOST_PERIODS
@@ -143,12 +142,14 @@ class RigModel:
                                            step.cycles / max(self.total_cycles, 1), cycle.model.baseline)
             if step.cycles >= last:
                 break
-            step, state = scheme.advance(step, known.get(settings.next_stop(step.cycles), state))
+            step, state = scheme.advance(step, state)
             steps.append(step)
             if step.solves > most:
                 raise NonConvergenceError(f"the wear needs more than {most} periods for {last} cycles")
         end = kept[last]
-        others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)
+        # of other effects the first period is a good guess, and no others
+        others = near.sweep if near is not None and _alike(near, hypothesis) else (
+            end,) * len(self.observation.conditions)
         sweep = tuple(self._at(cycle, end, condition, start) for condition, start in
                       zip(self.observation.conditions, others, strict=True))
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
@@ -187,13 +188,18 @@ class RigModel:
                 for piece in self.observation.pieces]
 
     def put_wear(self, vector: Array, depth: Array) -> None:
-        """Write worn volume and map of `depth` (nodes,), m, into a vector (M,)."""
-        face = self.problem.interface
+        """Write worn volume and map of `depth` (nodes, ...), m, into a vector (M, ...)."""
         for piece in self.observation.pieces:
             if piece.block == "volume":
-                vector[piece.place] = face.areas @ depth
+                vector[piece.place] = self.problem.interface.areas @ depth
             elif piece.block == "map":
-                vector[piece.place] = on_points(face.nodes, depth, self.observation.points)
+                vector[piece.place] = self._on_map @ depth
+
+    @cached_property
+    def _on_map(self) -> Array:
+        """Return the matrix (P, nodes) from nodal values to those at the points of the map."""
+        nodes = self.problem.interface.nodes
+        return on_points(nodes, np.eye(len(nodes)), self.observation.points)
 
     def signals(self, period: Period) -> Signals:
         """Return the true channels of a period, in the harmonics that are compared."""
@@ -219,19 +225,21 @@ class RigModel:
         if self.displacement_of.place is MeasuredAt.CONTACT_FACES:
             areas = self.problem.interface.areas
             slid = found.displacement[:, :, 0] @ areas / areas.sum()
-            return np.asarray(slid - asperity_motion(period, period.problem))
+            return np.asarray(slid - asperity_motion(period, period.problem, period.condition))
         if self.displacement_of.place is MeasuredAt.BACK_FACES:
             return found.rig_displacement[:, 1]
         return (found.upper_observation - found.lower_observation)[:, 0]
 
 
-def asperity_motion(period: Period, problem: PeriodicProblem) -> Array:
+def asperity_motion(period: Period, problem: PeriodicProblem, without: PeriodicProblem) -> Array:
     """Return by how much springs between the faces that `problem` has make these slide more than they move, (N,) m.
 
-    A sensor sees the faces of the bodies, on either side of asperities and debris.
+    A sensor sees the faces of the bodies, on either side of asperities and debris. The same problem `without` has none.
     """
-    bare, sprung = period.condition.boundary, problem.boundary
-    soft = np.diag(sprung.flexibility)[::3] - np.diag(bare.flexibility)[::3]
+    bare, sprung = without.boundary.flexibility, problem.boundary.flexibility
+    if sprung is bare:
+        return np.zeros(len(period.solution.force))
+    soft = np.diag(sprung)[::3] - np.diag(bare)[::3]
     areas = problem.interface.areas
     return np.asarray(period.solution.force[:, :, 0] @ (soft * areas / areas.sum()))
 
@@ -244,7 +252,7 @@ def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
 
 
 def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
-    """Return whether the periods of `near` are good guesses at all times: those of the same effects."""
+    """Return whether the periods of `near` are good guesses at other conditions: those of the same effects."""
     return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
 
 

@@ -29,8 +29,10 @@ from fretflow.experiments.rig.model import (
 from fretflow.experiments.rig.observation import Array
 from fretflow.recordings.schema import MeasuredAt
 from fretflow.solvers.direction import Direction, gap_of_each_node
+from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
+from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals, band_limited
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.archard import wear_rate
@@ -63,7 +65,8 @@ def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypot
 
 def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothesis]) -> Array:
     """Return what `neighbours` does, of hypotheses whose data can be made in all periods."""
-    beside = [_beside(rig, simulation, one) for one in hypotheses]
+    known = {_baseline_of(simulation.hypothesis): simulation.model.baseline}
+    beside = [_beside(rig, simulation, one, known) for one in hypotheses]
     columns = np.full((len(rig.observation.values), len(beside)), np.nan)
     usable = [v for v, one in enumerate(beside) if one is not None]
     chosen = [one for one in beside if one is not None]
@@ -80,19 +83,28 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
         pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
         before = rig.signals(period)
         shown = rig.sensed(simulation.model, before)
+        after = _signals(rig, chosen, period, problems[key], changes[key], before)
         for v, one in enumerate(chosen):
-            after = _sensed(rig, one, period, problems[key][v], changes[key], v, before)
+            seen_after = rig.sensed(one.model, after[v])
             for piece in pieces:
-                found[piece.place, v] = channel(after, piece) - channel(shown, piece)
-    for v in range(len(chosen)):
-        rig.put_wear(found[:, v], worn[simulation.loops[-1].step.cycles][:, v])
+                found[piece.place, v] = channel(seen_after, piece) - channel(shown, piece)
+    rig.put_wear(found, worn[simulation.loops[-1].step.cycles])
     columns[:, usable] = found
     return columns
 
 
-def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis) -> _Neighbour | None:
+def _baseline_of(hypothesis: Hypothesis) -> tuple[float, ...]:
+    """Return what a hypothesis changes in the unworn problem without effects."""
+    return hypothesis.friction, hypothesis.mass, hypothesis.compliance
+
+
+def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis,
+            known: dict[tuple[float, ...], PeriodicProblem]) -> _Neighbour | None:
+    """Return a neighbour; `known` problems without effects are shared by those that differ in nothing else."""
     try:
-        model = EffectModel.build(rig.case_problem(hypothesis), hypothesis.effects)
+        own = _baseline_of(hypothesis)
+        known[own] = known.get(own) or rig.case_problem(hypothesis)
+        model = EffectModel.build(known[own], hypothesis.effects)
         slow, states = model.initial(), dict[int, SlowState]()
         states[0] = slow
         for before, after in zip(simulation.steps, simulation.steps[1:], strict=False):
@@ -107,10 +119,9 @@ def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis) -> _N
 
 def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> PeriodicProblem:
     """Return the neighbour's problem at the period's condition and wear."""
-    base, other = one.model.baseline, simulation.model.baseline
-    load = base.normal_load * period.condition.normal_load / other.normal_load
-    own = base.vary(amplitude=period.condition.excitation.amplitude, normal_load=load,
-                    frequency=period.condition.frequency)
+    own, condition = one.model.baseline, period.condition
+    own = condition if own is simulation.model.baseline else replace(
+        own, excitation=condition.excitation, preload=condition.preload)
     return replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
 
 
@@ -186,37 +197,66 @@ def _with_gap(change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
     return replace(change, names=change.names[:count], **added, outputs=outputs)
 
 
-def _sensed(rig: RigModel, one: _Neighbour, period: Period, problem: PeriodicProblem, change: PeriodSensitivity, v: int,
-            before: Signals) -> Signals:
-    """Return what the sensors of a neighbour, of `problem`, show of a period whose true channels were `before`."""
-    after = rig.signals(replace(period, problem=_driven(period, problem), solution=replace(
-        change.moved(period.solution, v), friction_force=period.solution.friction_force + change.friction_force[v])))
-    moved = change.relative_displacement[v] - _more_asperity_motion(period, problem, change.friction_force[v])
-    after = _faced(rig, after, before, band_limited(moved, rig.observation.harmonics))
-    if before.approach is not None:
-        after = replace(after, approach=before.approach - band_limited(change.approach[v], rig.observation.harmonics))
-    return rig.sensed(one.model, after)
+def _signals(rig: RigModel, beside: Sequence[_Neighbour], period: Period, problems: Sequence[PeriodicProblem],
+             change: PeriodSensitivity, before: Signals) -> list[Signals]:
+    """Return the true channels of neighbours, of `problems`, at a period whose own were `before`."""
+    moved: dict[str, Array] = {
+        "displacement": _displacement(rig, beside, period, problems, change), "arm": change.outputs["arm"],
+        "friction_force": change.friction_force + np.stack([
+            _more_beside(period, other, change.internal[v]) for v, other in enumerate(problems)]),
+        "excitation": np.stack([_more_excitation(period, other) for other in problems]),
+        "normal_force": np.stack([_load(other, period, change.outputs["arm"][v]) for v, other in enumerate(problems)])
+        - _load(period.problem, period, 0.0), "approach": -change.approach}
+    shown = {name: getattr(before, name) + band_limited(values, rig.observation.harmonics)
+             for name, values in moved.items()}
+    return [replace(before, **{name: values[v] for name, values in shown.items()}) for v in range(len(problems))]
 
 
-def _driven(period: Period, other: PeriodicProblem) -> PeriodicProblem:
-    """Return the period's problem with what `other` shows in the channels themselves."""
-    own, rig = rig_of(period.problem.structure), rig_of(other.structure).rig
-    return replace(
-        period.problem, structure=own.with_rig(replace(own.rig, forces=rig.forces, load_slope=rig.load_slope)),
-        excitation=replace(period.problem.excitation, overtones=other.excitation.overtones)
-    ).vary(normal_load=other.normal_load)
+def _displacement(rig: RigModel, beside: Sequence[_Neighbour], period: Period, problems: Sequence[PeriodicProblem],
+                  change: PeriodSensitivity) -> Array:
+    """Return the change (V, N) of the displacement where the recording measured it, m."""
+    if rig.displacement_of.place is MeasuredAt.CONTACT_FACES:
+        return change.relative_displacement - np.stack([
+            _more_asperity_motion(period, other, one.model.baseline, change.friction_force[v])
+            for v, (one, other) in enumerate(zip(beside, problems, strict=True))])
+    if rig.displacement_of.place is MeasuredAt.BACK_FACES:
+        return change.outputs["arm"]
+    return np.asarray((change.outputs["upper"] - change.outputs["lower"])[:, :, 0])
 
 
-def _more_asperity_motion(period: Period, other: PeriodicProblem, force: Array) -> Array:
-    """Return the change (N,) of `asperity_motion` to `other`, as the friction force changes by `force` (N,) in all."""
-    now, then = (asperity_motion(period, problem) for problem in (period.problem, other))
+def _more_beside(period: Period, other: PeriodicProblem, moved: Array) -> Array:
+    """Return the change (N,) of what a sensor sees beside friction, as the coordinates move by `moved` (N, d) more."""
+    own, motion = period.problem.boundary.forces, period.solution.internal
+    if not own and not other.boundary.forces:
+        return np.zeros(len(motion))
+    sliding, omega = period.problem.boundary.sliding, period.problem.omega
+    then, now = (force_beside_friction(forces, x, time_derivative(x, omega), sliding)
+                 for forces, x in ((other.boundary.forces, motion + moved), (own, motion)))
+    return then - now
+
+
+def _more_excitation(period: Period, other: PeriodicProblem) -> Array:
+    """Return the change (N,) of the drive by its overtones."""
+    now, samples = period.problem.excitation, len(period.solution.state)
+    if other.excitation.overtones == now.overtones:
+        return np.zeros(samples)
+    phase = 2.0 * np.pi * np.arange(samples) / samples
+    then = replace(now, overtones=other.excitation.overtones)
+    return np.asarray(then.at_phases(phase)["block"] - now.at_phases(phase)["block"])
+
+
+def _load(problem: PeriodicProblem, period: Period, moved: Array | float) -> Array:
+    """Return the normal load (N,) of a problem as the arm moves by `moved` more than in the period."""
+    return problem.normal_load + rig_of(problem.structure).rig.load_slope * (period.solution.output("arm") + moved)
+
+
+def _more_asperity_motion(period: Period, other: PeriodicProblem, bare: PeriodicProblem, force: Array) -> Array:
+    """Return the change (N,) of `asperity_motion` to `other`, as the friction force changes by `force` (N,) in all.
+
+    `bare` is the other one without asperities.
+    """
+    now, then = asperity_motion(period, period.problem, period.condition), asperity_motion(period, other, bare)
     if not np.any(then):
         return -now
     friction = period.solution.friction_force
     return np.asarray(then - now + float(then @ friction) / float(friction @ friction) * force)
-
-
-def _faced(rig: RigModel, after: Signals, before: Signals, moved: Array) -> Signals:
-    if rig.displacement_of.place is not MeasuredAt.CONTACT_FACES:
-        return after
-    return replace(after, displacement=before.displacement + moved)

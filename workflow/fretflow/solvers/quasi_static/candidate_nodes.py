@@ -53,11 +53,17 @@ class PartOfFaces:
 
 def candidate_nodes(problem: PeriodicProblem, start: PeriodicSolution | None) -> NDArray[np.bool_]:
     """Return the nodes (n,) that are likely to touch: closed in `start`, or closed or nearly so under the load."""
-    gap, rest = problem.interface.gap, Rest.of(problem)
+    gap = problem.interface.gap
+    closed: NDArray[np.bool_] = np.zeros(len(gap), dtype=bool)
+    if start is not None:
+        closed = np.any(start.state != ContactState.SEPARATION, axis=0)
+    if closed.all():
+        return closed
+    rest = Rest.of(problem)
     pressed = rest.settled(gap)
     bent = rest.flexibility[2::3, 2::3] @ pressed.force[2::3]
-    near: NDArray[np.bool_] = gap + pressed.displacement[2::3] <= MARGIN * bent.max(initial=0.0)
-    return near if start is None else near | np.any(start.state != ContactState.SEPARATION, axis=0)
+    near: NDArray[np.bool_] = closed | (gap + pressed.displacement[2::3] <= MARGIN * bent.max(initial=0.0))
+    return near
 
 
 def restrict(problem: PeriodicProblem, nodes: NDArray[np.bool_]) -> PeriodicProblem:

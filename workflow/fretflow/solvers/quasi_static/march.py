@@ -6,7 +6,9 @@ derivative of the displacement from sample to sample with the same factors.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,8 +191,8 @@ class ContactMarch:
     """Marches the contact of one system through periods of the internal coordinates."""
 
     def __init__(self, system: ContactSystem, surroundings: Surroundings | None = None,
-                 rest: Rest | None = None) -> None:
-        """Take the contact, what follows the motion, and the faces at rest, needed only to begin there."""
+                 rest: Rest | Callable[[], Rest] | None = None) -> None:
+        """Take the contact, what follows the motion, and the faces at rest, or what makes them, to begin there."""
         self.system = system
         self.surroundings = surroundings or Surroundings(system.law, 1.0, np.zeros(len(system.transfer)),
                                                          np.zeros((len(system.pull), 0)))
@@ -203,7 +205,7 @@ class ContactMarch:
     @classmethod
     def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp]) -> ContactMarch:
         """Return the contact of `problem` and the coordinates `seen` from it."""
-        return cls(ContactSystem.of(problem, seen), Surroundings.of(problem, seen), Rest.of(problem))
+        return cls(ContactSystem.of(problem, seen), Surroundings.of(problem, seen), partial(Rest.of, problem))
 
     @property
     def memory(self) -> Array:
@@ -226,7 +228,8 @@ class ContactMarch:
             return self._pressed()
         if self.rest is None:
             raise InputError("contact: give the faces at rest to press them")
-        return self.rest.settled(self.system.gap)
+        rest = self.rest() if callable(self.rest) else self.rest
+        return rest.settled(self.system.gap)
 
     def _pressed(self) -> SampleState:
         """Apply the load in small parts against friction, the coordinates held."""
@@ -267,7 +270,8 @@ class ContactMarch:
         self.solver.tolerance = tolerance * mean_load
         self.repeat = max(100.0 * tolerance, repeat) * mean_load
         before, slope, last = start, np.zeros((3 * self.system.size, directions.shape[2])), np.inf
-        run = self._pass(position, directions, before, slope, guess)
+        forcing = self._forcing(position, directions)
+        run = self._pass(position, forcing, before, slope, guess)
         for period in range(1, MAX_PERIODS):
             drift = self._drift(run, before, slope)
             waits = period <= NEWTON_AFTER and not self._derivatives_lag(run, before)
@@ -282,32 +286,37 @@ class ContactMarch:
             # the first loading is a poor guess of the way back: there the sample before serves better
             near = None if guess is None and period == 1 else run.history
             try:
-                run = self._pass(position, directions, before, slope, near, run)
+                run = self._pass(position, forcing, before, slope, near, run)
             except NonConvergenceError:
                 if waits:
                     raise
                 before, slope, last, self._returning = run.end, run.slope, np.inf, np.zeros((0, 0))  # misled
-                run = self._pass(position, directions, before, slope, near, run)
+                run = self._pass(position, forcing, before, slope, near, run)
             if self._repeats(run, before, slope) and not (shot and self._drift(run, before, slope) > 1.0):
                 return PeriodicMarch(run.history, run.tangent, period + 1)
         raise NonConvergenceError(
             f"the contact did not repeat itself within {MAX_PERIODS} periods; it may ratchet under this load")
 
-    def _pass(self, position: Array, directions: Array, start: SampleState, slope: Array, guess: PeriodHistory | None,
+    def _forcing(self, position: Array, directions: Array) -> Forcing:
+        """Return what a period of the coordinates (N, d) is under, and its derivatives by `directions` (N, d, p)."""
+        pull = position @ self.system.coupling.T + self.system.pull
+        self.surroundings.check(pull)
+        factor = self.surroundings.friction_factor(position)
+        return Forcing(*map(plain, (pull, factor.factor, directions,
+                                    self.surroundings.factor_slope(factor, directions))))
+
+    def _pass(self, position: Array, forcing: Forcing, start: SampleState, slope: Array, guess: PeriodHistory | None,
               last: _Pass | None = None) -> _Pass:
         """March one period; where it has become the `last` one, the rest is taken from there."""
         system, samples = self.system, len(position)
-        found, tangent = empty_period(samples, system.size, position.shape[1]), np.zeros(directions.shape)
+        found = empty_period(samples, system.size, position.shape[1])
+        tangent = np.zeros(forcing.directions.shape)
         found.position[:] = position
-        pull = position @ system.coupling.T + system.pull
-        self.surroundings.check(pull)
-        factor = self.surroundings.friction_factor(position)
-        slopes = self.surroundings.factor_slope(factor, directions)
         none = empty_period(0, system.size, position.shape[1])
         until, after = march(
-            system.data, self.solver.factors, Forcing(*map(plain, (pull, factor.factor, directions, slopes))),
-            start.alone(), plain(slope), none if guess is None else guess, none if last is None else last.history,
-            tangent[:0] if last is None else last.tangent, (self.solver.tolerance, self.repeat), found, tangent)
+            system.data, self.solver.factors, forcing, start.alone(), plain(slope), none if guess is None else guess,
+            none if last is None else last.history, tangent[:0] if last is None else last.tangent,
+            (self.solver.tolerance, self.repeat), found, tangent)
         if until < 0:
             raise NonConvergenceError(f"contact at time sample {-1 - until} of {samples} did not converge; use more "
                                       "samples per period")
@@ -326,7 +335,8 @@ class ContactMarch:
         own = np.zeros((3 * n, len(memory)))
         own[memory, np.arange(len(memory))] = 1.0
         moving = np.concatenate([directions, np.zeros((*position.shape, len(memory)))], axis=2)
-        probe = self._pass(position, moving, run.end, np.hstack([run.slope, own]), run.history)
+        probe = self._pass(position, self._forcing(position, moving), run.end, np.hstack([run.slope, own]),
+                           run.history)
         self._returning = np.zeros((3 * n, 3 * n))
         self._returning[np.ix_(memory, memory)] = probe.slope[memory, p:]
         return self._shooting_step(replace(probe, slope=probe.slope[:, :p]), run.end, run.slope, PERSISTS, memory)

@@ -92,6 +92,8 @@ class InternalNewton:
         try:
             return self._solve(first, max_iterations, NEAR)
         except NonConvergenceError:
+            if self.patience is None and self.smallest >= NEAR:  # none served: it would go the same way
+                raise
             return self._solve(first, max_iterations, 0.0)
 
     def best(self, starts: Iterator[InitialGuess], before: SampleState) -> Iterate:

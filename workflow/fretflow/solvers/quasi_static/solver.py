@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, replace
 from itertools import chain
+from operator import is_not
 from typing import Any, Protocol
 
 import numpy as np
@@ -84,6 +85,7 @@ class QuasiStaticSolver:
     def __init__(self, settings: _Settings, keeps_tangents: bool = False) -> None:
         self.settings = settings
         self.keeps_tangents = keeps_tangents
+        self._kept_equations: tuple[tuple[object, ...], InternalEquations] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period; where the tolerance is not coarse, its contact law is audited.
@@ -179,10 +181,18 @@ class QuasiStaticSolver:
 
     def _equations(self, problem: PeriodicProblem, samples: int, patience: int | None = None
                    ) -> tuple[InternalEquations, ContactMarch, InternalNewton]:
-        harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
-        equations = InternalEquations.of(problem, harmonics, samples)
+        equations = self._internal(problem, samples)
         march = ContactMarch.of(problem, equations.seen)
         return equations, march, InternalNewton(equations, march, self.settings.tolerance, patience)
+
+    def _internal(self, problem: PeriodicProblem, samples: int) -> InternalEquations:
+        """Return the structure's equations: the last ones where nothing that they are made of is another."""
+        made_of = problem.boundary, problem.excitation, problem.preload
+        kept = self._kept_equations
+        if kept is None or len(kept[1].synthesis) != samples or any(map(is_not, made_of, kept[0])):
+            harmonics = min(self.settings.resolved_harmonics, (samples - 1) // 2)
+            self._kept_equations = kept = made_of, InternalEquations.of(problem, harmonics, samples)
+        return kept[1]
 
     def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
               marched: bool = False) -> PeriodicSolution:
@@ -191,6 +201,7 @@ class QuasiStaticSolver:
         with suppress(NonConvergenceError):
             near = newton.best(iter(first), contact) if first else None
             if near is not None and near.norm < 1.0:  # closer to balance than rest is
+                first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
