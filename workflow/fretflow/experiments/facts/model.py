@@ -19,10 +19,9 @@ from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.history import WearSettings
 from fretflow.wear.march import run_history
 
-GRID = np.geomspace(0.8, 6.0, 14)  # of the in-phase mode: a stuck contact raises the first resonance some times over
-WINDOW = 0.1  # of the frequency, to either side: what is searched at once, half of the grid's spacing and more
+GRID = np.geomspace(0.8, 12.0, 18)  # of the in-phase mode: a stuck contact raises the first resonance several times over
+WINDOW, RESOLVED = 0.06, 5e-4  # of the frequency, to either side: what is searched at once, and how far
 MOST_WINDOWS = 8
-RESOLVED = 2e-4  # of a frequency
 
 
 @dataclass(frozen=True)
