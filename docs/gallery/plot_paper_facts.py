@@ -28,14 +28,15 @@ rig = model_of(file, reduced_problem(coarse, kept_models(Path("runs"))))
 tests = FactsExperiment.of(file, rig).conditions
 
 # %%
-# The baseline with the masses of the example's cases and K_w as read in mm³/(mm N); with a block of 16 kg and a
-# hundredth of that K_w; and the latter with effects at the middle of their ranges.
+# The baseline with the masses and the K_w of `examples/test1.toml`; with a block of 18 kg; with a hundredth of that K_w
+# besides; and with effects: springs that stiffen, debris, and faces whose corners stand proud by 4 µm.
 
 effects = ff.catalogue()
-heavy = {"mass": 1.6, "wear": 0.01}
-models = {"10 kg, K_w as read": Hypothesis(), "16 kg, K_w / 100": Hypothesis(**heavy)}
-for name in ("contact-stiffness-evolution", "load-dependent-friction", "initial-gap", "third-body"):
-    models[f"the same, {name}"] = Hypothesis(effects=(effects[name](),), **heavy)
+hollow = effects["initial-gap"]().changed(tilt_x=0.0, crown=-4e-6)
+models = {"10 kg": Hypothesis(), "18 kg": Hypothesis(mass=1.8), "18 kg, K_w / 100": Hypothesis(mass=1.8, wear=0.01)}
+for name in ("contact-stiffness-evolution", "third-body"):
+    models[f"18 kg, {name}"] = Hypothesis(mass=1.8, effects=(effects[name](),))
+models["18 kg, K_w / 10, hollow faces"] = Hypothesis(mass=1.8, wear=0.1, effects=(hollow,))
 
 
 def distances(hypothesis):

@@ -19,7 +19,7 @@ from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.history import WearSettings
 from fretflow.wear.march import run_history
 
-GRID = np.geomspace(0.8, 12.0, 18)  # of the in-phase mode: a stuck contact raises the first resonance several times over
+GRID = np.geomspace(0.8, 12.0, 18)  # of the in-phase mode: a stuck contact raises the resonance several times over
 WINDOW, RESOLVED = 0.06, 5e-4  # of the frequency, to either side: what is searched at once, and how far
 MOST_WINDOWS = 8
 
