@@ -148,7 +148,7 @@ def diagnosed(effects, monkeypatch):
     return told(recording, case_of_facts(file), hypotheses, found, detection, True, 0.0)
 
 
-def test_facts_that_a_change_made_are_explained_by_it(monkeypatch):
+def test_facts_that_a_change_made_are_explained_by_it(monkeypatch, tmp_path):
     """A wear coefficient that falls to a fifth over ten thousand cycles shows in the volumes alone."""
     hidden = catalogue()["wear-coefficient-evolution"]().changed(final_share=0.2, settling=10_000.0)
     found = diagnosed((hidden,), monkeypatch)
@@ -156,6 +156,8 @@ def test_facts_that_a_change_made_are_explained_by_it(monkeypatch):
     assert found.effects == ("wear-coefficient-evolution",)
     assert "wear volume" in found.location.text
     assert "[effects.wear-coefficient-evolution]" in found.case_file
+    assert "wear volume" in found.to_html(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found.to_json()["effects"] == ["wear-coefficient-evolution"]
 
 
 def test_facts_of_the_plain_rig_miss_nothing(monkeypatch):
