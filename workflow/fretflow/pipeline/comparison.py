@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fretflow.case.config import Case, SlidingRegime
 from fretflow.contact.law import ContactState
 from fretflow.core.store import read_record, write_csv
+from fretflow.experiments.facts.quantities import mean_sliding
 from fretflow.pipeline.stage import CHECKPOINTS
-from fretflow.pipeline.trends import mean_sliding
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.checkpoint import kept_states
@@ -65,7 +65,7 @@ def compare(case: Case, folders: Mapping[str, Path], seconds: float) -> CaseComp
         if "wear" in folders:
             history = read_record(folders["wear"] / "history.h5", WearHistory)
             states = kept_states(folders["wear"] / CHECKPOINTS, PeriodicSolution)
-            found |= {"sliding": mean_sliding(history), "volume": float(history.volume[-1]),
+            found |= {"sliding": mean_sliding(history, int(history.cycles[-1])), "volume": float(history.volume[-1]),
                       "worn_regime": sliding_regime(states[max(states)], areas)}
     return CaseComparison(
         case.name, measured_sliding=measured.sliding_distance, measured_volume=measured.worn_volume,

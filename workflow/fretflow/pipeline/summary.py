@@ -73,7 +73,7 @@ def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Se
                               f"{100.0 * shift:+.3f} % ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
     if not is_papers(case):
         return figures, []
-    return figures, judge_all(interface, case.test.excitation_amplitude, unworn, history, resonances)
+    return figures, judge_all(case.test, interface, unworn, history, resonances)
 
 
 def result_warnings(case: Case, folders: Mapping[str, Path]) -> list[str]:

@@ -1,0 +1,1 @@
+"""Scalar facts of tests."""
