@@ -105,3 +105,5 @@ def test_a_stiffness_read_off_loops_that_is_not_the_fitted_one_is_explained():
     assert told.startswith("loops show a tangential stiffness of 5.30 N/µm right after their reversals")
     assert two_stiffnesses(readings, [replace(fitted, high=5.5e6)]) == []
     assert two_stiffnesses(None, [fitted]) == []
+    scattered = replace(readings, tangential_stiffness=np.array([[5.3e6, 3.9e6, 6.1e6, 4.4e6]] * 3))
+    assert two_stiffnesses(scattered, [fitted]) == []  # the median is 4.85 +- 0.7

@@ -20,7 +20,7 @@ EVERYTHING = "the same test at another amplitude, another normal load and anothe
 BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 NOTHING = "–"
 INSTRUMENTS = ("kg", "s", "Hz")  # units of what belongs to them, and does not go with a joint's size
-_LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
+_LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ", "eps": "ε"}
 _PLAIN = range(-4, 7)  # powers of ten of numbers that are written without one, as C's %g does, and millions
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.case.config import Rig, Specimens
-from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.errors import RecordingError, UnreliableRecordingError
 from fretflow.core.records import record
 from fretflow.recordings.blocks import Columns, read_columns
 from fretflow.recordings.cleaning import clean_loops
@@ -28,7 +28,10 @@ from fretflow.recordings.schema import (
     SweepCondition,
     load_recording_file,
 )
-from fretflow.recordings.series import clean_series
+from fretflow.recordings.series import clean_series, loops_of_series
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -77,6 +80,21 @@ class Recording:
     def kind(self) -> RecordingKind:
         """Return what is to be predicted."""
         return self.test.kind
+
+    @property
+    def arrays(self) -> xr.Dataset:
+        """Return the loops as `LoopSet.arrays` does, those of whole periods where one long record was made.
+
+        Raises
+        ------
+        RecordingError
+            If there are no loops.
+        """
+        if self.loops is not None:
+            return self.loops.arrays
+        if self.series is None:
+            raise RecordingError(f"{self.path}: holds no loops; [loops] or [series] in {FILE} names them")
+        return loops_of_series(self.series)[0].arrays
 
 
 def read_joint_recording(path: Path) -> Recording:
