@@ -269,6 +269,7 @@ def test_why_a_probable_explanation_is_not_a_name(cases):
     (8.4, 1.06, 1.0, "7.9 times smaller. The error that is left is what repeats"),
     (8.4, 4.0, 1.0, "2.1 times smaller. The error that is left is 4 times what repeats"),
     (2.72, 2.56, 1.0, "the error is 6 % smaller. The error that is left is 2.6 times"),
+    (377.0, 2.45, 1.0, "the error is 154 times smaller"),
     (2.0, 2.1, 1.0, "is not predicted better. The error that is left is 2.1 times"),
 ])
 def test_the_held_out_fit_is_judged_against_repeats(before, after, floor, words, cases):

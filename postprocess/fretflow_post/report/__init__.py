@@ -240,10 +240,14 @@ def _fit_text(shown: dict[str, float], floor: float) -> str:
     text = ""
     if "after" in shown and "before" in shown and shown["after"] > 0.0:
         ratio = shown["before"] / shown["after"]
-        less = f"{ratio:.2g} times" if ratio >= 2.0 else words.percent(1.0 - 1.0 / ratio)
+        less = words.percent(1.0 - 1.0 / ratio) if ratio < 2.0 else _times(ratio)
         text = (f"On what was not used in the fit the error is {less} smaller. " if ratio >= 1.05 else
                 "What was not used in the fit is not predicted better. ")
     if floor > 0.0:
-        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{left / floor:.2g} times "
+        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{_times(left / floor)} "
         text += f"The error that is left is {times}what repeats of the recording differ by."
     return text
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g} times" if ratio < 99.5 else f"{ratio:.0f} times"

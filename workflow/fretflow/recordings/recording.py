@@ -27,6 +27,7 @@ from fretflow.recordings.schema import (
     RecordingFile,
     SweepCondition,
     load_recording_file,
+    name_of,
 )
 from fretflow.recordings.series import clean_series, loops_of_series
 
@@ -131,8 +132,8 @@ def read_joint_recording(path: Path) -> Recording:
     if (depth := tables["wear_depth"]) is not None:
         check_wear(toml, file.wear.worn_volume, depth.channels)
     return Recording(
-        path=path, title=file.title or path.stem, test=test, rig=file.rig, specimen=file.specimen, given=file.given(),
-        wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)
+        path=path, title=file.title or name_of(path), test=test, rig=file.rig, specimen=file.specimen,
+        given=file.given(), wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)
 
 
 def loops_of(columns: Columns, test: RecordedTest) -> tuple[LoopSet, tuple[Note, ...]]:
