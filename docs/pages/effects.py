@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from pages.markdown import MADE, ROOT, escape, prose, table, write
+from pages.markdown import MADE, ROOT, escape, printed, prose, table, write
 
 
 def write_effects() -> None:
@@ -38,7 +38,7 @@ def effect_page(name: str, kind: Any) -> str:
                                       if name in known[other].told_from}}
     confirm = [f"- {escape((kind.told_by or EVERYTHING).rstrip(','))}"]
     confirm += [f"- from [{other}]({other}.md): {escape(how.rstrip(','))}" for other, how in told_from.items()]
-    pieces = [f"# {name}", f"*{escape(kind.title)}*", prose(kind.__doc__), equation, " ".join(facts),
+    pieces = [f"# {name}", f"*{escape(kind.title)}*", prose(kind.__doc__, printed), equation, " ".join(facts),
               f"```{{image}} {name}.svg\n:alt: what {name} does\n```",
               "## Parameters", parameter_table(kind), "In a case file:", example_of(name, kind),
               "## What shows it", "\n".join(f"- {escape(each)}" for each in kind.observables),
@@ -53,16 +53,16 @@ def effect_page(name: str, kind: Any) -> str:
 def parameter_table(kind: Any) -> str:
     """Return the parameters of an effect with unit, default, plausible range and where that is from."""
     from fretflow.case.casefile import entries
-    from fretflow.core.units import format_quantity
+    from fretflow.core.units import pretty_number, pretty_quantity
 
     rows, sources = [], {}
     priors = kind.priors()
     for entry in entries(kind()):
         prior = priors.get(entry.key)
         ends = () if prior is None else (prior.low, prior.high)
-        span = " to ".join(format_quantity(end, entry.unit, 3) if entry.unit else f"{end:g}" for end in ends)
-        default = f"{entry.value:g}" if isinstance(entry.value, float) and not entry.unit else entry.readable
-        rows.append((f"`{entry.key}`", escape(default), span, escape(entry.meaning)))
+        span = " to ".join(pretty_quantity(end, entry.unit, 3) if entry.unit else pretty_number(end, 3) for end in ends)
+        default = pretty_number(entry.value) if isinstance(entry.value, float) and not entry.unit else entry.readable
+        rows.append((f"`{entry.key}`", escape(default), span, printed(entry.meaning)))
         if prior is not None:
             sources.setdefault(prior.source, []).append(f"`{entry.key}`")
     ranges = "; ".join(f"{escape(source)}{f' ({chr(44).join(keys)})' if len(sources) > 1 else ''}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from inspect import cleandoc
 from pathlib import Path
 
@@ -28,14 +28,21 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
                      for row in lines) + "\n"
 
 
-def escape(text: str) -> str:
+def escape(text: str, marks: str = "\\`*_[]<>$#~") -> str:
     """Return plain text as Markdown that shows it letter by letter."""
-    return re.sub(r"([\\`*_\[\]<>$#~])", r"\\\1", text)
+    return re.sub(f"([{re.escape(marks)}])", r"\\\1", text)
 
 
-def prose(docstring: str | None) -> str:
+def printed(text: str) -> str:
+    """Return plain text with formulas as Markdown that shows these as they are printed, ``h_0`` with an index."""
+    from fretflow.inference.words import equation
+
+    return escape(str(equation(text)), "`*_[]$~")
+
+
+def prose(docstring: str | None, show: Callable[[str], str] = escape) -> str:
     """Return a docstring's text as Markdown: reST's double backticks and colons in Markdown's way."""
     text = cleandoc(docstring or "")
     text = re.sub(r"(?m)^\s*(Parameters|Attributes|Raises|Returns|Examples)\n\s*-{3,}\n(?s:.*)", "", text).strip()
     parts = re.split(r"(`+[^`]+`+)", text.replace("::\n", ":\n"))
-    return "".join("`" + part.strip("`") + "`" if part.startswith("`") else escape(part) for part in parts)
+    return "".join("`" + part.strip("`") + "`" if part.startswith("`") else show(part) for part in parts)

@@ -98,6 +98,7 @@ def scoreboards() -> str:
     rows.append(("seconds a case, median (longest)",
                  *(f"{board['all']['seconds']['value']:.0f} ({board['all']['seconds']['longest']:.0f})"
                    for board in boards)))
+    rows = [(label, *(score.replace(" ", "\N{NO-BREAK SPACE}") for score in scores)) for label, *scores in rows]
     links = ", ".join(f'<a href="trials/{name}.html">{name}</a>' for name in shown)
     return (TRIALS_HEAD + "\n\n" + table(("", *shown), rows)
             + f"\nEvery case as it came out:\n\n```{{raw}} html\n<p>{links}</p>\n```\n")

@@ -166,7 +166,7 @@ def many_columns(file):
 
 
 def deep_data(file):
-    for _ in range(700):
+    for _ in range(1_200):
         file = file.create_group("g")
     file["a"] = np.column_stack([MOTION, MOTION]).T
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fretflow.case.bolted import load_bolted_case
 from fretflow.case.config import load_case
+from fretflow.cli.run import _figure
 from fretflow.core.errors import ConfigError, MeshError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -76,3 +77,13 @@ def test_a_run_keeps_figures_curves_and_pictures(tmp_path):
     assert study.measured.shape == (3, 2)
     # the facets that are drawn are the interface's own
     assert len(study.states) == study.joint.structure.contacts
+
+
+@pytest.mark.parametrize(("name", "value", "shown"), [
+    ("largest_pressure_Pa", 42.168e6, ("largest pressure", "42.17 MPa")),
+    ("points_closed", 84, ("points closed", "84")),
+    ("linear_frequency_Hz", 87.832, ("linear frequency", "87.83 Hz")),
+    ("energy_power", 2.0018, ("energy power", "2.002")),
+    ("worn_volume_m3", 7.69058e-10, ("worn volume", "0.7691 mm³"))])
+def test_figures_are_printed_in_words_and_units(name, value, shown):
+    assert _figure(name, value) == shown

@@ -4,12 +4,15 @@ What carries the weight: the same loops written as text of several dialects, HDF
 shapes come back equal; units of any kind agree with pint's own conversion; a fault names file, field, row and column.
 """
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 from fretflow.core.errors import (
     CorruptRecordingError,
     InputError,
+    RecordingError,
     UnitError,
     UnreliableRecordingError,
     UnsupportedRecordingError,
@@ -198,6 +201,10 @@ def test_bare_file_tells_its_units_in_headings(tmp_path, spring_slider):
     loops, _ = loops_of_series(recording.series)
     assert loops.cycles.tolist() == [1, 2, 3, 4]
     assert loops.force.max() == pytest.approx(36.0, rel=1e-6)
+    assert recording.arrays.sizes["cycles"] == 4
+    assert float(recording.arrays.friction_force.max()) == pytest.approx(36.0, rel=1e-6)
+    with pytest.raises(RecordingError, match="holds no loops"):
+        _ = replace(recording, series=None).arrays
     assert [n.channel for n in recording.notes if "not used" in n.text] == ["temperature"]
 
 

@@ -268,11 +268,25 @@ def test_why_a_probable_explanation_is_not_a_name(cases):
 @pytest.mark.parametrize(("before", "after", "floor", "words"), [
     (8.4, 1.06, 1.0, "7.9 times smaller. The error that is left is what repeats"),
     (8.4, 4.0, 1.0, "2.1 times smaller. The error that is left is 4 times what repeats"),
+    (2.72, 2.56, 1.0, "the error is 6 % smaller. The error that is left is 2.6 times"),
+    (377.0, 2.45, 1.0, "the error is 154 times smaller"),
     (2.0, 2.1, 1.0, "is not predicted better. The error that is left is 2.1 times"),
 ])
 def test_the_held_out_fit_is_judged_against_repeats(before, after, floor, words, cases):
     fit = replace(cases.named().held_out, before=before, after=after, floor=floor)
     assert words in page_of(replace(cases.named(), held_out=fit)).text
+
+
+def test_a_number_is_not_parted_from_its_unit_and_commands_are_set_as_such(cases):
+    told = "it takes 20 % of 5.2 N/µm, as `fretflow loops` reads, in 3 pieces <b>"
+    text = render_report(replace(cases.named(), notes=(told,)))
+    assert "20\u00a0% of 5.2\u00a0N/µm, as <code>fretflow loops</code> reads, in 3 pieces &lt;b&gt;" in text
+
+
+def test_a_channel_that_was_given_has_no_map(cases):
+    found = cases.named()
+    given = replace(found.residual_maps[0], channel="excitation", before=0.0 * found.residual_maps[0].before)
+    assert "excitation</h3>" not in render_report(replace(found, residual_maps=(*found.residual_maps, given)))
 
 
 def test_text_is_escaped_and_what_is_not_known_is_no_number(cases):

@@ -44,6 +44,7 @@ def test_an_interval_is_rounded_to_a_small_part_of_itself(value, share, unit):
     ((14.2e-6, 13.9e-6, 14.6e-6, "m"), ("14.20", "13.90", "14.60", "µm", "± 2.5 %")),
     ((1.1e-14, 0.9e-14, 1.3e-14, "m^2/N"), ("1.10", "0.90", "1.30", "10⁻¹⁴ m²/N", "± 18 %")),
     ((0.0, -0.01, 0.01, "1"), ("0", "−0.010", "0.010", "", "–")),
+    ((317.0, 125.0, 801.0, "kg"), ("317", "125", "801", "kg", "± 107 %")),
     ((28e6, math.nan, math.inf, "N/m"), ("28.0", "–", "–", "N/µm", "–")),
 ])
 def test_an_estimate_in_units_that_engineers_use(estimate, shown):
@@ -104,3 +105,5 @@ def test_a_stiffness_read_off_loops_that_is_not_the_fitted_one_is_explained():
     assert told.startswith("loops show a tangential stiffness of 5.30 N/µm right after their reversals")
     assert two_stiffnesses(readings, [replace(fitted, high=5.5e6)]) == []
     assert two_stiffnesses(None, [fitted]) == []
+    scattered = replace(readings, tangential_stiffness=np.array([[5.3e6, 3.9e6, 6.1e6, 4.4e6]] * 3))
+    assert two_stiffnesses(scattered, [fitted]) == []  # the median is 4.85 +- 0.7

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from fretflow.core.errors import FretflowError
 from fretflow.experiments.structure.backbone import outside_of_mode
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.points import BackbonePoints, weights_of
+from fretflow.experiments.structure.run import beyond_stated
 from fretflow.inference.evidence import code_size, size_prior
+from fretflow.inference.verdict import Estimate
 from fretflow.recordings.kinds.structures import Control, read_structure_recording
 from scipy.linalg import block_diag
 
@@ -231,3 +234,18 @@ def test_a_structure_that_cannot_be_is_told_in_one_line(folder, name):
         StructureExperiment.of(read_structure_recording(made)).first_prediction()
     assert "\n" not in str(caught.value)
     assert str(made) in str(caught.value)
+
+
+def test_a_recording_without_a_title_has_its_folders_name(folder, monkeypatch):
+    """It was "." of a folder in which one stands."""
+    text = TOML.format(of="tip", unit="m/s^2").replace('title = "a beam"', "")
+    monkeypatch.chdir(made := folder(text))
+    assert read_structure_recording(Path()).title == made.name
+
+
+def test_a_value_beyond_what_the_recording_states_is_told(folder):
+    made = [Estimate(name="structure.bolt_load", value=50e3, low=38e3, high=67e3, unit="N"),
+            Estimate(name="structure.modal_damping", value=2e-3, low=1e-3, high=3e-3, unit="1"),
+            Estimate(name="contact-stiffness.exponent", value=0.3, low=0.2, high=0.4, unit="1")]
+    assert beyond_stated(read_structure_recording(folder()), made) == [
+        "structure.bolt_load = 50 kN lies beyond the stated 2 kN to 20 kN"]

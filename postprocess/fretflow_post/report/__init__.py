@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +18,7 @@ from fretflow.inference import words
 from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, HeldOut, Place, Verdict
 from fretflow.recordings.kinds import kinds
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from fretflow_post.diagnosed import drawn_parameters, plot_diagnosis
 from fretflow_post.report.loops import curve_views, evolution_views, loop_views
@@ -72,9 +73,16 @@ def render_report(diagnosis: Diagnosis) -> str:
 def _environment() -> Environment:
     found = Environment(loader=FileSystemLoader(PAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
                         lstrip_blocks=True)
+    found.filters["prose"] = _prose
     for name in ("css", "js"):
         found.globals[name] = Markup((PAGE / f"report.{name}").read_text(encoding="utf-8"))
     return found
+
+
+def _prose(text: str) -> Markup:
+    """Return a sentence with no line break between a number and its unit, and what is typed set as such."""
+    kept = re.sub(r"(?<=\d) (?=(?:%|[kMGmnµ]?(?:N|Pa|Hz|J|m|s|g))(?![\w²³]))", "\u00a0", text)
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(kept))))
 
 
 def _corner(d: Diagnosis) -> Markup | None:
@@ -232,9 +240,14 @@ def _fit_text(shown: dict[str, float], floor: float) -> str:
     text = ""
     if "after" in shown and "before" in shown and shown["after"] > 0.0:
         ratio = shown["before"] / shown["after"]
-        text = (f"On what was not used in the fit the error is {ratio:.2g} times smaller. " if ratio >= 1.05 else
+        less = words.percent(1.0 - 1.0 / ratio) if ratio < 2.0 else _times(ratio)
+        text = (f"On what was not used in the fit the error is {less} smaller. " if ratio >= 1.05 else
                 "What was not used in the fit is not predicted better. ")
     if floor > 0.0:
-        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{left / floor:.2g} times "
+        times = "" if left <= AS_GOOD_AS_REPEATED * floor else f"{_times(left / floor)} "
         text += f"The error that is left is {times}what repeats of the recording differ by."
     return text
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g} times" if ratio < 99.5 else f"{ratio:.0f} times"

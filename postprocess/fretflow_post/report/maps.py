@@ -14,7 +14,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fretflow_post import style
-from fretflow_post.report.loops import has_after
+from fretflow_post.report.loops import SAME, has_after
 from fretflow_post.report.svg import (
     BOTTOM,
     LETTER,
@@ -64,7 +64,7 @@ class MapViews:
 
 def map_views(diagnosis: Diagnosis) -> MapViews | None:
     """Return the differences of `diagnosis` as maps, or None where there are none."""
-    maps = [one for one in diagnosis.residual_maps if one.before.size and np.isfinite(one.before).any()]
+    maps = [one for one in diagnosis.residual_maps if np.nanmax(np.abs(one.before), initial=0.0) > SAME]
     if not maps:
         return None
     known = np.concatenate([np.abs(one.before[np.isfinite(one.before)]) for one in maps])

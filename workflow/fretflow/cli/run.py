@@ -89,7 +89,6 @@ def run(
 
 def _run_bolted(case: BoltedCase, out: Path) -> None:
     """Run a case of a bolted structure and show its figures."""
-    from fretflow.core.units import pretty_number
     from fretflow.pipeline.bolted import run_bolted
 
     with Progress() as progress:
@@ -97,9 +96,18 @@ def _run_bolted(case: BoltedCase, out: Path) -> None:
         study = run_bolted(case, out, lambda share, text: progress.advance("structure", share, text))
     view = new_table(study.title, "figure", "found")
     for name, value in study.figures.items():
-        view.add_row(name, pretty_number(value))
+        view.add_row(*_figure(name, value))
     Terminal().print(view)
     show_files(sorted((out / case.name).iterdir()), "pictures and curves")
+
+
+def _figure(name: str, value: float) -> tuple[str, str]:
+    """Return a figure in words and its own unit: of ``largest_pressure_Pa`` the largest pressure in MPa."""
+    from fretflow.core.units import pretty_number
+
+    head, _, last = name.rpartition("_")
+    unit, size = {"Pa": ("MPa", 1e6), "Hz": ("Hz", 1.0), "m3": ("mm³", 1e-9)}.get(last, ("", 1.0))
+    return (head if unit else name).replace("_", " "), f"{pretty_number(value / size, 4)} {unit}".rstrip()
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,8 @@ def open_hdf5(path: Path, refusal: type[InputError] = StoreError) -> Iterator[h5
     with h5py.File(path, "r") as file:
         try:
             name = _elsewhere(file["/"], (), set())
+        except RecursionError as error:
+            raise OSError("its groups lie hundreds deep in each other") from error
         except (KeyError, RuntimeError) as error:
             raise OSError(f"damaged links, {error}") from error
         if name is not None:

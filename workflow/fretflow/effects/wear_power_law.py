@@ -23,7 +23,7 @@ from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
 
-LETTERS = {PRESSURE: "a", SLIDING: "b", FREQUENCY: "c", POWER: "m"}
+LETTERS = {PRESSURE: "a", SLIDING: "b", FREQUENCY: "c", POWER: "a = b = c"}
 
 
 class WearPowerLaw(Effect):

@@ -20,7 +20,7 @@ EVERYTHING = "the same test at another amplitude, another normal load and anothe
 BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 NOTHING = "–"
 INSTRUMENTS = ("kg", "s", "Hz")  # units of what belongs to them, and does not go with a joint's size
-_LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ"}
+_LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ", "eps": "ε"}
 _PLAIN = range(-4, 7)  # powers of ten of numbers that are written without one, as C's %g does, and millions
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -164,7 +164,8 @@ def interval(estimate: Estimate) -> Interval:
     step = 0.1 * half / size if half > 0.0 and math.isfinite(half) else None
     value, low, high = (number(v / size, step) for v in (estimate.value, estimate.low, estimate.high))
     known = step is not None and math.isfinite(estimate.value) and estimate.value != 0.0
-    relative = f"± {abs(100.0 * half / estimate.value):.2g} %" if known else NOTHING
+    share = abs(100.0 * half / estimate.value) if known else math.nan
+    relative = f"± {number(share, 10.0 ** (math.floor(math.log10(share)) - 1))} %" if known else NOTHING
     return Interval(value, low, high, printed, relative)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.case.config import Rig, Specimens
-from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.errors import RecordingError, UnreliableRecordingError
 from fretflow.core.records import record
 from fretflow.recordings.blocks import Columns, read_columns
 from fretflow.recordings.cleaning import clean_loops
@@ -27,8 +27,12 @@ from fretflow.recordings.schema import (
     RecordingFile,
     SweepCondition,
     load_recording_file,
+    name_of,
 )
-from fretflow.recordings.series import clean_series
+from fretflow.recordings.series import clean_series, loops_of_series
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -78,6 +82,21 @@ class Recording:
         """Return what is to be predicted."""
         return self.test.kind
 
+    @property
+    def arrays(self) -> xr.Dataset:
+        """Return the loops as `LoopSet.arrays` does, those of whole periods where one long record was made.
+
+        Raises
+        ------
+        RecordingError
+            If there are no loops.
+        """
+        if self.loops is not None:
+            return self.loops.arrays
+        if self.series is None:
+            raise RecordingError(f"{self.path}: holds no loops; [loops] or [series] in {FILE} names them")
+        return loops_of_series(self.series)[0].arrays
+
 
 def read_joint_recording(path: Path) -> Recording:
     """Read loops, records and maps of a joint: a recording's folder or its ``recording.toml``.
@@ -113,8 +132,8 @@ def read_joint_recording(path: Path) -> Recording:
     if (depth := tables["wear_depth"]) is not None:
         check_wear(toml, file.wear.worn_volume, depth.channels)
     return Recording(
-        path=path, title=file.title or path.stem, test=test, rig=file.rig, specimen=file.specimen, given=file.given(),
-        wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)
+        path=path, title=file.title or name_of(path), test=test, rig=file.rig, specimen=file.specimen,
+        given=file.given(), wear=file.wear, loops=loops, series=series, sweep=sweep, notes=tuple(notes), **tables)
 
 
 def loops_of(columns: Columns, test: RecordedTest) -> tuple[LoopSet, tuple[Note, ...]]:

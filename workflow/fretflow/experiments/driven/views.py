@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from fretflow.case.casefile import entries
 from fretflow.effects.catalogue import table_lines
@@ -58,8 +59,9 @@ def two_stiffnesses(readings: Evolution | None, made: Iterable[Estimate]) -> lis
     fitted = next((one for one in made if one.name == "baseline.tangential_stiffness"), None)
     if readings is None or fitted is None or np.isnan(readings.tangential_stiffness[0]).all():
         return []
-    read = float(np.nanmedian(readings.tangential_stiffness[0]))
-    if fitted.low <= read <= fitted.high:
+    every = readings.tangential_stiffness[0][np.isfinite(readings.tangential_stiffness[0])]
+    read, scatter = float(np.median(every)), float(ndtri(0.95) * np.std(every)) / np.sqrt(len(every))
+    if fitted.low - scatter <= read <= fitted.high + scatter:
         return []
     shown = interval(replace(fitted, value=read, low=fitted.low - fitted.value + read,
                              high=fitted.high - fitted.value + read))

@@ -149,7 +149,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
         separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
         residual_law=law, smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
-        evolution=evolved(observation, unseen.before, unseen.after),
+        evolution=evolved(observation, base.predicted, after.predicted),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, experiment.rig, Point(after.parameters, mean)) if named else "",

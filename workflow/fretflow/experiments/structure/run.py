@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
+from fretflow.core.units import pretty_quantity
 from fretflow.effects.catalogue import described
 from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
@@ -72,11 +73,12 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         correct(found, [0, 1, 2])
     judged = detected(decide(found), detection)
     progress(0.85, "what is held out")
-    own = room.told(experiment, found, judged)
+    own, made = room.told(experiment, found, judged), estimates(found, judged.after)
+    own["notes"] = (*own["notes"], *beyond_stated(recording, made))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
-        detection=detection, parameters=estimates(found, judged.after), remainder=remainder(found, judged),
+        detection=detection, parameters=made, remainder=remainder(found, judged),
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast, **own)
@@ -144,6 +146,18 @@ def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
             for one, z, sd, draws in zip(fit.parameters.coordinates, fit.z, np.sqrt(np.diag(covariance)),
                                          drawn(fit.z, covariance), strict=True))
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
+
+
+def beyond_stated(recording: StructureRecording | WornRecording, made: Iterable[Estimate]) -> list[str]:
+    """Return a warning for each value that lies beyond the range that the recording gives it."""
+    stated = recording.unknown if isinstance(recording, StructureRecording) else {}
+    notes = []
+    for one in made:
+        low, high = stated.get(one.name.removeprefix("structure."), (-np.inf, np.inf))
+        if not low <= one.value <= high:
+            value, low_end, high_end = (pretty_quantity(v, one.unit, 3) for v in (one.value, low, high))
+            notes.append(f"{one.name} = {value} lies beyond the stated {low_end} to {high_end}")
+    return notes
 
 
 def remainder(found: Search, judged: Found) -> Remainder:

@@ -50,7 +50,7 @@ from fretflow.recordings.kinds.worn_profiles import (
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
-from fretflow.recordings.schema import FORMAT
+from fretflow.recordings.schema import FORMAT, name_of
 from fretflow.structure.matrices import StructureMatrices
 
 Array = NDArray[np.float64]
@@ -284,8 +284,9 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
         raise ConfigError(f"{toml}: give at least one of the blocks backbone, frf and ring_down")
     notes += [Note(name, "is compared where structure.line_contact is given alone") for name in (
         "profile", "wear_depth", "volumes") if getattr(file, name)]
-    return StructureRecording(path=path, title=file.title or path.stem, matrices=matrices, known=known, unknown=unknown,
-                              backbone=backbone, responses=responses, ring_down=ring_down, notes=tuple(notes))
+    return StructureRecording(path=path, title=file.title or name_of(path), matrices=matrices, known=known,
+                              unknown=unknown, backbone=backbone, responses=responses, ring_down=ring_down,
+                              notes=tuple(notes))
 
 
 def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: Path) -> WornRecording:
@@ -297,7 +298,7 @@ def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: 
     low, high = file.structure.unknown.friction_coefficient or TYPICAL["friction_coefficient"]
     notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down", "wear_depth")
              if getattr(file, name)]
-    return WornRecording(path=path, title=file.title or path.stem, contact=contact, profiles=profiles, areas=areas,
+    return WornRecording(path=path, title=file.title or name_of(path), contact=contact, profiles=profiles, areas=areas,
                          friction=(low, high) if given is None else (given, given), notes=tuple(notes))
 
 

@@ -7,7 +7,6 @@ Used in one way on both: `fem.form`, `fem.locate_dofs_topological`, `fem.Constan
 from __future__ import annotations
 
 import hashlib
-import inspect
 import logging
 import os
 import shutil
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 ONE_RANK = MPI.COMM_SELF
-_NEW = hasattr(fem, "functionspace")  # dolfinx 0.7 and later; what were parameters are options there
+_NEW = hasattr(fem, "functionspace")  # dolfinx 0.9; what were parameters are options there
 _WORD = "options" if _NEW else "params"
 _JIT = {name: entry[0] for name, entry in getattr(
     dolfinx.jit, f"DOLFINX_DEFAULT_JIT_{'OPTIONS' if _NEW else 'PARAMETERS'}").items()}
@@ -72,14 +71,11 @@ def cell_vectors(mesh: Mesh) -> Any:
 
 
 def _vectors(mesh: Mesh, family: str, degree: int) -> Any:
-    if _NEW:
-        function, element = fem.functionspace, (family, degree, (3,))
-    else:
-        function, element = fem.FunctionSpace, ufl.VectorElement(family, mesh.ufl_cell(), degree, dim=3)
-    if f"jit_{_WORD}" not in inspect.signature(function).parameters:  # 0.9 compiles no code for elements
-        return function(mesh, element)
+    if _NEW:  # 0.9 takes options of the compiler and compiles no code for elements
+        return fem.functionspace(mesh, (family, degree, (3,)))
+    element = ufl.VectorElement(family, mesh.ufl_cell(), degree, dim=3)
     what = f"vectors {element} {mesh.ufl_cell()}"
-    return _compiled(mesh.comm, what, lambda options: function(mesh, element, **options))
+    return _compiled(mesh.comm, what, lambda options: fem.FunctionSpace(mesh, element, **options))
 
 
 def mesh_from_gmsh(comm: MPI.Comm) -> tuple[Mesh, Any]:
