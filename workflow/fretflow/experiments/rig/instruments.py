@@ -130,7 +130,9 @@ def _late(recording: Recording, case: Case) -> list[str]:
     guesses = [np.zeros(2)] + ([] if gains is None else [-np.angle(gains) * period / (2.0 * np.pi)])
     tried = map(equations.synchronised, guesses if equations.repeated else [])
     late, found = next((one for one in tried if one[1].holds), (guesses[-1], None))
-    if found is None:  # nothing tells the errors, or more acts on the rig: the fundamentals tell large delays alone
+    if found is None and equations.repeated:
+        return []  # more acts on the rig than a delay, which may turn the fundamentals as one does
+    if found is None:  # nothing tells the errors: the fundamentals tell large delays alone
         off = np.abs(late) > ChannelDelay.priors()["delay"].high
     else:
         places = [DISPLACEMENT + 1, FORCE + 1]
