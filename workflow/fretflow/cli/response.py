@@ -36,7 +36,7 @@ def response(
 
     Every point is a solution of the whole contact, with its stability; peak, half-power damping and folds are read
     off each curve. A curve is kept beside the run's stages, so that it is made once; an interrupted one goes on from
-    its last points. It takes longer where nodes stick and slip in turn, so that no time left is shown.
+    its last points.
 
     Parameters
     ----------
