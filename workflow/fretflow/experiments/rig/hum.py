@@ -87,13 +87,18 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
     if (plain := equations.solve()).holds:
         return None
     bending, waves, found = equations.solve(forces), np.concatenate(shapes).T, []
+    # a filter of a channel, whatever it does to each harmonic, grows with the channel from loop to loop as no hum does
+    filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, RIG_HARMONICS)
+                                    for unit in (1.0, 1j)]).squares
+                   for one in (equations.displacement, equations.friction, equations.drive))
     for name, factor in (("displacement", 1.0), ("friction_force", felt + plain.values[COMPLIANCE]),
                          ("excitation", driven)):
         # what forces on the rig do may be bent by them as well, unless the hum alone leaves far less than they
         more = forces if name == "displacement" else []
         for count in (2, 3) if more else (2,):
             one = equations.solve([*more, *factor * waves[:count]])
-            if one.holds and (one.better_than(bending) if more else one.odds_over(bending) > 1.0 / LEVEL):
+            if one.holds and one.squares < filtered and (
+                    one.better_than(bending) if more else one.odds_over(bending) > 1.0 / LEVEL):
                 found.append((one.lack_of_fit, name, float(np.hypot(*one.values[-count:][:2]))))
                 break
     return max(found, default=None)
