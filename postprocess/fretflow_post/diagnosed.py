@@ -8,7 +8,7 @@ import numpy as np
 from fretflow.core.errors import InputError
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import Diagnosis, Estimate, Evolution, Verdict
-from fretflow.inference.words import VERDICT_WORDS, together
+from fretflow.inference.words import headline, together
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
@@ -41,8 +41,8 @@ def plot_diagnosis(diagnosis: Diagnosis, what: str = "loops") -> Figure:
 
 def _titled(diagnosis: Diagnosis, what: str = "", **size: float) -> Figure:
     named = f": {together(diagnosis.effects)}" if diagnosis.effects else ""
-    headline = VERDICT_WORDS[diagnosis.verdict] + named
-    return style.new_figure(diagnosis.title or diagnosis.recording, f"{headline}; {what}" if what else headline, **size)
+    told = headline(diagnosis) + named
+    return style.new_figure(diagnosis.title or diagnosis.recording, f"{told}; {what}" if what else told, **size)
 
 
 def _nothing(what: str) -> InputError:

@@ -20,7 +20,9 @@ from fretflow.case.config import Rig
 from fretflow.core.units import parse_quantity
 from fretflow.experiments.rig.equations import Equations
 from fretflow.experiments.rig.instruments import doubts, faults
+from fretflow.experiments.rig.run import RigTools, diagnose_rig
 from fretflow.experiments.rig.setup import case_of
+from fretflow.inference.words import headline
 from fretflow.recordings.kinds import read_recording
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
@@ -323,3 +325,16 @@ def test_hum_of_the_normal_force_is_told(recordings: Path) -> None:
         told, _ = said(changed)
         assert len(told) == expected
         assert all(one.startswith("the normal force has a hum of the mains") for one in told)
+
+
+@pytest.mark.real_data
+def test_instruments_at_fault_are_no_missing_physics(recordings: Path, tmp_path: Path) -> None:
+    """Neither the headline nor the page speaks of the catalogue."""
+    recording = read_recording(recordings / "example_baseline")
+    recording = altered(recording, "friction_force", lambda _, values: 3.0 * values)
+    diagnosis = diagnose_rig(recording, True, lambda share, text: None, RigTools(reduce=None, pool=None))
+    assert headline(diagnosis) == "Instruments at fault"
+    page = diagnosis.to_html(tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "Instruments at fault" in page
+    assert "Not in the catalogue" not in page
+    assert "the catalogue lacks" not in page

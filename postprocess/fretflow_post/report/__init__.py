@@ -49,7 +49,7 @@ def render_report(diagnosis: Diagnosis) -> str:
     with_after = loops.with_after or diagnosis.verdict is Verdict.NAMED
     content = {
         "d": diagnosis, "words": words, "verdict": diagnosis.verdict.value,
-        "headline": words.VERDICT_WORDS[diagnosis.verdict],
+        "headline": words.headline(diagnosis),
         "kind": kinds()[diagnosis.kind].words if diagnosis.kind in kinds() else diagnosis.kind,
         "with_after": with_after,
         "tiles": tuple(_tiles(diagnosis)), "physics": tuple(_physics(diagnosis)), "sure": _how_sure(diagnosis),
@@ -129,7 +129,7 @@ class Tile:
 
 def _tiles(d: Diagnosis) -> Iterator[Tile]:
     best = _accepted(d)
-    yield Tile("Probability", words.percent(d.probability), words.PROBABILITY_OF[d.verdict])
+    yield Tile("Probability", words.percent(d.probability), words.probability_of(d))
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
         yield Tile("Explained", words.percent(best.explained), what)

@@ -93,8 +93,8 @@ def _show(console: Terminal, found: Diagnosis) -> None:
     from fretflow.inference import words
 
     console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
-    console.print(f"[bold]{words.VERDICT_WORDS[found.verdict]}.[/bold] {escape(found.sentence)}", soft_wrap=True)
-    console.print(f"probability: {words.percent(found.probability)} {words.PROBABILITY_OF[found.verdict]}")
+    console.print(f"[bold]{words.headline(found)}.[/bold] {escape(found.sentence)}", soft_wrap=True)
+    console.print(f"probability: {words.percent(found.probability)} {words.probability_of(found)}")
     console.print(f"by chance: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
     if found.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained")

@@ -36,6 +36,20 @@ PROBABILITY_OF = {
 }
 
 
+def headline(diagnosis: Diagnosis) -> str:
+    """Return the verdict in a few words; faults of instruments are none about physics."""
+    return "Instruments at fault" if _at_fault(diagnosis) else VERDICT_WORDS[diagnosis.verdict]
+
+
+def probability_of(diagnosis: Diagnosis) -> str:
+    """Return what the probability of a verdict is of."""
+    return "that an instrument is at fault" if _at_fault(diagnosis) else PROBABILITY_OF[diagnosis.verdict]
+
+
+def _at_fault(diagnosis: Diagnosis) -> bool:
+    return diagnosis.detection.statistic == "instruments"
+
+
 def number(value: float, resolution: float | None = None) -> str:
     """Return `value` rounded to `resolution`, or to three figures; with a power of ten if far from 1."""
     if not math.isfinite(value):
