@@ -44,7 +44,7 @@ def test_the_summary_holds_what_went_in_and_what_must_follow(home):
     assert 0.0 < found["mean wear depth"] <= found["largest wear depth"]
     assert found["wear volume"] == pytest.approx(found["mean wear depth"] * 1e-6, rel=1e-6)  # over 1 mm^2
     assert found["tangential stiffness off the loop"] is None  # the faces slide before the loop could show it
-    assert len(summary["trends"]) == 5
+    assert [trend["met"] for trend in summary["trends"]] == [None]  # 20,000 cycles are too few for the sliding
     assert 0.0 < found["stick share"] < 0.3  # it slides as a whole for most of the period
     texts = {figure["name"]: figure["text"] for figure in summary["figures"]}
     assert re.search(r"quasi-static, estimated error \d+\.\d+ %", texts["sliding distance, unworn"])
