@@ -364,11 +364,14 @@ class StructureExperiment(Experiment):
 
         What this one misses tells the tails of the errors of measurement too.
         """
+        about = replace(self, about=prediction.point)
+        more, most = (about._beyond_static_loads(prediction, finer) for finer in (1, 2))
         points = BackbonePoints.of(self.recorded)
         missed = (self.measurement.values - prediction.values).reshape(-1, len(points.amplitude))
-        about = replace(self, about=prediction.point, points=points.weighed(missed))
-        more, most = (about._beyond_static_loads(prediction, finer) for finer in (1, 2))
-        return replace(about, correction=more, truncation=None if more is None or most is None else most - more)
+        for added, way in ((self.correction, 1.0), (more, -1.0)):
+            missed = missed if added is None else missed + way * added
+        return replace(about, points=points.weighed(missed), correction=more,
+                       truncation=None if more is None or most is None else most - more)
 
     def _beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
         """Return what periodic motions, with `finer` times the harmonics and samples, add (channels, points).

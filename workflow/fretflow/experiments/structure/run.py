@@ -37,6 +37,7 @@ from fretflow.recordings.kinds.structures import StructureRecording, WornRecordi
 
 Progress = Callable[[float, str], None]
 
+AGAIN = 2  # times that fits move the amplitudes at which points slide, and with them what periodic motions correct
 BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1", "friction of the faces"),
             "modal_damping": ("1", "damping ratio of the structure without its joint"),
             "wear_coefficient": ("m^2/N", "K_w: worn volume over load and sliding")}
@@ -69,8 +70,9 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         if free is not None:
             experiment, found = free
             detection = _looked(found, progress)
-        found.settled.clear()  # fits move the amplitudes at which points slide, and what static loads leave out there
-        correct(found, [0, 1, 2])
+        for _ in range(AGAIN):
+            found.settled.clear()
+            correct(found, [0, 1, 2])
     judged = detected(decide(found), detection)
     progress(0.85, "what is held out")
     own, made = room.told(experiment, found, judged), estimates(found, judged.after)
