@@ -131,6 +131,13 @@ def test_evidence_is_the_density_of_the_whole_covariance() -> None:
     assert found[::6, ::5, ::5] - found[0, 0, 0] == pytest.approx(written - written[0, 0, 0], abs=1e-5)
 
 
+def test_codes_that_do_not_differ_have_a_prior() -> None:
+    """The smallest size takes most of it, and all of it is there; it was nought over nought."""
+    found = size_prior(0.0)
+    assert found.sum() == pytest.approx(1.0)
+    assert int(np.argmax(found)) == 0
+
+
 @pytest.mark.parametrize("where", ["one loop", "all loops"])
 def test_law_form_errors_have_the_size_that_they_are(where: str) -> None:
     """An error of 0.2 of all that an effect does, as rms, is told as that, be it spread or in a single loop."""

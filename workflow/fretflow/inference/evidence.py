@@ -217,7 +217,7 @@ def size_prior(code: float, formed: Array | None = None) -> Array:
 
     Codes differ by `code`; laws of another form by `formed` (forms,), one row each. Without laws there is one row.
     """
-    sd = np.hypot(code, np.zeros(1) if formed is None else formed)[:, None]
+    sd = np.maximum(np.hypot(code, np.zeros(1) if formed is None else formed), SIZES[0])[:, None]  # no less is told
     found = SIZES * np.exp(-0.5 * np.square(SIZES / sd))
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
