@@ -251,7 +251,7 @@ class Search:
 
     def is_settled(self, names: Names) -> bool:
         """Tell whether a set's numerical errors were put right about where it is fitted now."""
-        return names in self.settled and bool(np.abs(self.fits[names].z - self.settled[names]).max() < QUARTILE)
+        return not _moved(self.fits[names], self.settled.get(names))
 
     def allowing(self, names: Names) -> Task:
         """Return the fit of a set under the discrepancies that it most probably has.
@@ -306,16 +306,23 @@ def search(found: Search, progress: Progress) -> None:
     progress(0.35, "fitting the most promising")
     to_rest(found, 1)
     correct(found, [0, 1])
-    progress(0.6, "what could act beside them")
-    sought: dict[Names, Fit] = {}
-    for _ in range(2):  # what was brought out of a bad start may lead then
+    sought: dict[Names, Array] = {}
+    for _ in range(MOST_CORRECTIONS):  # what leads may have moved where its numerical errors were put right
         lead = leading(found)
         found.continue_fits(lead, found.effort.last_steps)
-        bases = [names for names in lead if sought.get(names) is not found.fits[names]]
-        sought.update({names: found.fits[names] for names in bases})
+        bases = [names for names in lead if _moved(found.fits[names], sought.get(names))]
+        if not bases:
+            break
+        sought.update({names: found.fits[names].z for names in bases})
+        progress(0.6, "what could act beside them")
         seek_partners(found, bases)
-    progress(0.85, "what the model's numbers leave out at the best")
-    correct(found, [1, 2])
+        progress(0.85, "what the model's numbers leave out at the best")
+        correct(found, [1, 2])
+
+
+def _moved(fit: Fit, since: Array | None) -> bool:
+    """Tell whether a fit is elsewhere in its ranges than it was."""
+    return since is None or bool(np.abs(fit.z - since).max() >= QUARTILE)
 
 
 def leading(found: Search) -> list[Names]:
@@ -569,7 +576,8 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list
             weigh(start.effect, start.changes, Point(space, np.array([own[one.name] for one in space.coordinates])))
     best = sorted(promised.values(), key=lambda one: -one[0])[:found.effort.partners]
     for _, point in best:
-        found.fitters.setdefault(point.effects, found.fitter_of(names))
+        if point.effects not in found.settled:
+            found.fitters[point.effects] = found.fitter_of(names)
     return [Task(found.fitter_of(names), point, fit.prediction, found.effort.last_steps // 2) for _, point in best]
 
 
