@@ -240,9 +240,10 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     beyond = log(largest_odds(p))
     if fewer < wider:
         beyond = min(beyond, _outside_forms(found, fewer, wider))
-    if beyond <= 0.0:
-        return 0.0
-    forms = law_form_errors() * float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
+    size = float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
+    if beyond <= 0.0:  # no more than chance takes; what is larger than all that a law does is no form of it
+        return 0.0 if left <= size**2 else np.inf
+    forms = law_form_errors() * size
     return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 
 
