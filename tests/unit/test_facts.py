@@ -6,12 +6,14 @@ field and the way out.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fretflow.core.errors import ConfigError, CorruptRecordingError
 from fretflow.experiments.facts.experiment import _row
+from fretflow.experiments.facts.model import largest_motion
 from fretflow.recordings.kinds import read_recording
 from fretflow.recordings.kinds.facts import FACTS, QUANTITIES, Fact
 from scipy.stats import norm
@@ -107,3 +109,24 @@ def test_a_fact_by_a_factor_is_compared_in_logarithms():
     fact = Fact(quantity="wear-coefficient", value="2e-14 m^2/N", factor=3.0)
     assert fact.distance(18e-14) == pytest.approx(2.0)
     assert fact.distance(2e-14 / 3.0) == pytest.approx(-1.0)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A block whose motion is largest at 89.5 Hz on a flat peak with hills of four thousandths, 4 Hz apart."""
+
+    frequency: float = 1.0
+
+    def vary(self, frequency: float) -> Peak:
+        return Peak(frequency)
+
+    @property
+    def rig_displacement(self) -> np.ndarray:
+        size = 1.0 / (1.0 + ((self.frequency - 89.5) / 80.0)**2) + 4e-3 * np.cos(0.5 * np.pi * (self.frequency - 85.5))
+        return np.column_stack([size * np.cos(2.0 * np.pi * np.arange(32) / 32.0), np.zeros(32)])
+
+
+@pytest.mark.parametrize("start", [85.0, 85.5, 94.0])
+def test_hills_on_a_flat_resonance_are_not_taken_for_it(start):
+    """A search that goes down the next slope stops on the hill at 85.5 Hz."""
+    assert largest_motion(lambda problem, near: problem, Peak(), np.array([start])) == pytest.approx(89.5, rel=0.005)
