@@ -228,5 +228,5 @@ def test_recordings_without_a_model_are_refused(tmp_path):
 
 def test_a_kind_without_a_diagnosis_is_refused_and_not_taken_for_another():
     made_up = made(lambda t, x, v: slid(x), kind=replace(LUMPED, experiment=""))
-    with pytest.raises(UnsupportedRecordingError, match=r"kind 'lumped' has no diagnosis; there is one of fre"):
+    with pytest.raises(UnsupportedRecordingError, match=r"kind 'lumped' has no diagnosis; there is one of facts, fre"):
         diagnose(made_up)

@@ -54,9 +54,7 @@ def test_a_damper_with_backlash_is_not_just_a_slider(recordings):
     assert next(one for one in found.parameters if one.name == "backlash.play").low > 2e-3
 
 
-@pytest.mark.parametrize("name", ["damper_d1_0p5Hz20lbtension", pytest.param(
-    "damper_d1_1Hz20lbtension", marks=pytest.mark.xfail(
-        reason="the nearest effect is said to be a sensor's inertia"))])
+@pytest.mark.parametrize("name", ["damper_d1_0p5Hz20lbtension", "damper_d1_1Hz20lbtension"])
 def test_each_best_explanation_of_a_damper_has_backlash(recordings, name):
     """Two effects at most: whether they are enough for a name or not, play is one of them."""
     found = diagnosed(recordings / name, True)

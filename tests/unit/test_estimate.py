@@ -133,7 +133,8 @@ def test_a_penalty_that_is_none_and_damping_without_effect_are_named():
 
 
 @pytest.mark.parametrize("file", [file for file in sorted((ROOT / "examples").glob("*.toml"))
-                                  if load_bolted_case(file) is None], ids=lambda file: file.stem)
+                                  if load_bolted_case(file) is None and "fretflow-case/" in file.read_text()],
+                         ids=lambda file: file.stem)
 def test_examples_are_plausible(file):
     assert not warnings(load_case(file))
     assert not time_warning(load_case(file))

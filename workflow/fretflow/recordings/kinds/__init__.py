@@ -113,7 +113,7 @@ def kind_at(path: Path) -> RecordingKind:
         test = read_toml(toml, InputError, "").get("test")
         return kind_called(test["kind"] if isinstance(test, dict) else None)
     except (InputError, ValueError, KeyError):
-        return next(iter(kinds().values()))
+        return next(kind for kind in kinds().values() if kind.full_model)  # the rig's
 
 
 def read_recording(path: Path | str) -> Any:

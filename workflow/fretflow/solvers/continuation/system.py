@@ -304,5 +304,7 @@ class ContinuationSystem:
                 break
             now = replace(following, iterations=now.iterations + 1, secants=best.secants)
             history.append(now.norm)
+            if len(self.seen) == 1 and best.norm < NEAR and now.norm > ACROSS * best.norm:
+                break  # one coordinate has few kinks, and periods of other branches lie near
             best, since = (now, 0) if now.norm < best.norm else (best, since + 1)
         return best
