@@ -237,6 +237,15 @@ def test_two_others_explain_what_one_cannot() -> None:
     assert two[FORMS < 0.1].sum() > 0.2  # one of the three
 
 
+@pytest.mark.parametrize("listed", [1, 2])
+def test_small_catalogues_have_no_second_other(listed: int) -> None:
+    """Of two effects the other one is all that explains; where there is one alone, all errors are alike."""
+    starts = [start_of(name, 50.0 * one) for name, one in zip(list(SHAPES)[:listed], np.eye(3), strict=False)]
+    one, two = (left_out(starts, size, listed) for size in (1, 2))
+    np.testing.assert_allclose(one, two)
+    assert one.sum() == pytest.approx(1.0)
+
+
 def test_effects_that_nobody_would_see_tell_nothing_of_those_that_are_missed() -> None:
     """Two aliases far below the noise, as changes of a wear law where little wears, do not count."""
     axes = np.eye(3)

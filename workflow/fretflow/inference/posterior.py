@@ -2,12 +2,13 @@
 
 The prior is indifferent between nothing, one effect, two effects and an unlisted effect, and within each between all
 that it may be. A listed effect has a law-form error as published forms of laws have (`law_forms`). An unlisted one
-looks like the nearest listed one, with an error such as the catalogue's own effects leave when each is left out in turn
-and the others explain what it does on this very recording.
+looks like the nearest listed one, or like two, with an error such as the catalogue's own effects leave when each is
+left out in turn and the others explain what it does on this very recording.
 
-A second effect has to do more than another form of the first one's law could: draws of law-form errors tell what share
-of them the best other effect takes by chance, and a p-value p is worth at most ``-1 / (e p ln p)``
-(T. Sellke, M. J. Bayarri, J. O. Berger, Am. Stat. 55 (2001) 62-71).
+A wider set, or a law that extends another, is weighed against another form of the plainer law that does the same: draws
+of law-form errors tell what share of them the best other effect takes by chance, where a p-value p is worth at most
+``-1 / (e p ln p)`` (T. Sellke, M. J. Bayarri, J. O. Berger, Am. Stat. 55 (2001) 62-71), and published forms how rare
+one is that differs by as much.
 """
 
 from __future__ import annotations
@@ -200,9 +201,11 @@ def left_out(starts: list[Start], size: int, candidates: int) -> Array:
         nearest: list[Start] = []
         for _ in range(size):
             beside = [other for other in others if other.effect not in {own.effect for own in nearest}]
-            nearest.append(min(beside, key=lambda other: _explained(wanted, [*nearest, other])[0]))
-        left, explained = _explained(wanted, nearest)
-        errors.append(left / max(explained, 1e-300))
+            if beside:  # small catalogues may have no other, or no second one
+                nearest.append(min(beside, key=lambda other: _explained(wanted, [*nearest, other])[0]))
+        if nearest:
+            left, explained = _explained(wanted, nearest)
+            errors.append(left / max(explained, 1e-300))
     return density(np.array(errors), FORMS) if errors else np.full(len(FORMS), 1.0 / len(FORMS))
 
 
