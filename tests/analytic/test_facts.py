@@ -22,7 +22,7 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.inference.experiment import Point
 from fretflow.inference.posterior import decide, detected
-from fretflow.inference.search import search
+from fretflow.inference.strategy import search
 from fretflow.inference.verdict import Verdict
 from fretflow.pipeline.problem import rig_problem
 from fretflow.recordings.kinds.facts import FactsFile, FactsRecording

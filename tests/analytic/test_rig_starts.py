@@ -15,9 +15,11 @@ from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig.experiment import RigExperiment, resensed
 from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.setup import first_simulation
+from fretflow.inference.beginnings import beginnings_task
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
-from fretflow.inference.search import Effort, Search, beginnings_task, correct
+from fretflow.inference.search import Effort, Search
+from fretflow.inference.strategy import correct
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
 

@@ -28,7 +28,8 @@ from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import decide, left_out
-from fretflow.inference.search import FAST, Search, Start, search, start_search
+from fretflow.inference.search import FAST, Search, Start
+from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import Verdict
 from scipy.stats import multivariate_normal
 

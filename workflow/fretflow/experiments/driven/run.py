@@ -31,7 +31,8 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
 from fretflow.inference.posterior import decide
-from fretflow.inference.search import FAST, FULL, begin_all, search
+from fretflow.inference.search import FAST, FULL
+from fretflow.inference.strategy import begin_all, search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED

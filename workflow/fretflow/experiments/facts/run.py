@@ -26,7 +26,8 @@ from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, smallest_visible
-from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task, search
+from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
+from fretflow.inference.strategy import search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.kinds.facts import QUANTITIES, FactsFile, FactsRecording

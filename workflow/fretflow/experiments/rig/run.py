@@ -42,7 +42,8 @@ from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, decide, detected, held_to, smallest_visible
-from fretflow.inference.search import FAST, FULL, Pool, Search, search, start_search
+from fretflow.inference.search import FAST, FULL, Pool, Search
+from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording

@@ -12,11 +12,11 @@ from fretflow.case.config import Case
 from fretflow.effects.catalogue import catalogue, described, tables
 from fretflow.experiments.rig.experiment import hypothesis
 from fretflow.experiments.rig.model import RigModel
+from fretflow.inference.beginnings import BENT
 from fretflow.inference.evidence import drawn
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
 from fretflow.inference.posterior import Found, estimate
-from fretflow.inference.search import BENT
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed

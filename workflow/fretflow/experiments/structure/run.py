@@ -19,18 +19,8 @@ from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, smallest_visible
-from fretflow.inference.search import (
-    FAST,
-    FULL,
-    Names,
-    Search,
-    Task,
-    begin_all,
-    correct,
-    fit_task,
-    search,
-    start_search,
-)
+from fretflow.inference.search import FAST, FULL, Names, Search, Task, fit_task
+from fretflow.inference.strategy import begin_all, correct, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording

@@ -24,7 +24,8 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, largest_odds
-from fretflow.inference.search import FAST, FULL, NEGLIGIBLE, search
+from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
+from fretflow.inference.strategy import search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
     Detection,

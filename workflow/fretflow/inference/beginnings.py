@@ -1,0 +1,187 @@
+"""Where effects are begun: at points of their ranges beside a fit, alone or as partners of what is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import log
+
+import numpy as np
+from scipy.stats import norm
+
+from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import in_sensors_alone
+from fretflow.inference.experiment import Experiment, Point
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.parameters import Array, signed_fields
+from fretflow.inference.search import QUARTILE, Names, Search, Start, Task, basis, log_gain
+
+BENT = float(norm.ppf(0.9995))  # coordinate of the baseline that one in a thousand of its prior is beyond
+FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """A point beside a fit at which an effect is begun.
+
+    Where first-order changes tell it, its whole `change` (M,) and its derivative `slopes` (M, k) by the effect's own
+    coordinates at the fit's motion, in SI, are known, and the point of its ranges at which it does `least`.
+    """
+
+    origin: Fit
+    point: Point
+    change: Array | None = None
+    slopes: Array | None = None
+    least: Point | None = None
+
+
+def is_worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
+    """Tell whether an effect may be as probable as none, were all linear, beside the baseline that it was begun at."""
+    return fit.promise < beginning.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
+
+
+def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
+    """Return a beginning simulated, with the derivatives that are known before; None where it has no solution."""
+    fitter, beginning = asked
+    try:
+        predicted = fitter.experiment.predict(beginning.point, beginning.origin.prediction)
+    except NonConvergenceError:
+        return None
+    if beginning.slopes is None:
+        return fitter.linearised(predicted)
+    coordinates = beginning.point.parameters.coordinates
+    origin = beginning.origin
+    slopes = dict(zip((one.name for one in origin.parameters.coordinates), origin.jacobian.T, strict=True))
+    own = (one.name for one in coordinates if one.name not in slopes)
+    slopes.update(zip(own, beginning.slopes.T, strict=True))
+    return fitter.linearised(predicted, np.column_stack([slopes[one.name] for one in coordinates]))
+
+
+def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beginning]:
+    """Return where beside a fit each further effect is begun, for either sign of what may have both.
+
+    Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
+    and a point near their lower end.
+    """
+    fitter, origin = asked
+    laid = list(_laid(fitter.experiment, origin))
+    told = [point for point in laid if is_told(point, origin)]
+    changes = np.nan_to_num(fitter.experiment.changes(origin.prediction, told))
+    white = fitter.covariance.whiten(changes)
+    rest = basis(origin.whitened_jacobian)
+    left = origin.residual[:, None] - white
+    reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
+    size = np.sum((white - rest @ (rest.T @ white))**2, axis=0)
+    own: dict[tuple[Hashable, ...], list[int]] = {}
+    for place, point in enumerate(told):
+        own.setdefault((point.effects, tuple(point.parameters.signs.values())), []).append(place)
+    best = {key: min(places, key=lambda place: float(reached[place])) for key, places in own.items()}
+    least = {key: min(places, key=lambda place: float(size[place])) for key, places in own.items()}
+    sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place]) for place in best.values()])
+    found: dict[tuple[Hashable, ...], Beginning] = {
+        key: one if least[key] == best[key] else replace(one, least=told[least[key]])
+        for key, one in zip(best, sloping, strict=True)}
+    for point in laid:  # of the others nothing is known before they are simulated
+        at = point.z[len(origin.z):]
+        if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
+            found[point.effects, tuple(point.parameters.signs.values()), tuple(at)] = Beginning(origin, point)
+    return found
+
+
+def _sloping(experiment: Experiment, origin: Fit, points: Sequence[tuple[Point, Array]]) -> list[Beginning]:
+    """Return beginnings at points, of each of which the change (M,) from `origin` is given."""
+    own = [[one.name not in {known.name for known in origin.parameters.coordinates}
+            for one in point.parameters.coordinates] for point, _ in points]
+    beside = [point.beside() for point, _ in points]
+    asked = [near for (around, _), mine in zip(beside, own, strict=True)
+             for near, is_own in zip(around, mine, strict=True) if is_own]
+    changes, at, found = experiment.changes(origin.prediction, asked), 0, []
+    for (point, change), (_, steps), mine in zip(points, beside, own, strict=True):
+        count = sum(mine)
+        slopes = (changes[:, at:at + count] - change[:, None]) / steps[mine]
+        found.append(Beginning(origin, point, change, slopes if np.isfinite(slopes).all() else None))
+        at += count
+    return found
+
+
+def is_told(point: Point, origin: Fit) -> bool:
+    """Tell whether first-order changes at a fit's motion tell what the further effect of a point does."""
+    (name,) = point.effects - origin.effects
+    return catalogue()[name].first_order or in_sensors_alone(catalogue()[name])
+
+
+def _laid(experiment: Experiment, origin: Fit) -> Iterator[Point]:
+    """Return points of each further effect's ranges: the middle, and beside it along each coordinate."""
+    known = dict(zip((one.name for one in origin.parameters.coordinates), origin.z, strict=True))
+    for name in experiment.candidates():
+        if name in origin.effects or not experiment.together([*origin.effects, name]):
+            continue
+        signed = signed_fields(catalogue()[name])
+        for sign in (1.0, -1.0) if signed else (1.0,):
+            space = experiment.parameters([*origin.effects, name], {
+                **origin.parameters.signs, **{f"{name}.{one}": sign for one in signed}})
+            middle = np.array([known.get(one.name, 0.0) for one in space.coordinates])
+            yield Point(space, middle)
+            if not catalogue()[name].first_order and in_sensors_alone(catalogue()[name]):  # a slope misses a resonance
+                first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
+                yield from (Point(space, middle + at * first) for at in np.linspace(-BENT, BENT, FINE))
+            for place in np.flatnonzero(space.own(name)):
+                for way in (-2.0 * QUARTILE, 2.0 * QUARTILE):
+                    yield Point(space, middle + way * np.eye(len(middle))[place])
+
+
+def started(found: Search, origin: Fit, fit: Fit) -> Start:
+    """Return what the further effect of a fit changes where it was begun."""
+    (name,) = fit.effects - origin.effects
+    rest = basis(origin.whitened_jacobian)
+    columns = np.column_stack([found.fitter.covariance.whiten(fit.predicted - origin.predicted),
+                               fit.whitened_jacobian[:, fit.parameters.own(name)]])
+    return Start(name, columns - rest @ (rest.T @ columns), columns)
+
+
+def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list[Task]:
+    """Return the fits of a set with the effects beside it that promise most of what it leaves.
+
+    What each changes is known to first order at the set's own fit, or where it was begun beside the baseline.
+    """
+    fit, white = found.fits[names], found.fitter.covariance.whiten
+    rest, free = found.explicable(names), np.array([one.name for one in fit.parameters.coordinates])
+    left = white(found.experiment.measurement.values - fit.predicted)
+    left -= rest @ (rest.T @ left)
+    known = dict(zip(free, fit.z, strict=True))
+    promised: dict[str, tuple[float, Point]] = {}
+
+    def weigh(effect: str, columns: Array, point: Point) -> None:
+        gain = log_gain(columns - rest @ (rest.T @ columns), left)
+        if gain > promised.get(effect, (log(len(found.experiment.candidates())), point))[0]:  # what the choice costs
+            promised[effect] = (gain, point)
+
+    told = set(names)
+    for one in beginnings:
+        if one.change is not None and one.slopes is not None:
+            (effect,) = one.point.effects - names
+            weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point)
+            told.add(effect)
+    for start in found.starts:
+        alone = found.fits.get(frozenset({start.effect}))
+        if alone is not None and start.effect not in told and found.experiment.together([*names, start.effect]):
+            space = found.experiment.parameters([*names, start.effect], {
+                **fit.parameters.signs, **alone.parameters.signs})
+            own = dict(zip((one.name for one in alone.parameters.coordinates), alone.z, strict=True)) | known
+            weigh(start.effect, start.changes, Point(space, np.array([own[one.name] for one in space.coordinates])))
+    best = sorted(promised.values(), key=lambda one: -one[0])[:found.effort.partners]
+    for _, point in best:
+        if point.effects not in found.settled:
+            found.fitters[point.effects] = found.fitter_of(names)
+    return [Task(found.fitter_of(names), point, fit.prediction, found.effort.last_steps // 2) for _, point in best]
+
+
+def without(found: Search, names: Names, effect: str) -> Task:
+    """Return the fit of a set without one of its effects, from where the rest was fitted beside it."""
+    fit = found.fits[names]
+    kept = ~fit.parameters.own(effect)
+    signs = {name: sign for name, sign in fit.parameters.signs.items() if name.split(".")[0] != effect}
+    space = found.experiment.parameters(sorted(names - {effect}), signs)
+    return Task(found.fitter_of(names - {effect}), Point(space, fit.z[kept]), fit.prediction,
+                found.effort.last_steps // 2)

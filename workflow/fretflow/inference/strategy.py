@@ -1,0 +1,164 @@
+"""Which effects could explain a measurement: every effect alone, then pairs, each fitted to rest.
+
+Every effect of the catalogue is begun at several points of its ranges, beside the fitted baseline and beside the
+baseline as it was stated, and fitted. Work stops where it cannot matter: a set whose evidence, linear about where it
+stands, is below the best one's by `NEGLIGIBLE` holds no share of the posterior that would be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fretflow.inference.beginnings import (
+    BENT,
+    Beginning,
+    begin_task,
+    beginnings_task,
+    beside,
+    is_told,
+    is_worth,
+    started,
+    without,
+)
+from fretflow.inference.experiment import Experiment, Prediction
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.parameters import Array
+from fretflow.inference.search import Effort, Names, Pool, Search, Task, fit_task, has_moved
+
+Progress = Callable[[float, str], None]
+
+MOST_CORRECTIONS = 3  # of the numerical errors at fits that these move
+
+
+def start_search(experiment: Experiment, first: Prediction, effort: Effort, pool: Pool) -> Search:
+    """Return a search with the baseline fitted from its first prediction."""
+    found = Search(experiment, pool, effort)
+    found.stated = found.fitter.linearised(first)
+    found.fits[frozenset()] = found.fitter.fit(first.point, first, effort.last_steps)
+    return found
+
+
+def search(found: Search, progress: Progress) -> None:
+    """Fit all sets of effects that may explain the measurement."""
+    progress(0.0, "beginning every effect")
+    begin_all(found)
+    progress(0.35, "fitting the most promising")
+    to_rest(found, 1)
+    correct(found, [0, 1])
+    sought: dict[Names, Array] = {}
+    for _ in range(MOST_CORRECTIONS):  # what leads may have moved where its numerical errors were put right
+        lead = leading(found)
+        found.continue_fits(lead, found.effort.last_steps)
+        bases = [names for names in lead if has_moved(found.fits[names], sought.get(names))]
+        if not bases:
+            break
+        sought.update({names: found.fits[names].z for names in bases})
+        progress(0.6, "what could act beside them")
+        seek_partners(found, bases)
+        progress(0.85, "what the model's numbers leave out at the best")
+        correct(found, [1, 2])
+
+
+def leading(found: Search) -> list[Names]:
+    """Return the effects to which others are sought: the most probable, and the one that explains most.
+
+    That may be improbable for what it leaves, as the stronger one of two is. Laws of other forms are allowed for.
+    """
+    first = found.best(1)[:2 * found.effort.bases]
+    found.sign(first)
+    probable = sorted(first, key=lambda names: -found.log_evidence(names))[:found.effort.bases]
+    return list(dict.fromkeys([*probable, min(found.best(1), key=found.chi_squared)]))
+
+
+def seek_partners(found: Search, bases: Sequence[Names]) -> None:
+    """Fit pairs of some effects with those that promise most beside them, and the pairs' members alone from there."""
+    found.sign(bases)
+    laid = found.pool(beginnings_task, [(found.fitter_of(names), found.fits[names]) for names in bases])
+    found.keep(found.pool(fit_task, [task for names, beginnings in zip(bases, laid, strict=True)
+                                     for task in beside(found, names, beginnings.values())]))
+    to_rest(found, 2)
+    for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
+        # one of the two may have brought the other out of a bad start
+        found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
+    to_rest(found, 1)
+
+
+def correct(found: Search, of: Sequence[int]) -> None:
+    """Put the numerical errors of the leading sets of some sizes right at their own fits, and of those that lead then.
+
+    What a set explains by the errors of a coarse model is no longer explained, and another leads. Sets that are less
+    probable than smaller ones need none. Where a fit moves far, its errors are put right once more.
+    """
+    for _ in range(MOST_CORRECTIONS):
+        leading = [names for size in of for names in found.best(size)[:found.effort.bases]
+                   if not found.is_settled(names) and all(
+                       found.log_evidence(names, False) > found.log_evidence(one, False)
+                       for less in range(size) for one in found.best(less)[:1])]
+        if not leading:
+            break
+        put_right = found.pool(correct_task, [(found.fitter_of(names), found.fits[names]) for names in leading])
+        found.settled.update({names: found.fits[names].z for names in leading})
+        found.fitters.update({names: own for names, own in zip(leading, put_right, strict=True) if own is not None})
+        again = [names for names, own in zip(leading, put_right, strict=True) if own is not None]
+        for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
+            if fit is not None:
+                found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
+                                            converged=fit.converged)
+
+
+def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
+    """Return a fitter with the numerical errors put right at a fit; None where nothing finer tells them."""
+    fitter, fit = asked
+    experiment = fitter.experiment.corrected(fit.prediction)
+    return None if experiment is None else replace(fitter, experiment=experiment)
+
+
+def to_rest(found: Search, size: int) -> None:
+    """Fit the leading sets of a size on until they have come to rest.
+
+    Of single effects the first few whatever their distance: how probable one is shows at rest only.
+    """
+    for _ in range(2):
+        sets = found.best(size) if size == 1 else found.promising(found.best(size))
+        open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
+        if not open_:
+            break
+        found.continue_fits(open_, found.effort.last_steps // 2)
+
+
+def begin_all(found: Search) -> None:
+    """Fit every effect from the best of its starts, and keep what it changes there."""
+    origins = [found.baseline]
+    if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
+        origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
+    laid = {(place, *key): one for place, beginnings in enumerate(found.pool(
+        beginnings_task, [(found.fitter, one) for one in origins])) for key, one in beginnings.items()}
+    first_fits = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
+    # an effect that does more than first order tells may be worth it where it does least
+    anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), first_fits, strict=True)
+            if one.least is not None and (fit is None or not is_worth(found, one, fit))}
+    weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
+    best: dict[Hashable, dict[Hashable, list[Fit]]] = {place: {} for place in range(len(origins))}
+    for (key, one), first in zip(laid.items(), first_fits, strict=True):
+        fit = min((own for own in (first, weaker.get(key)) if own is not None), key=lambda own: own.promise,
+                  default=None)
+        if fit is not None:
+            found.starts.append(started(found, one.origin, fit))
+            if is_worth(found, one, fit) or not is_told(fit.prediction.point, found.baseline):
+                best[key[0]].setdefault(key[:3], []).append(fit)
+            found.keep([fit])
+    for at_origin, origin in zip(best.values(), origins, strict=True):
+        starts = [fit for own in at_origin.values()
+                  for fit in sorted(own, key=lambda one: one.promise)[:found.effort.starts]]
+        going = sorted(starts, key=lambda one: one.promise)[:found.effort.going]
+        # what first order tells beside a baseline that fits far less than it may is the direction alone
+        steps = found.effort.first_steps if origin is found.baseline else found.effort.last_steps // 2
+        for _ in range(steps):  # the better half of them further each time
+            fits = [fit for fit in found.pool(fit_task, [
+                Task(found.fitter, one.prediction.point, one.prediction, 1) for one in going]) if fit is not None]
+            found.keep(fits)
+            going = sorted((fit for fit in fits if not fit.converged), key=lambda one: one.promise)
+            going = going[:(len(going) + 1) // 2]
