@@ -123,9 +123,12 @@ class ContactStiffness(Effect):
 
     stiffness: u.Stiffness = parameter(60e6, "k_t: tangential stiffness of the whole contact at p_0", 15e6, 150e6,
                                        source="stick slopes measured on such rigs, Fantetti et al. (2019)")
-    exponent: float = parameter(0.5, "m: how the stiffness grows with pressure", 0.5, 1.0, ge=0.0, le=1.0)
-    ratio: float = parameter(1.2, "normal over tangential stiffness", 1.0, 2.0, gt=0.0,
-                             source="Mindlin (1949): (2 - nu) / (2 - 2 nu), 1.2 for steel")
+    exponent: float = parameter(0.5, "m: how the stiffness grows with pressure", 0.0, 1.0, ge=0.0, le=1.0,
+                                source="from springs alike everywhere, W. D. Iwan, J. Appl. Mech. 33 (1966), "
+                                       "to m of 0.5-1, Pohrt and Popov (2012)")
+    ratio: float = parameter(1.2, "normal over tangential stiffness", 1.0, 20.0, logarithmic=True, gt=0.0,
+                             source="from Mindlin's (1949) (2 - nu) / (2 - 2 nu), 1.2 for steel, to faces taken as "
+                                    "hard in the normal direction, E. P. Petrov, D. J. Ewins, J. Turbomach. 125 (2003)")
     reference_pressure: u.Pressure = parameter(60e6, "p_0: pressure at which the stiffness is k_t", 10e6, 200e6)
 
     @classmethod
