@@ -28,7 +28,7 @@ from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import decide, left_out
-from fretflow.inference.search import FAST, NEGLIGIBLE, Search, Start
+from fretflow.inference.search import FAST, Search, Start
 from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import Verdict
 from scipy.stats import multivariate_normal
@@ -152,28 +152,6 @@ def test_law_form_errors_have_the_size_that_they_are(where: str) -> None:
     fit = Fitter(experiment, known).fit(Point(space, np.zeros(space.size)), None)
     found = Discrepancy(experiment.measurement, known).evidence(fit, modulations(experiment.measurement, change))
     assert 0.08 < float(FORMS[int(np.argmax(found.table[:, 0, 0]))]) < 0.45  # nothing else being wrong
-
-
-def test_law_form_errors_over_a_face_have_the_size_that_they_are() -> None:
-    """One that varies smoothly over a map, 0.2 of what the effect does there, whichever place comes first in it."""
-    random = np.random.default_rng(5)
-    own = measurement()
-    face = own.group == LOOPS // 2
-    place = np.where(face[:, None], random.random((len(face), 2)), np.nan)
-    x, y = np.nan_to_num(place).T
-    change = 0.3 * wave("viscous")
-    bowl = (x + 0.5 * y)**2
-    shape = np.where(face, (bowl - bowl[face].mean()) / bowl[face].std(), 0.0)
-    values = cosine() + change * (1.0 + 0.2 * shape) + 0.1 * SD * random.standard_normal(len(face))
-    tables = []
-    for known_place in (place, None):
-        experiment = Waves(replace(measurement(values, 0.1 * SD), place=known_place))
-        known, space = experiment.measurement.covariance(), experiment.parameters(["viscous"])
-        fit = Fitter(experiment, known).fit(Point(space, np.zeros(space.size)), None)
-        tables.append(Discrepancy(experiment.measurement, known).evidence(
-            fit, modulations(experiment.measurement, change)).table[:, 0, 0])
-    assert 0.08 < float(FORMS[int(np.argmax(tables[0]))]) < 0.45
-    assert tables[0].max() > tables[1].max() + NEGLIGIBLE  # who knows no place can not make it of a form's error
 
 
 def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:

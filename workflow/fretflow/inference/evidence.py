@@ -151,8 +151,7 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
 
     A law of the motion is off alike in all loops, by a function of their phase; one of time or energy alike at all
     phases, by one of the cycles; at other conditions both may differ, and loops of a few counts are off each by itself,
-    so that an error in one of them needs no larger size than it has; maps are off by functions of the place, as faces
-    of another form are. What a law's form is off by is a share of all
+    so that an error in one of them needs no larger size than it has. What a law's form is off by is a share of all
     that the law does: it may be as large where the law happens to do little, as late in a run-in, so that no loop
     counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature.
     """
@@ -160,19 +159,8 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
     for own in loops_of(measurement):
         seen[own] -= seen[own].mean()
     single = np.column_stack([measurement.group == one for one in range(len(measurement.groups))]).astype(float)
-    shapes = _unit(np.hstack([harmonics(measurement.phase, MODULATING), _courses(measurement), single,
-                              _over_faces(measurement)]))
+    shapes = _unit(np.hstack([harmonics(measurement.phase, MODULATING), _courses(measurement), single]))
     return np.asarray(_levelled(measurement, seen)[:, None] * shapes)
-
-
-def _over_faces(measurement: Measurement) -> Array:
-    """Return products of waves along and across a face (M, any), of unit variance at its places, zero elsewhere."""
-    if measurement.place is None:
-        return np.zeros((len(measurement.values), 0))
-    # half a period over the face: what is smooth on it need not return to the same value at its other end
-    along, across = (harmonics(0.5 * share, MODULATING) for share in measurement.place.T)
-    waves = (along[:, :, None] * across[:, None, :]).reshape(len(along), -1)
-    return np.asarray(np.where(np.isfinite(measurement.place).all(axis=1)[:, None], waves, 0.0))
 
 
 def _levelled(measurement: Measurement, signature: Array) -> Array:

@@ -48,8 +48,6 @@ class Measurement:
     cycles: Array = quantity("1", "(M,), share of the test that had passed; nan where that says nothing")
     condition: NDArray[np.int64] = quantity("1", "(M,), 0 as in the test, others at other conditions")
     held_out: NDArray[np.bool_] = quantity("1", "(M,), rows that judge a prediction; fits for it leave them out")
-    place: Array | None = quantity("1", "(M, 2), share of the face along and across; nan where a row is of no place",
-                                   default=None)
 
     @property
     def expected(self) -> float:

@@ -138,14 +138,8 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
         strokes = Strokes.of(*(observation.values[pieces[name].place] for name in ("displacement", "friction_force")))
         for piece in pieces.values():
             phase[piece.place] = strokes.period
-    place = np.full((size, 2), np.nan)
-    for piece in observation.pieces:
-        if piece.block == "map":
-            corner = observation.points.min(axis=0)
-            place[piece.place] = (observation.points - corner) / np.maximum(
-                np.ptp(observation.points, axis=0), np.finfo(float).tiny)
     return Measurement(
-        values=observation.values, variance=observation.variance, place=place,
+        values=observation.values, variance=observation.variance,
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
         channels=channels, groups=labels, phase=phase, cycles=cycles, held_out=np.isin(
             np.array(labels)[rows["group"]], list(held_out)), **rows)
