@@ -165,6 +165,16 @@ def test_crown_and_cylinder_are_shallow_spheres_and_cylinders():
     assert bent == pytest.approx(radius - np.sqrt(radius**2 - nodes[:, 0]**2), rel=1e-5, abs=1e-15)
 
 
+def test_rounded_edges_are_arcs_beside_a_flat():
+    places = np.linspace(-1e-3, 1e-3, 21)
+    nodes = np.column_stack([places, np.zeros(21)])
+    flat = replace(one_node(nodes=21), interface=Interface(nodes=nodes, areas=np.ones(21), gap=np.zeros(21)))
+    radius, end = 0.5, 0.6e-3
+    found = InitialGap().changed(tilt_x=0.0, cylinder=(1e-3 - end)**2 / (2.0 * radius), flat=0.6).period(flat, None)
+    beyond = np.maximum(np.abs(places) - end, 0.0)
+    assert found.interface.gap == pytest.approx(radius - np.sqrt(radius**2 - beyond**2), rel=1e-5, abs=1e-15)
+
+
 @pytest.mark.parametrize("exponent", [0.0, 0.5, 0.8, 1.0])
 def test_asperities_integrate_their_power_law(exponent):
     """The compression is the integral of dp / k(p), taken numerically."""

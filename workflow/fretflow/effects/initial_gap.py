@@ -1,4 +1,4 @@
-"""Faces that are not flat and parallel when they first meet: tilt, crown, cylinder."""
+"""Faces that are not flat and parallel when they first meet: tilt, crown, cylinder, rounded edges."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ class InitialGap(Effect):
     """Gap of the unworn faces, besides that of the specimens' own shape.
 
     With x and y from the middle of the contact over half its width, the gap is
-    ``tilt_x (1 + x) / 2 + tilt_y (1 + y) / 2 + crown (x^2 + y^2) / 2 + cylinder x^2``, less its smallest value.
+    ``tilt_x (1 + x) / 2 + tilt_y (1 + y) / 2 + crown (s(x)^2 + s(y)^2) / 2 + cylinder s(x)^2`` less its smallest value,
+    ``s(x) = max(|x| - flat, 0) / (1 - flat)``: what is flat in the middle has rounded edges.
     """
 
     id: ClassVar[str] = "initial-gap"
     title: ClassVar[str] = "tilt, crown or waviness of the unworn faces"
     block: ClassVar[Block] = Block.GEOMETRY
-    equation: ClassVar[str] = "g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (x^2 + y^2) / 2 + z x^2, x, y in [-1, 1]"
-    formula: ClassVar[str] = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(x^2 + y^2) + z\,x^2, "
-                              r"\qquad x, y \in [-1, 1]")
-    source: ClassVar[str] = "K. L. Johnson, Contact Mechanics (1985), section 4.1"
+    equation: ClassVar[str] = ("g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (s(x)^2 + s(y)^2) / 2 + z s(x)^2, "
+                               "s(x) = max(|x| - f, 0) / (1 - f), x, y in [-1, 1]")
+    formula: ClassVar[str] = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(s_x^2 + s_y^2) "
+                              r"+ z\,s_x^2, \qquad s_x = \frac{\max(|x| - f, 0)}{1 - f}, \quad x, y \in [-1, 1]")
+    source: ClassVar[str] = ("K. L. Johnson, Contact Mechanics (1985), section 4.1; flat with rounded edges: "
+                             "M. Ciavarella, D. A. Hills, G. Monno, Proc. Inst. Mech. Eng. C 212 (1998) 319-327")
     told_by: ClassVar[str] = "maps of both faces before the test"
     observables: ClassVar[tuple[str, ...]] = ("wear map", "loops of the first cycles", "approach")
 
@@ -35,6 +38,8 @@ class InitialGap(Effect):
     tilt_y: u.SignedLength = parameter(0.0, "t_y: height over the width, across", -4e-6, 4e-6)
     crown: u.SignedLength = parameter(0.0, "c: depth of the corners below the middle", 0.0, 4e-6)
     cylinder: u.SignedLength = parameter(0.0, "z: depth of the ends of the stroke below the middle", 0.0, 4e-6)
+    flat: float = parameter(0.0, "f: share of the half width that is flat, between rounded edges", 0.0, 0.8,
+                            ge=0.0, lt=1.0)
 
     @classmethod
     def neutral(cls) -> Self:
@@ -55,12 +60,18 @@ class InitialGap(Effect):
 
     def _height(self, x: Array, y: Array) -> Array:
         """Return the gap at places over half the width, zero where it is smallest."""
-        gap = (0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.tilt_y * (1.0 + y) + 0.5 * self.crown * (x**2 + y**2)
-               + self.cylinder * x**2)
+        along, across = (np.maximum(np.abs(place) - self.flat, 0.0) / (1.0 - self.flat) for place in (x, y))
+        gap = (0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.tilt_y * (1.0 + y)
+               + 0.5 * self.crown * (along**2 + across**2) + self.cylinder * along**2)
         return np.asarray(gap - gap.min())
 
     def sketch(self) -> Sketch:
-        """Return the gap along the sliding direction."""
+        """Return the gap along the sliding direction, beside crowned and hollow faces of the same size."""
         x = np.linspace(-1.0, 1.0, 101)
-        gap = 0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.crown * x**2 + self.cylinder * x**2
-        return Sketch("position over half the width", "gap in µm", {"": (x, 1e6 * (gap - gap.min()))})
+        size = max(abs(self.tilt_x), abs(self.crown), abs(self.cylinder))
+        forms = {f"t_x {1e6 * self.tilt_x:.3g}, c {1e6 * self.crown:.3g}, z {1e6 * self.cylinder:.3g} µm": self,
+                 f"crowned: c {1e6 * size:.3g} µm": self.neutral().changed(crown=size),
+                 f"rounded edges: c {1e6 * size:.3g} µm, f 0.6": self.neutral().changed(crown=size, flat=0.6),
+                 f"hollow: c −{1e6 * size:.3g} µm": self.neutral().changed(crown=-size)}
+        return Sketch("position over half the width", "gap in µm",
+                      {name: (x, 1e6 * form._height(x, np.full_like(x, -1.0))) for name, form in forms.items()})
