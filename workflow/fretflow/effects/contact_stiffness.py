@@ -104,7 +104,7 @@ class ContactStiffness(Effect):
     """Asperity springs in series with the bodies.
 
     Their stiffness is that of the whole contact at the reference pressure; at each node it grows with a power of that
-    node's static pressure. Tangential and normal stiffness have Mindlin's ratio.
+    node's static pressure. Normal stiffness is Mindlin's multiple of the tangential one, or more where faces are hard.
     """
 
     id: ClassVar[str] = "contact-stiffness"
