@@ -13,7 +13,7 @@ from fretflow.case.config import WearScheme
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.experiments.facts.quantities import Array, WornTest
-from fretflow.experiments.rig.model import FINE, MOST_FINE, MOST_PERIODS, Hypothesis, RigModel
+from fretflow.experiments.rig.model import MOST_PERIODS, Hypothesis, RigModel
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.history import WearSettings
@@ -60,12 +60,12 @@ def worn_test(rig: RigModel, hypothesis: Hypothesis, condition: Condition, reson
     settings = WearSettings(coefficient=hypothesis.wear * rig.wear_coefficient, cycles=condition.counts[-1],
                             scheme=WearScheme.IMPLICIT, stops=condition.counts[:-1], tolerance=rig.wear_tolerance,
                             vanishing_rate=0.0)  # a contact that stops to wear stays as it is until its test ends
-    jumps, most = [0], MOST_FINE if rig.wear_tolerance <= FINE else MOST_PERIODS
+    jumps = [0]
 
     def count(done: int, asked: int) -> None:
         jumps[0] += 1
-        if jumps[0] > most:
-            raise NonConvergenceError(f"the wear needs more than {most} jumps for {asked} cycles")
+        if jumps[0] > MOST_PERIODS:
+            raise NonConvergenceError(f"the wear needs more than {MOST_PERIODS} jumps for {asked} cycles")
 
     history = run_history(cycle, settings, None, count)
     problem = cycle.model.problem(history.slow(0))

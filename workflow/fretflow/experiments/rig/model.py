@@ -33,8 +33,8 @@ from fretflow.wear.scheme import WearingJoint
 TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
 HARMONICS = 20  # of the masses' motion, at most
 MOST_ITERATIONS = 15  # Newton's; a hypothesis that takes more is given up
-# of a simulation's wear, and where it is fine: less plausible laws over cycles may need thousands
-MOST_PERIODS, MOST_FINE = 50, 150
+# of a simulation's wear: faces micrometres apart need 60 to 100, less plausible laws over cycles may need thousands
+MOST_PERIODS = 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
 # tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
 # stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with less.
@@ -135,7 +135,6 @@ class RigModel:
         scheme: Implicit[PeriodicSolution] = Implicit(joint)
         step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1)
         steps, kept = [step], {}
-        most = MOST_FINE if self.wear_tolerance <= FINE else MOST_PERIODS
         while True:
             if step.cycles in counts:
                 kept[step.cycles] = Period(cycle.model.problem(step.slow), state, step,
@@ -144,8 +143,8 @@ class RigModel:
                 break
             step, state = scheme.advance(step, state)
             steps.append(step)
-            if step.solves > most:
-                raise NonConvergenceError(f"the wear needs more than {most} periods for {last} cycles")
+            if step.solves > MOST_PERIODS:
+                raise NonConvergenceError(f"the wear needs more than {MOST_PERIODS} periods for {last} cycles")
         end = kept[last]
         # of other effects the first period is a good guess, and no others
         others = near.sweep if near is not None and _alike(near, hypothesis) else (
