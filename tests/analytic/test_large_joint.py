@@ -83,9 +83,9 @@ def test_period_of_a_large_joint_is_that_of_the_small_one(monkeypatch, force):
     expected = solution(given)
     reused, chosen = [], KeptFactors.choose
 
-    def choose(self, j, state, now):
+    def choose(self, j, state):
         reused.append(j in self.of_sample and alike(self.of_sample[j].state, state))
-        return chosen(self, j, state, now)
+        return chosen(self, j, state)
 
     monkeypatch.setattr(KeptFactors, "choose", choose)
     monkeypatch.setattr(march, "WORTH_KEEPING", 2)
@@ -96,3 +96,21 @@ def test_period_of_a_large_joint_is_that_of_the_small_one(monkeypatch, force):
     assert energy_balance(given, found).error < 1e-8
     assert np.abs(found.friction_force - expected.friction_force).max() < 1e-8 * np.ptp(expected.friction_force)
     assert np.abs(found.force - expected.force).max() < 1e-8 * np.abs(expected.force).max()
+
+
+def test_a_neighbouring_period_needs_no_tangent_of_its_own(monkeypatch):
+    """The patches' tangent serves where that of all nodes would be marched, a column for each coefficient."""
+    given = problem(75.0)
+    near, expected = solution(given.vary(amplitude=74.8)), solution(given)
+    monkeypatch.setattr(patches, "SIDE", SIDE)
+    columns, passed = [], ContactMarch._pass
+
+    def recorded(self, position, forcing, *others):
+        columns.append((self.system.size, forcing.directions.shape[2]))
+        return passed(self, position, forcing, *others)
+
+    monkeypatch.setattr(ContactMarch, "_pass", recorded)
+    found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given, near)
+    assert (SIDE**2, 51) in columns
+    assert (NODES, 51) not in columns
+    assert np.abs(found.friction_force - expected.friction_force).max() < 1e-8 * np.ptp(expected.friction_force)

@@ -28,16 +28,16 @@ class KeptFactors:
     def __init__(self, nodes: int, shared: Factor) -> None:
         """Take the joint's nodes, and the factors that all samples share which have none of their own."""
         self.nodes = nodes
-        self.shared = shared
+        self.shared = self.latest = shared
         self.of_sample: dict[int, Factor] = {}
 
-    def choose(self, j: int, state: States, now: Factor) -> Factor:
-        """Return factors for sample j that begins in `state`: its own, those in use, or room for new ones."""
+    def choose(self, j: int, state: States) -> Factor:
+        """Return factors for sample j that begins in `state`: its own, the latest, or room for new ones."""
         own = self.of_sample.get(j)
         if own is not None and alike(own.state, state):
             return own
-        if alike(now.state, state):
-            return now
+        if alike(self.latest.state, state):
+            return self.latest
         if own is None and self._bytes() < MOST_BYTES:
             own = self.of_sample[j] = empty_factor(self.nodes, single=True)  # memory is taken as it is written to
         return self.shared if own is None else own
@@ -49,11 +49,11 @@ class KeptFactors:
     def march(self, c: Contact, forcing: Forcing, start: PeriodHistory, guess: PeriodHistory, last: PeriodHistory,
               limits: tuple[float, float], found: PeriodHistory) -> int:
         """March one period as `contact.kernels.march.march`, without derivatives; arguments and result are those."""
-        before, b, earlier, e, now = start, 0, start, 0, self.shared
+        before, b, earlier, e = start, 0, start, 0
         for j in range(len(found.state)):
             guess_sample(guess, found, j, forcing.pull, before, b, earlier, e)
-            now = self.choose(j, found.state[j], now)
-            if not find_in_parts(c, now, (forcing.pull[j - 1], forcing.pull[j]), forcing.friction_factor[j],
+            self.latest = self.choose(j, found.state[j])
+            if not find_in_parts(c, self.latest, (forcing.pull[j - 1], forcing.pull[j]), forcing.friction_factor[j],
                                  before.displacement[b], found, j, limits[0]):
                 return -1 - j
             earlier, e, before, b = before, b, found, j

@@ -123,8 +123,8 @@ class InternalNewton:
         return self.march.period(self.equations.motion(seen), directions, before, near, accuracy, repeat)
 
     def tangent(self, at: Iterate) -> Array:
-        """Return the derivative (n_a, n_a) N/m of the contact's force there, one that served or else made anew."""
-        return self._differentiated(at)[1] if at.tangent is None else at.tangent
+        """Return the derivative (n_a, n_a) N/m of the contact's force there."""
+        return self._differentiated(at)[1]
 
     @property
     def _none(self) -> Array:

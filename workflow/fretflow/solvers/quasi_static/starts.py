@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import NamedTuple, cast
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -107,21 +108,32 @@ def stuck_start(equations: InternalEquations, march: ContactMarch) -> InitialGue
 def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
                  ) -> InitialGuess:
     """Return the motion of a joint of patches where nodes are many, else that on the contact's backbone."""
-    patches = Patches.of(problem.interface)
-    if patches is not None:
-        with suppress(NonConvergenceError):
-            return _patches_start(problem, equations, march, patches)
+    with suppress(NonConvergenceError):
+        if (on_patches := _patches_newton(problem, equations, march)) is not None:
+            newton, pressed = on_patches
+            found, _ = newton.solve(iter([_backbone_start(problem, equations, newton.march, rig)]), pressed, MOST_STEPS)
+            return InitialGuess(found.seen, tangent=newton.tangent(found))
     return _backbone_start(problem, equations, march, rig)
 
 
-def _patches_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, patches: Patches
-                   ) -> InitialGuess:
-    """Return the motion of the joint of `patches` with its tangent."""
-    joint, rig = patches.joint(march), cast(LumpedRig, problem.boundary.internal)
-    newton = InternalNewton(equations, joint, PATCHED)
-    found, _ = newton.solve(iter([_backbone_start(problem, equations, joint, rig)]),
-                            joint.preloaded(problem.preload.frictional), MOST_STEPS)
-    return InitialGuess(found.seen, tangent=newton.tangent(found))
+def with_tangent(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, guess: InitialGuess
+                 ) -> InitialGuess:
+    """Return a guess with the tangent that the joint's patches have there, where nodes are many and it has none."""
+    with suppress(NonConvergenceError):
+        if guess.tangent is None and (on_patches := _patches_newton(problem, equations, march)) is not None:
+            newton, pressed = on_patches
+            return replace(guess, tangent=newton.tangent(newton.best(iter([InitialGuess(guess.seen)]), pressed)))
+    return guess
+
+
+def _patches_newton(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch
+                    ) -> tuple[InternalNewton, SampleState] | None:
+    """Return Newton for the joint of patches of the faces, and these pressed; None where nodes are too few."""
+    patches = Patches.of(problem.interface)
+    if patches is None:
+        return None
+    joint = patches.joint(march)
+    return InternalNewton(equations, joint, PATCHED), joint.preloaded(problem.preload.frictional)
 
 
 def _backbone_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
