@@ -36,7 +36,7 @@ class Forcing(NamedTuple):
 
 
 @compiled
-def _guess(guess: PeriodHistory, sample: PeriodHistory, j: int, pull: Array, before: PeriodHistory, b: int,
+def guess_sample(guess: PeriodHistory, sample: PeriodHistory, j: int, pull: Array, before: PeriodHistory, b: int,
            earlier: PeriodHistory, e: int) -> None:
     """Put a guess into sample j: the neighbouring period's, moved as the sample before was, or from that one."""
     if len(guess.state):
@@ -65,7 +65,7 @@ def _shift(sample: PeriodHistory, j: int, toward: PeriodHistory, b: int, away: P
 
 
 @compiled
-def _as_before(found: PeriodHistory, last: PeriodHistory, j: int, limit: float) -> bool:
+def as_before(found: PeriodHistory, last: PeriodHistory, j: int, limit: float) -> bool:
     """Tell whether all slides at sample j and its forces are the last period's."""
     for i in range(found.state.shape[1]):
         if found.state[j, i] == STICK:
@@ -128,7 +128,7 @@ def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: P
     slope = slope.copy()
     before, b, earlier, e = start, 0, start, 0
     for j in range(samples):
-        _guess(guess, found, j, forcing.pull, before, b, earlier, e)
+        guess_sample(guess, found, j, forcing.pull, before, b, earlier, e)
         previous, factor = before.displacement[b], forcing.friction_factor[j]
         pulls = (forcing.pull[j - 1], forcing.pull[j])
         if not find_in_parts(c, factors[0], pulls, factor, previous, found, j, limits[0]):
@@ -147,7 +147,7 @@ def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: P
                     tangent[j, i, k] -= direct[i, k]
         earlier, e, before, b = before, b, found, j
         # where everything slides nothing is remembered, once the directions of sliding have been forgotten
-        if len(last.state) and _as_before(found, last, j, limits[1]) and _same(tangent[j], last_tangent[j]):
+        if len(last.state) and as_before(found, last, j, limits[1]) and _same(tangent[j], last_tangent[j]):
             for rest in range(j + 1, samples):
                 copy_sample(last, rest, found, rest)
                 _copy(last_tangent[rest], tangent[rest])

@@ -21,6 +21,7 @@ from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.internal import seen_coordinates
+from fretflow.solvers.quasi_static.kept_factors import WORTH_KEEPING, KeptFactors
 from fretflow.solvers.quasi_static.sample import (
     SEPARATION,
     STICK,
@@ -191,13 +192,14 @@ class ContactMarch:
     """Marches the contact of one system through periods of the internal coordinates."""
 
     def __init__(self, system: ContactSystem, surroundings: Surroundings | None = None,
-                 rest: Rest | Callable[[], Rest] | None = None) -> None:
-        """Take the contact, what follows the motion, and the faces at rest, or what makes them, to begin there."""
+                 rest: Rest | Callable[[], Rest | SampleState] | None = None) -> None:
+        """Take the contact, what follows the motion, and the faces at rest, or what makes or presses them."""
         self.system = system
         self.surroundings = surroundings or Surroundings(system.law, 1.0, np.zeros(len(system.transfer)),
                                                          np.zeros((len(system.pull), 0)))
         self.rest = rest
         self.solver = SampleSolver(system)
+        self._kept = KeptFactors(system.size, self.solver.factors[0]) if system.size >= WORTH_KEEPING else None
         self.repeat = 0.0  # N, see `period`
         self._tangential = np.arange(3 * system.size) % 3 != 2
         self._returning: Array = np.zeros((0, 0))  # (3 n, 3 n), see `_newton_start`
@@ -229,7 +231,7 @@ class ContactMarch:
         if self.rest is None:
             raise InputError("contact: give the faces at rest to press them")
         rest = self.rest() if callable(self.rest) else self.rest
-        return rest.settled(self.system.gap)
+        return rest if isinstance(rest, SampleState) else rest.settled(self.system.gap)
 
     def _pressed(self) -> SampleState:
         """Apply the load in small parts against friction, the coordinates held."""
@@ -313,10 +315,13 @@ class ContactMarch:
         tangent = np.zeros(forcing.directions.shape)
         found.position[:] = position
         none = empty_period(0, system.size, position.shape[1])
-        until, after = march(
-            system.data, self.solver.factors, forcing, start.alone(), plain(slope), none if guess is None else guess,
-            none if last is None else last.history, tangent[:0] if last is None else last.tangent,
-            (self.solver.tolerance, self.repeat), found, tangent)
+        near, former = guess or none, last.history if last else none
+        limits = self.solver.tolerance, self.repeat
+        if self._kept is not None and not tangent.shape[2]:
+            until, after = self._kept.march(system.data, forcing, start.alone(), near, former, limits, found), slope
+        else:
+            until, after = march(system.data, self.solver.factors, forcing, start.alone(), plain(slope), near, former,
+                                 tangent[:0] if last is None else last.tangent, limits, found, tangent)
         if until < 0:
             raise NonConvergenceError(f"contact at time sample {-1 - until} of {samples} did not converge; use more "
                                       "samples per period")

@@ -122,6 +122,10 @@ class InternalNewton:
         repeat = min(REPEATS * last, last**2)
         return self.march.period(self.equations.motion(seen), directions, before, near, accuracy, repeat)
 
+    def tangent(self, at: Iterate) -> Array:
+        """Return the derivative (n_a, n_a) N/m of the contact's force there."""
+        return self._differentiated(at)[1]
+
     @property
     def _none(self) -> Array:
         return np.zeros((len(self.equations.synthesis), len(self.equations.seen), 0))

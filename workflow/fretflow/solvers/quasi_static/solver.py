@@ -41,7 +41,14 @@ from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InitialGuess, InternalNewton, Iterate
 from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState, plain
-from fretflow.solvers.quasi_static.starts import REPEATING, Settled, cold_starts, settled_starts, stuck_start
+from fretflow.solvers.quasi_static.starts import (
+    REPEATING,
+    Settled,
+    cold_starts,
+    settled_starts,
+    stuck_start,
+    with_tangent,
+)
 from fretflow.solvers.time_integration import at_phase_zero
 from fretflow.structure.internal_forces import ShareOfForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -198,6 +205,7 @@ class QuasiStaticSolver:
               marched: bool = False) -> PeriodicSolution:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
+        first = tuple(with_tangent(problem, equations, march, one) for one in first)
         with suppress(NonConvergenceError):
             near = newton.best(iter(first), contact) if first else None
             if near is not None and near.norm < 1.0:  # closer to balance than rest is

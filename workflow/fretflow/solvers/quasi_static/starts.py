@@ -9,6 +9,8 @@ Nonlinear Dynamics (1995), chapter 6).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +22,8 @@ from fretflow.solvers.quasi_static.backbone import Backbone, find_arm
 from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.newton import InitialGuess
+from fretflow.solvers.quasi_static.newton import InitialGuess, InternalNewton
+from fretflow.solvers.quasi_static.patches import Patches
 from fretflow.solvers.quasi_static.sample import Array, SampleState
 from fretflow.solvers.time_integration import AtInstant, begin, march_periods
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -30,6 +33,8 @@ SETTLING = (4, 8, 16, 32, 64)  # periods marched in time before Newton is tried,
 UNSETTLED = 16  # and until so many only where the last one differs little from that before
 REPEATING = 0.01  # change from period to period of a motion that settles
 STEPS = 128  # of such a period: a start needs no more
+PATCHED = 1e-4  # residual of a start on patches, a tenth of what those leave of the joint itself
+MOST_STEPS = 60  # of Newton there
 
 
 class Settled(NamedTuple):
@@ -102,6 +107,37 @@ def stuck_start(equations: InternalEquations, march: ContactMarch) -> InitialGue
 
 def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
                  ) -> InitialGuess:
+    """Return the motion of a joint of patches where nodes are many, else that on the contact's backbone."""
+    with suppress(NonConvergenceError):
+        if (on_patches := _patches_newton(problem, equations, march)) is not None:
+            newton, pressed = on_patches
+            found, _ = newton.solve(iter([_backbone_start(problem, equations, newton.march, rig)]), pressed, MOST_STEPS)
+            return InitialGuess(found.seen, tangent=newton.tangent(found))
+    return _backbone_start(problem, equations, march, rig)
+
+
+def with_tangent(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, guess: InitialGuess
+                 ) -> InitialGuess:
+    """Return a guess with the tangent that the joint's patches have there, where nodes are many and it has none."""
+    with suppress(NonConvergenceError):
+        if guess.tangent is None and (on_patches := _patches_newton(problem, equations, march)) is not None:
+            newton, pressed = on_patches
+            return replace(guess, tangent=newton.tangent(newton.best(iter([InitialGuess(guess.seen)]), pressed)))
+    return guess
+
+
+def _patches_newton(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch
+                    ) -> tuple[InternalNewton, SampleState] | None:
+    """Return Newton for the joint of patches of the faces, and these pressed; None where nodes are too few."""
+    patches = Patches.of(problem.interface)
+    if patches is None:
+        return None
+    joint = patches.joint(march)
+    return InternalNewton(equations, joint, PATCHED), joint.preloaded(problem.preload.frictional)
+
+
+def _backbone_start(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, rig: LumpedRig
+                    ) -> InitialGuess:
     """Return the motion on the contact's backbone, with its tangent, or where that fails on a Jenkins element."""
     try:
         backbone = Backbone.of(march, march.preloaded(problem.preload.frictional))
