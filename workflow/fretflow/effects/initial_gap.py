@@ -60,7 +60,11 @@ class InitialGap(Effect):
         return np.asarray(gap - gap.min())
 
     def sketch(self) -> Sketch:
-        """Return the gap along the sliding direction."""
+        """Return the gap along the sliding direction, beside crowned and hollow faces of the same size."""
         x = np.linspace(-1.0, 1.0, 101)
-        gap = 0.5 * self.tilt_x * (1.0 + x) + 0.5 * self.crown * x**2 + self.cylinder * x**2
-        return Sketch("position over half the width", "gap in µm", {"": (x, 1e6 * (gap - gap.min()))})
+        size = max(abs(self.tilt_x), abs(self.crown), abs(self.cylinder))
+        forms = {f"t_x {1e6 * self.tilt_x:.3g}, c {1e6 * self.crown:.3g}, z {1e6 * self.cylinder:.3g} µm": self,
+                 f"crowned: c {1e6 * size:.3g} µm": self.neutral().changed(crown=size),
+                 f"hollow: c −{1e6 * size:.3g} µm": self.neutral().changed(crown=-size)}
+        return Sketch("position over half the width", "gap in µm",
+                      {name: (x, 1e6 * form._height(x, np.full_like(x, -1.0))) for name, form in forms.items()})
