@@ -37,7 +37,8 @@ def test_what_remains_is_told_with_its_place():
 
 
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
-    text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), Remainder(share=0.002, times_noise=1.0, where=""), PLACE, None)
+    nothing = Remainder(share=0.002, times_noise=1.0, where="")
+    text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
     assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.0 times the noise.")
 
 
