@@ -6,9 +6,13 @@ VTK crashes the process when it finds neither EGL nor OSMesa, so a throw-away pr
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+from threading import current_thread, main_thread
 
 from fretflow.core.errors import PlatformError
 
@@ -55,3 +59,19 @@ def _working_window() -> str:
         raise PlatformError("pictures: VTK finds neither EGL nor OSMesa to draw without a display; "
                             f"install one with: apt install {PACKAGES}")
     return window
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let interruptions wait: an exception where VTK calls Python back crashes it, or is a message of its own."""
+    held: list[int] = []
+    before = {} if current_thread() is not main_thread() else {
+        number: signal.signal(number, lambda got, frame: held.append(got))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM) if signal.getsignal(number) is not None}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])

@@ -14,6 +14,8 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
+from fretflow_post.offscreen import uninterrupted
+
 OVERSAMPLING = 2  # shots are made this much larger than shown, which smooths their edges
 
 
@@ -77,6 +79,7 @@ class Layer:
     look: dict[str, Any] = field(default_factory=dict)
 
 
+@uninterrupted()
 def shoot(layers: Sequence[Layer], view: View) -> NDArray[np.uint8]:
     """Draw `layers` as seen from `view`; return the image, (oversampled height, width, 3)."""
     width, height = (OVERSAMPLING * s for s in view.size)

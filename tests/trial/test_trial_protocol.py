@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -254,3 +255,30 @@ def alive(pid: str) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
         return False
+
+
+STARTING = """
+import os, signal, time
+from fretflow_trial.lifeline import tied_processes
+
+if __name__ == "__mp_main__":
+    print("starts", flush=True)
+    time.sleep(2.0)  # what it imports
+if __name__ == "__main__":
+    try:
+        with tied_processes(2) as workers:
+            list(workers.map(abs, [1, 2]))
+    except BaseException:
+        pass
+"""
+
+
+def test_makers_interrupted_while_they_start_say_nothing(tmp_path: Path) -> None:
+    (tmp_path / "starting.py").write_text(STARTING)
+    with subprocess.Popen([sys.executable, tmp_path / "starting.py"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        os.killpg(process.pid, signal.SIGINT)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert error == ""

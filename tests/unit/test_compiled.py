@@ -92,3 +92,14 @@ print(double({name}(3.0)))
                               timeout=120, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
                                                 "PYTHONPATH": path})
         assert done.stdout == "6.0\n", done.stderr
+
+
+def test_a_full_disk_costs_a_compilation_but_no_run(tmp_path):
+    """Any write fails as it does on a full disk: what numba keeps goes into a folder whose files may have no size."""
+    source = "from fretflow.core.compiled import compiled\n\n\n@compiled\ndef twice(x):\n    return 2.0 * x\n"
+    (tmp_path / "kept.py").write_text(source, encoding="utf-8")
+    program = ("import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+               "import kept; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0)); print(kept.twice(3.0), flush=True)")
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120,
+                          env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)})
+    assert done.stdout == "6.0\n", done.stderr

@@ -1,6 +1,7 @@
 """A machine without OpenGL gets one clear line: the crash of VTK stays in the process that asked."""
 
 import os
+import signal
 
 import pytest
 from fretflow.core.errors import PlatformError
@@ -41,3 +42,17 @@ def test_this_machine_can_draw(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":99")  # a display that does not answer must not matter
     offscreen.require_offscreen()
     assert os.environ[offscreen.WINDOW_VARIABLE] in offscreen.WINDOWS
+
+
+def test_an_interruption_waits_until_all_is_drawn():
+    done = []
+
+    @offscreen.uninterrupted()
+    def draw():
+        signal.raise_signal(signal.SIGINT)
+        done.append("drawn")
+
+    with pytest.raises(KeyboardInterrupt):
+        draw()
+    assert done == ["drawn"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

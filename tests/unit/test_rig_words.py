@@ -36,6 +36,12 @@ def test_what_remains_is_told_with_its_place():
     assert "it lies in friction force, the knee" in text
 
 
+def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
+    nothing = Remainder(share=0.002, times_noise=1.0, where="")
+    text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
+    assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.0 times the noise.")
+
+
 @pytest.mark.parametrize(("probability", "word"), [(0.995, "Almost surely"), (0.95, "Very probably"),
                                                    (0.8, "Probably"), (0.55, "Perhaps")])
 def test_how_sure_it_is_has_a_word(probability, word):

@@ -133,3 +133,23 @@ def test_an_interruption_is_not_lost_in_a_library(answer, tmp_path):
             process.kill()
     assert error == "fretflow: interrupted; the same command continues where it stopped\n"
     assert process.returncode == 130
+
+
+READ_LATE = """
+import signal, sys
+from importlib.abc import MetaPathFinder
+
+class Finder(MetaPathFinder):  # the key is pressed while the first library is being read
+    def find_spec(self, name, path, target=None):
+        if name == "cyclopts":
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+from fretflow.cli import main
+main()
+"""
+
+
+def test_an_interruption_before_the_command_has_begun_is_one_line():
+    done = subprocess.run([sys.executable, "-c", READ_LATE], capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.stderr, done.returncode) == ("fretflow: interrupted\n", 130)

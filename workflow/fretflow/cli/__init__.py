@@ -1,5 +1,11 @@
-"""The command line: each command is one file."""
+"""The command line: each command is a file."""
 
-from fretflow.cli.app import app, execute, main
+import sys
+
+try:
+    from fretflow.cli.app import app, execute, main
+except KeyboardInterrupt:  # while it is still being read, nothing that tells errors is there yet
+    sys.stderr.write("fretflow: interrupted\n")
+    sys.exit(130)
 
 __all__ = ["app", "execute", "main"]

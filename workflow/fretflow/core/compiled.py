@@ -7,6 +7,7 @@ loops compile in a tenth of the time that array expressions and NumPy's function
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -26,6 +27,7 @@ def compiled(function: Compiled) -> Compiled:
         _forget_outdated(made)
     except RuntimeError:  # no folder where the machine code could be kept
         made = njit(error_model="numpy")(function)
+    _survive_full_disk(made)
     _take_constants_as_values(made)
     return cast(Compiled, made)
 
@@ -47,6 +49,19 @@ def _forget_outdated(made: Any) -> None:
         made._cache._cache_file._load_index()
     except (AttributeError, ImportError):
         made._cache.flush()
+
+
+def _survive_full_disk(made: Any) -> None:
+    """Let code that cannot be kept be compiled at every run, instead of ending this one."""
+    if not hasattr(made, "_cache"):  # compiling is switched off
+        return
+    save = made._cache.save_overload
+
+    def save_if_it_can(signature: Any, code: Any) -> None:
+        with suppress(OSError):
+            save(signature, code)
+
+    made._cache.save_overload = save_if_it_can
 
 
 def _routine(library: str, name: str, arguments: int) -> Any:
