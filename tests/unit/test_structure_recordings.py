@@ -147,20 +147,35 @@ def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
         assert bool(outside_of_mode(replace(experiment, points=points))) is told
 
 
-@pytest.mark.parametrize("mode", ["", "mode = 1"])
-def test_a_mode_that_the_output_does_not_see_is_not_the_recorded_one(folder, mode):
-    path = folder(TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', f'amplitude_of = "tip"\n{mode}'))
+def with_oscillator(path, frequency):
+    """Add to a recording's structure an oscillator apart from it, which no output sees."""
     held = dict(np.load(path / "structure.npz"))
-    for name, corner in (("M", 1.0), ("K", (2.0 * np.pi * 80.0)**2)):  # an oscillator apart, at the recorded frequency
+    for name, corner in (("M", 1.0), ("K", (2.0 * np.pi * frequency)**2)):
         held[name] = block_diag(held[name], corner)
     for name in ("contact_map", "preload", *(one for one in held if one.startswith("outputs"))):
         held[name] = np.concatenate([held[name], np.zeros((*held[name].shape[:-1], 1))], axis=-1)
     np.savez(path / "structure.npz", **held)
+    return read_structure_recording(path)
+
+
+@pytest.mark.parametrize("mode", ["", "mode = 1"])
+def test_a_mode_that_the_output_does_not_see_is_not_the_recorded_one(folder, mode):
+    path = folder(TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', f'amplitude_of = "tip"\n{mode}'))
+    recording = with_oscillator(path, 80.0)
     if mode:
         with pytest.raises(FretflowError, match="mode 1 does not move 'tip'"):
-            StructureExperiment.of(read_structure_recording(path))
+            StructureExperiment.of(recording)
     else:
-        assert StructureExperiment.of(read_structure_recording(path)).mode == 1
+        assert StructureExperiment.of(recording).mode == 1
+
+
+def test_no_other_mode_is_taken_that_cannot_have_the_recorded_frequency(folder):
+    path = folder()
+    glued = np.sqrt(StructureExperiment.of(read_structure_recording(path)).structure.eigenvalues[0]) / (2.0 * np.pi)
+    own = 1.2 * glued
+    (path / "backbone.csv").write_text(f"a,f,zeta\n1,{own},0.1\n2,{0.999 * own},0.2\n3,{0.998 * own},0.4\n")
+    with pytest.raises(FretflowError, match="mode 2, which does not move 'tip', and that of mode 1"):
+        StructureExperiment.of(with_oscillator(path, own))
 
 
 def test_discrepancies_have_a_size_where_steps_of_load_change_nothing(folder):

@@ -111,16 +111,29 @@ class StructureExperiment(Experiment):
                                  " name another mode by backbone.mode, or another output")
             return backbone.mode - 1
         self._check_frequency(modes[-1].frequency)
-        distance = np.array([abs(log(one.frequency / float(self.points.frequency[0]))) for one in modes])
-        return int(np.argmin(np.where(still, np.inf, distance)))
+        own = float(self.points.frequency[0])
+        distance = np.array([abs(log(one.frequency / own)) for one in modes])
+        found, nearest = int(np.argmin(np.where(still, np.inf, distance))), int(np.argmin(distance))
+        low, high = self.span(found)
+        if found != nearest and not low * (1.0 - MATRICES) <= own <= high * (1.0 + MATRICES):
+            raise InputError(f"backbone.amplitude_of: {own:.4g} Hz is the frequency of mode {nearest + 1}, which does "
+                             f"not move {backbone.amplitude_of!r}, and that of mode {found + 1}, which does, lies "
+                             f"between {low:.4g} and {high:.4g} Hz; name another output, or a mode by backbone.mode")
+        return found
+
+    def span(self, mode: int) -> tuple[float, float]:
+        """Return the frequencies (Hz) of a mode, from 0, with the joint open and glued; contact only stiffens."""
+        stiffness, mass = assembled(self.structure)
+        place = len(mass) - 1 - mode
+        shift = (2.0 * np.pi * float(self.points.frequency[0]))**2  # contact may have no mass, bodies may move freely
+        inverse = float(eigvalsh(mass, stiffness + shift * mass, subset_by_index=[place, place])[0])
+        low, high = (float(np.sqrt(max(one, 0.0))) / (2.0 * np.pi)
+                     for one in (1.0 / inverse - shift, self.structure.eigenvalues[mode]))
+        return low, high
 
     def _check_frequency(self, highest: float) -> None:
         """Check that the recorded frequency lies above the open joint's (Rayleigh), and below `highest`."""
-        stiffness, mass = assembled(self.structure)
-        own, place = float(self.points.frequency[0]), len(mass) - 1
-        shift = (2.0 * np.pi * own)**2  # of the inverse, as contact points may have no mass and bodies move freely
-        inverse = float(eigvalsh(mass, stiffness + shift * mass, subset_by_index=[place, place])[0])
-        lowest = float(np.sqrt(max(1.0 / inverse - shift, 0.0))) / (2.0 * np.pi)
+        own, lowest = float(self.points.frequency[0]), self.span(0)[0]
         if not lowest / OCTAVE < own < highest * OCTAVE:
             raise InputError(f"backbone.frequency: {own:.4g} Hz is none of the structure's, whose first mode with the "
                              f"joint open has {lowest:.4g} Hz and whose last that is compared {highest:.4g} Hz; "
