@@ -25,6 +25,7 @@ TOLERANCE = 1e-13  # of the load, change of a nodal force
 # Tangential stiffness over area of flat metal faces, N/m^3: from milled flanges, a tenth of the least of Fantetti's
 # specimens, up to the stiffest of these.
 FLAT_FACES = (1e12, 1.5e14)
+MACHINED = {"exponent": (0.5, 1.0), "ratio": (1.0, 2.0)}  # rough faces, Pohrt and Popov (2012); Mindlin (1949)
 RIGID = 1e-12  # compliance of a node over the bodies' own, below which asperities are left out
 
 
@@ -152,12 +153,14 @@ class ContactStiffness(Effect):
 
     @classmethod
     def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
-        """Return the stiffness of all the faces' area, and a reference pressure about the mean one."""
+        """Return the stiffness of all the faces' area, a reference pressure about the mean one, machined faces' law."""
         if field == "stiffness":
             area = float(joint.structure.areas.sum())
             return replace(prior, low=FLAT_FACES[0] * area, high=FLAT_FACES[1] * area, logarithmic=True)
         if field == "reference_pressure":
             return replace(prior, low=joint.bolted_pressure / 1.5, high=joint.bolted_pressure * 1.5)
+        if field in MACHINED:
+            return replace(prior, low=MACHINED[field][0], high=MACHINED[field][1], logarithmic=False)
         return prior
 
     def asperities(self, problem: PeriodicProblem) -> Asperities:
