@@ -116,14 +116,13 @@ def released(experiment: StructureExperiment, found: Search) -> tuple[StructureE
 
 def detect(found: Search) -> Detection:
     """Return whether the refitted baseline leaves more than noise, matrices and steps of load explain."""
-    own = found.experiment.measurement
-    fit = found.baseline
+    own, fit = found.experiment.measurement, found.baseline
+    rest = found.discrepancy.covariance.whiten(own.values - fit.predicted)  # what codes differ by the verdict weighs
     freedom = max(1, len(own.values) - len(fit.z))
-    tests = {"chi-squared of what is left": float(chi2.sf(fit.chi_squared, freedom))}
+    tests = {"chi-squared of what is left": float(chi2.sf(float(rest @ rest), freedom))}
     for k, channel in enumerate(own.channels):
         rows = own.channel == k
-        tests[f"chi-squared of the {channel}"] = float(chi2.sf(float(fit.residual[rows] @ fit.residual[rows]),
-                                                               int(rows.sum())))
+        tests[f"chi-squared of the {channel}"] = float(chi2.sf(float(rest[rows] @ rest[rows]), int(rows.sum())))
     name = min(tests, key=lambda one: tests[one])
     return Detection(p_value=min(1.0, len(tests) * tests[name]), statistic=name, tests=tests,
                      false_alarm_rate=FALSE_ALARMS)
