@@ -62,6 +62,19 @@ def test_what_does_not_fit_is_refused_with_the_largest_that_does(free, path, val
         check_memory(case(most + 1), ALL)
 
 
+@pytest.mark.parametrize("nodes", [441, 289])
+def test_factors_that_are_kept_count(monkeypatch, nodes):
+    """Of large joints by the default method up to 2 GiB beside the matrices of a period; the others keep none."""
+    matrices = estimate.SOLVED * 8.0 * (3.0 * nodes) ** 2
+    case = changed("mesh.contact_elements", round(nodes**0.5) - 1)
+    monkeypatch.setattr(estimate, "free_memory", lambda: matrices + 1e9)
+    if nodes > 300:
+        with pytest.raises(InputError, match=r"the largest that fits is 16$"):  # 289 nodes, which keep none
+            check_memory(case, ALL)
+        monkeypatch.setattr(estimate, "free_memory", lambda: matrices + 2.0**31 + 1.0)
+    check_memory(case, ALL)
+
+
 def test_the_estimate_is_what_was_measured():
     """Peak memory of a period at 1,681 nodes less that of the bare process, `benchmarks/growth.md`."""
     rows = [[cell.strip() for cell in line.strip("|").split("|")]

@@ -1,4 +1,4 @@
-"""The command line: each command is a file."""
+"""The command line: each command is one file."""
 
 import sys
 

@@ -23,12 +23,12 @@ class InitialGap(Effect):
     """
 
     id: ClassVar[str] = "initial-gap"
-    title: ClassVar[str] = "tilt, crown or waviness of the unworn faces"
+    title: ClassVar[str] = "tilt, crown or rounded edges of the unworn faces"
     block: ClassVar[Block] = Block.GEOMETRY
     equation: ClassVar[str] = ("g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (s(x)^2 + s(y)^2) / 2 + z s(x)^2, "
                                "s(x) = max(|x| - f, 0) / (1 - f), x, y in [-1, 1]")
     formula: ClassVar[str] = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(s_x^2 + s_y^2) "
-                              r"+ z\,s_x^2, \qquad s_x = \frac{\max(|x| - f, 0)}{1 - f}, \quad x, y \in [-1, 1]")
+                              r"+ z\,s_x^2, \quad s_x = \frac{(|x| - f)_+}{1 - f}")
     source: ClassVar[str] = ("K. L. Johnson, Contact Mechanics (1985), section 4.1; flat with rounded edges: "
                              "M. Ciavarella, D. A. Hills, G. Monno, Proc. Inst. Mech. Eng. C 212 (1998) 319-327")
     told_by: ClassVar[str] = "maps of both faces before the test"
