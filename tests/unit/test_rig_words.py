@@ -42,6 +42,13 @@ def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
     assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.0 times the noise.")
 
 
+def test_a_remainder_of_the_noise_is_not_called_unexplained():
+    for times, said in ((1.0, "what remains (1 % of the difference) is no larger than the noise."),
+                        (1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained.")):
+        left = Remainder(share=0.011, times_noise=times, where="")
+        assert sentence(found(Verdict.NAMED, {"viscous"}, explained=0.989), left, PLACE, None).endswith(said)
+
+
 @pytest.mark.parametrize(("probability", "word"), [(0.995, "Almost surely"), (0.95, "Very probably"),
                                                    (0.8, "Probably"), (0.55, "Perhaps")])
 def test_how_sure_it_is_has_a_word(probability, word):

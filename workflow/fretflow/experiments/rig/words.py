@@ -62,6 +62,8 @@ def _rest(remainder: Remainder) -> str:
     where = f": it lies in {remainder.where}" if remainder.where else ""
     if round(100.0 * remainder.share) < 1.0:
         return f"less than 1 % of it remains, {remainder.times_noise:.1f} times the noise{where}"
+    if round(remainder.times_noise, 1) <= 1.0:
+        return f"what remains ({100.0 * remainder.share:.0f} % of the difference) is no larger than the noise"
     return (f"what remains ({100.0 * remainder.share:.0f} % of the difference, {remainder.times_noise:.1f} times the "
             f"noise) is not explained{where}")
 
