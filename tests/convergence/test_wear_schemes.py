@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fretflow.case.config import Solver, WearScheme
 from fretflow.contact.interface import Interface
+from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.pipeline.problem import rig_problem
@@ -134,6 +135,31 @@ def test_implicit_order_with_an_inexact_jacobian():
     finest = implicit_depth(1024, cycles)
     errors = [np.abs(implicit_depth(parts, cycles) - finest).max() for parts in (30, 60, 120, 240)]
     assert np.polyfit(np.log([8.0, 4.0, 2.0, 1.0]), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.25)
+
+
+class Narrow(Ridges):
+    """Ridges whose period is found from another one only where the faces have changed little since."""
+
+    def __init__(self):
+        super().__init__()
+        self.last, self.lost, self.anew = np.zeros(49), 0, 0
+
+    def cycle(self, slow, start):
+        if start is not None and np.abs(slow.depth - self.last).max() > 1e-7:
+            self.lost += 1
+            raise NonConvergenceError("too far from where it was")
+        self.anew += start is None
+        self.last = slow.depth
+        return super().cycle(slow, start)
+
+
+def test_a_period_that_is_lost_in_a_jump_asks_for_a_shorter_one_and_for_nothing_anew():
+    model = Narrow()
+    found = run_history(model, settings(cycles=60_000, scheme=WearScheme.IMPLICIT))
+    finest = run_history(Ridges(), settings(cycles=60_000, max_depth_per_jump=1e-9))
+    assert model.lost > 0
+    assert model.anew == 1
+    assert found.volume[-1] == pytest.approx(finest.volume[-1], rel=2e-3)
 
 
 def test_halving_the_jump_hardly_changes_the_volume(explicit):

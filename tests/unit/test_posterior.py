@@ -5,11 +5,15 @@ search; and how often rows of plain noise are said to be predicted worse.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from fretflow.experiments.wear_series.run import left_to_chance
-from fretflow.inference.posterior import Found, Posterior, detected, held_to, largest_odds
+from fretflow.inference.parameters import Parameters
+from fretflow.inference.posterior import Found, Posterior, detected, faint, held_to, largest_odds
+from fretflow.inference.search import Search
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 
@@ -92,3 +96,15 @@ def test_noise_alone_is_seldom_a_worse_prediction() -> None:
     named = [held_to(found(Verdict.NAMED), HeldOut(what="", before=a, after=b, floor=1.0), 500).verdict is Verdict.NAMED
              for a, b in squares]
     assert 0.7 < np.mean(named) < 0.82  # one-sided, at one over root two of its deviation: 0.76
+
+
+@pytest.mark.parametrize(("gain", "weak"), [(0.03, True), (-0.03, True), (0.6, False), (2.0, False)])
+def test_a_law_that_adds_less_than_its_range_begins_is_the_law_it_extends(gain: float, weak: bool) -> None:
+    """Springs that stiffen by 3 % where a range of 50-400 % is plausible are springs that do not stiffen."""
+    names = frozenset({"contact-stiffness-evolution"})
+    (name,) = names
+    space = Parameters.of((), [name], {f"{name}.gain": float(np.sign(gain))})
+    at = np.array([one.place(gain) if one.field == "gain" else 0.0 for one in space.coordinates])
+    search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
+                             evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, None)))
+    assert faint(cast(Search, search), names, name) is weak

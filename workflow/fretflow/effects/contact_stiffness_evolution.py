@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -34,6 +34,11 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     gain: float = parameter(1.5, "b: relative growth of the stiffness in the end", 0.5, 4.0, gt=-1.0)
     energy: u.Energy = parameter(50.0, "E_0: energy over which it grows", 5.0, 150.0)
+
+    @classmethod
+    def plainest(cls) -> Self:
+        """Return the springs as they are from the start."""
+        return cls(gain=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the springs at this energy in."""

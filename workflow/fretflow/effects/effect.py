@@ -173,6 +173,11 @@ class Effect(Section):
         raise NotImplementedError
 
     @classmethod
+    def plainest(cls) -> Self:
+        """Return the effect with parameters at which it does no more than a law that it extends, if there is one."""
+        return cls.neutral()
+
+    @classmethod
     def priors(cls) -> dict[str, Prior]:
         """Return the range of every parameter that has one."""
         return declared_priors(cls)

@@ -141,15 +141,16 @@ def posterior(found: Search) -> Posterior:
 
 
 def faint(found: Search, names: Names, effect: str) -> bool:
-    """Tell whether an effect of a fitted set is weaker than its plausible range begins.
+    """Tell whether an effect of a fitted set, or what it adds to a law, is weaker than its plausible range begins.
 
     So weak an effect is what codes and laws differ by, and not what its name says.
     """
     kind, space = catalogue()[effect], found.fits[names].parameters
     mean, _ = found.evidence(names).coordinates(found.prior(names))
-    plain, neutral = kind(), kind.neutral()
-    for own, at in zip(space.coordinates, mean, strict=True):
-        off = getattr(neutral, own.field, None) if own.effect == effect else None
+    plain = kind()
+    out_of_work = [(own, at, getattr(less, own.field, None)) for less in (kind.neutral(), kind.plainest())
+                   for own, at in zip(space.coordinates, mean, strict=True) if own.effect == effect]
+    for own, at, off in out_of_work:
         if off is None or off == getattr(plain, own.field):
             continue
         ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))

@@ -143,18 +143,18 @@ class WearAlone:
         return slow.depth
 
 
-def settle(model: CycleModel[S], slow: SlowState, start: S | None) -> tuple[CycleResponse, S]:
-    """Return the period of `model` in the state `slow`, found from `start` or, should that fail, from nothing.
+def settle(model: CycleModel[S], slow: SlowState, start: S | None, anew: bool = True) -> tuple[CycleResponse, S]:
+    """Return the period of `model` in the state `slow`, found from `start` or, should that fail, `anew` from nothing.
 
     Raises
     ------
     NonConvergenceError
-        If the period is not found from nothing either.
+        If the period is not found.
     """
     try:
         return model.cycle(slow, start)
     except NonConvergenceError:
-        if start is None:
+        if start is None or not anew:
             raise
         return model.cycle(slow, None)
 

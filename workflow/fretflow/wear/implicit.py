@@ -62,30 +62,33 @@ class Implicit(Generic[S]):
             solves += 1
             try:
                 end, error, middle = self.attempt(now, jump, state)
+                factor = resized(error)
+                if error <= 1.0 or jump == 1:
+                    # A jump that was cut to land on an asked count says nothing against the length proposed.
+                    following = max(factor * jump, proposed if jump < proposed else 0.0)
+                    return self.joint.settled(end, middle, solves + 1, following, anew=jump == 1)
             except NonConvergenceError:
                 if jump == 1:
                     raise
                 proposed = SHRINK * jump
                 continue
             errors.append(error)
-            factor = resized(error)
-            if error <= 1.0 or jump == 1:
-                # A jump that was cut to land on an asked count says nothing against the length proposed.
-                following = max(factor * jump, proposed if jump < proposed else 0.0)
-                return self.joint.settled(end, middle, solves + 1, following)
             proposed = factor * jump
         raise NonConvergenceError(f"no implicit jump meets the tolerance in {MAX_ATTEMPTS} attempts; "
                                   "use scheme = \"explicit\"", history=errors)
 
     def attempt(self, now: WearStep, jump: int, state: S) -> tuple[SlowState, float, S]:
-        """Return the slow state after `jump` cycles, its error over the tolerance, and a state."""
+        """Return the slow state after `jump` cycles, its error over the tolerance, and a state.
+
+        A period that is not found near the last one asks for a shorter jump: nothing else costs a hundred times more.
+        """
         joint, model, before = self.joint, self.joint.model, now.response
         jacobian, idle = joint.linearised(now, jump)
         factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * jacobian)
         first = lu_solve(factors, now.rate + GAMMA * idle)
         # The stage may ask a node to rise: it keeps its depth, as worn metal does.
         stage = model.evolve(now.slow, jump, jump * np.maximum(first, 0.0), jump * before.dissipated_energy, before)
-        response, middle = settle(model, stage, state)
+        response, middle = settle(model, stage, state, anew=jump == 1)
         second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first - GAMMA * idle)
         worn = jump * np.maximum(1.5 * first + 0.5 * second, 0.0)
         energy = 0.5 * jump * (before.dissipated_energy + response.dissipated_energy)

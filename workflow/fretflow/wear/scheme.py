@@ -42,9 +42,9 @@ class WearingJoint(Generic[S]):
         return self.settled(self.model.initial(), None, solves=1)
 
     def settled(self, slow: SlowState, state: S | None, solves: int, proposed_jump: float = math.nan,
-                shortened: bool = False) -> tuple[WearStep, S]:
+                shortened: bool = False, anew: bool = True) -> tuple[WearStep, S]:
         """Return the step in the state `slow` with its period found again, and that period's state."""
-        response, settled = settle(self.model, slow, state)
+        response, settled = settle(self.model, slow, state, anew)
         return WearStep(slow=slow, rate=self.rate(response, slow), response=response, proposed_jump=proposed_jump,
                         shortened=shortened, solves=solves), settled
 
