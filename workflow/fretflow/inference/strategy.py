@@ -101,8 +101,15 @@ def correct(found: Search, of: Sequence[int]) -> None:
             break
         put_right = found.pool(correct_task, [(found.fitter_of(names), found.fits[names]) for names in leading])
         found.settled.update({names: found.fits[names].z for names in leading})
-        found.fitters.update({names: own for names, own in zip(leading, put_right, strict=True) if own is not None})
         again = [names for names, own in zip(leading, put_right, strict=True) if own is not None]
+        for names, own in zip(leading, put_right, strict=True):
+            if own is not None:
+                now = found.fits[names]
+                found.fitters[names] = own
+                anew = own.experiment.predict(now.prediction.point, now.prediction)
+                found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged)
+        worth = found.promising(sorted(again, key=lambda one: -found.log_evidence(one, False)))
+        again = [names for names in again if not names or names in worth]
         for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
             if fit is not None:
                 found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
