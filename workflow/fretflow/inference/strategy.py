@@ -26,7 +26,7 @@ from fretflow.inference.beginnings import (
 from fretflow.inference.experiment import Experiment, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array
-from fretflow.inference.search import Effort, Names, Pool, Search, Task, fit_task, has_moved
+from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
 
 Progress = Callable[[float, str], None]
 
@@ -108,8 +108,9 @@ def correct(found: Search, of: Sequence[int]) -> None:
                 found.fitters[names] = own
                 anew = own.experiment.predict(now.prediction.point, now.prediction)
                 found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged)
-        worth = found.promising(sorted(again, key=lambda one: -found.log_evidence(one, False)))
-        again = [names for names in again if not names or names in worth]
+        found.sign(again)
+        again = [names for names in again if found.log_evidence(names) > -NEGLIGIBLE + max(
+            found.log_evidence(one) for one in again if len(one) == len(names))]
         for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
             if fit is not None:
                 found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
