@@ -55,7 +55,8 @@ def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
     slopes = dict(zip((one.name for one in origin.parameters.coordinates), origin.jacobian.T, strict=True))
     own = (one.name for one in coordinates if one.name not in slopes)
     slopes.update(zip(own, beginning.slopes.T, strict=True))
-    return fitter.linearised(predicted, np.column_stack([slopes[one.name] for one in coordinates]))
+    return replace(fitter.linearised(predicted, np.column_stack([slopes[one.name] for one in coordinates])),
+                   provisional=True)
 
 
 def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beginning]:
@@ -141,7 +142,7 @@ def started(found: Search, origin: Fit, fit: Fit) -> Start:
 
 
 def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list[Task]:
-    """Return the fits of a set with the effects beside it that promise most of what it leaves.
+    """Return where the fits of a set with the effects beside it begin that promise most of what it leaves.
 
     What each changes is known to first order at the set's own fit, or where it was begun beside the baseline.
     """
@@ -174,7 +175,7 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list
     for _, point in best:
         if point.effects not in found.settled:
             found.fitters[point.effects] = found.fitter_of(names)
-    return [Task(found.fitter_of(names), point, fit.prediction, found.effort.last_steps // 2) for _, point in best]
+    return [Task(found.fitter_of(names), point, fit.prediction, 0) for _, point in best]
 
 
 def without(found: Search, names: Names, effect: str) -> Task:

@@ -33,6 +33,7 @@ class Fit:
     jacobian: Array  # (M, P) of the prediction, in SI, by z
     whitened_jacobian: Array
     converged: bool
+    provisional: bool = False  # whether the derivatives are those of where it was begun
 
     @property
     def parameters(self) -> Parameters:
@@ -83,15 +84,18 @@ class Fitter:
     experiment: Experiment
     covariance: Covariance
 
-    def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize) -> Fit:
+    def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize, slopes: Array | None = None
+            ) -> Fit:
         """Return the most probable parameters from a start, by so many steps at most; each is worth `ENOUGH`.
+
+        The derivatives there, (M, P) in SI, are made where they are not known.
 
         Raises
         ------
         NonConvergenceError
             If the start itself has no solution.
         """
-        now, first = self.at(point, near), 0
+        now, first = self.linearised(self.experiment.predict(point, near), slopes), 0
         for steps in range(iterations):
             if now.objective - now.promise < ENOUGH:
                 return replace(now, converged=True)

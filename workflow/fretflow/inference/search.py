@@ -71,12 +71,13 @@ class Task:
     point: Point
     near: Prediction
     steps: int
+    slopes: Array | None = None  # (M, P) at the start, where they are known
 
 
 def fit_task(task: Task) -> Fit | None:
     """Return the fit that a task asks for; None where its start has no solution."""
     try:
-        return task.fitter.fit(task.point, task.near, task.steps) if task.steps else task.fitter.at(
+        return task.fitter.fit(task.point, task.near, task.steps, task.slopes) if task.steps else task.fitter.at(
             task.point, task.near)
     except NonConvergenceError:
         return None
@@ -249,10 +250,15 @@ class Search:
 
         What a law of another form leaves, its parameters would take up under small errors alone.
         """
-        at = self.fits[names].prediction
         sizes = self.evidence(names).sizes(self.prior(names))
         covariance = self.discrepancy.of_sizes(sizes, self.formed(names))
-        return Task(replace(self.fitter_of(names), covariance=covariance), at.point, at, self.effort.last_steps)
+        task = self.further(self.fits[names], self.effort.last_steps)
+        return replace(task, fitter=replace(task.fitter, covariance=covariance))
+
+    def further(self, fit: Fit, steps: int) -> Task:
+        """Return that a fit goes on from where it stands."""
+        return Task(self.fitter_of(fit.effects), fit.prediction.point, fit.prediction, steps,
+                    None if fit.provisional else fit.jacobian)
 
     def keep(self, found: Iterable[Fit | None]) -> None:
         """Keep fits that are better than those that are known."""
@@ -260,14 +266,15 @@ class Search:
             if fit is None:
                 continue
             known = self.fits.get(fit.effects)
-            if known is None or fit.objective < known.objective or (fit.converged and fit.z is known.z):
+            same = known is not None and np.array_equal(fit.z, known.z)
+            if known is None or fit.objective < known.objective or (fit.converged and same):
                 self.fits[fit.effects] = fit
 
     def continue_fits(self, sets: Iterable[Names], steps: int) -> None:
         """Fit the sets that have not come to rest further."""
         self.keep(self.pool(fit_task, [
-            Task(self.fitter_of(names), self.fits[names].prediction.point, self.fits[names].prediction, steps)
-            for names in dict.fromkeys(sets) if names in self.fits and not self.fits[names].converged]))
+            self.further(self.fits[names], steps) for names in dict.fromkeys(sets)
+            if names in self.fits and not self.fits[names].converged]))
 
     def best(self, size: int, containing: Names = frozenset(), formed: bool = False) -> list[Names]:
         """Return the sets of a size, the most probable first."""

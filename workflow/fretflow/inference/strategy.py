@@ -26,7 +26,7 @@ from fretflow.inference.beginnings import (
 from fretflow.inference.experiment import Experiment, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array
-from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
+from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, fit_task, has_moved
 
 Progress = Callable[[float, str], None]
 
@@ -77,8 +77,10 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
     """Fit pairs of some effects with those that promise most beside them, and the pairs' members alone from there."""
     found.sign(bases)
     laid = found.pool(beginnings_task, [(found.fitter_of(names), found.fits[names]) for names in bases])
-    found.keep(found.pool(fit_task, [task for names, beginnings in zip(bases, laid, strict=True)
-                                     for task in beside(found, names, beginnings.values())]))
+    begun = found.pool(fit_task, [task for names, beginnings in zip(bases, laid, strict=True)
+                                  for task in beside(found, names, beginnings.values())])
+    found.keep(begun)
+    go_on(found, [fit for fit in begun if fit is not None], found.effort.last_steps // 2)
     to_rest(found, 2)
     for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
         # one of the two may have brought the other out of a bad start
@@ -107,7 +109,8 @@ def correct(found: Search, of: Sequence[int]) -> None:
                 now = found.fits[names]
                 found.fitters[names] = own
                 anew = own.experiment.predict(now.prediction.point, now.prediction)
-                found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged)
+                found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged,
+                                            provisional=now.provisional)
         found.sign(again)
         again = [names for names in again if found.log_evidence(names) > -NEGLIGIBLE + max(
             found.log_evidence(one) for one in again if len(one) == len(names))]
@@ -164,9 +167,13 @@ def begin_all(found: Search) -> None:
         going = sorted(starts, key=lambda one: one.promise)[:found.effort.going]
         # what first order tells beside a baseline that fits far less than it may is the direction alone
         steps = found.effort.first_steps if origin is found.baseline else found.effort.last_steps // 2
-        for _ in range(steps):  # the better half of them further each time
-            fits = [fit for fit in found.pool(fit_task, [
-                Task(found.fitter, one.prediction.point, one.prediction, 1) for one in going]) if fit is not None]
-            found.keep(fits)
-            going = sorted((fit for fit in fits if not fit.converged), key=lambda one: one.promise)
-            going = going[:(len(going) + 1) // 2]
+        go_on(found, going, steps)
+
+
+def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
+    """Fit some sets on step by step, the better half of them further each time."""
+    for _ in range(steps):
+        fits = [fit for fit in found.pool(fit_task, [found.further(one, 1) for one in going]) if fit is not None]
+        found.keep(fits)
+        going = sorted((fit for fit in fits if not fit.converged), key=lambda one: one.promise)
+        going = going[:(len(going) + 1) // 2]

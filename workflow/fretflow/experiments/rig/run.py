@@ -168,7 +168,8 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
     """Return a fit under the errors of the measurement alone."""
-    return Fitter(experiment, experiment.measurement.covariance()).linearised(fit.prediction)
+    slopes = None if fit.provisional else fit.jacobian
+    return Fitter(experiment, experiment.measurement.covariance()).linearised(fit.prediction, slopes)
 
 
 def _remainder(experiment: RigExperiment, hypotheses: Search, found: Found, after: Fit) -> Remainder:
