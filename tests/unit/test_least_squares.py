@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.search import Search
 
 TRUE = np.array([1.0, 1.0])
 SD = 0.05
@@ -83,3 +84,37 @@ def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     fitter = Fitter(experiment, covariance)
     start = fitter.at(Point(plane, np.array([0.5, 0.5])), None)
     assert fitter.fit(Point(plane, np.array([0.5, 0.5])), None, 1).objective == pytest.approx(start.promise)
+
+
+def test_a_fit_that_goes_on_makes_no_derivatives_anew_where_it_stands() -> None:
+    """Two fits of one step each are one of two, and the second differentiates at its end alone."""
+    counted: list[Point] = []
+
+    class Counting(Valley):
+        def changes(self, prediction: Prediction, points: Any) -> np.ndarray:
+            counted.append(prediction.point)
+            return super().changes(prediction, points)
+
+    covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    experiment: Any = Counting()
+    fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
+    first, whole = fitter.fit(start, None, 1), fitter.fit(start, None, 2)
+    counted.clear()
+    second = fitter.fit(first.prediction.point, first.prediction, 1, first.jacobian)
+    assert second.z == pytest.approx(whole.z, abs=1e-12)
+    assert [one.z.tolist() for one in counted] == [second.z.tolist()]
+
+
+def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:
+    """A fit that came back at its own place, in a copy, says that it is at rest; a worse one says nothing."""
+    fit = replace(found(Valley()), converged=False)
+
+    def returned(z: np.ndarray) -> bool:
+        search: Any = SimpleNamespace(fits={fit.effects: fit})
+        point = Point(fit.prediction.point.parameters, z)
+        Search.keep(search, [replace(fit, prediction=replace(fit.prediction, point=point), converged=True)])
+        return bool(search.fits[fit.effects].converged)
+
+    assert returned(fit.z.copy())
+    assert not returned(2.0 * fit.z)
