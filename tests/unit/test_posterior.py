@@ -11,9 +11,9 @@ from typing import cast
 import numpy as np
 import pytest
 from fretflow.experiments.wear_series.run import left_to_chance
-from fretflow.inference.parameters import Parameters
-from fretflow.inference.posterior import Found, Posterior, detected, faint, held_to, largest_odds
-from fretflow.inference.search import Search
+from fretflow.inference.parameters import Array, Parameters
+from fretflow.inference.posterior import Found, Posterior, detected, faint, held_to, largest_odds, taken_of_effects
+from fretflow.inference.search import Search, Start
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 
@@ -108,3 +108,25 @@ def test_a_law_that_adds_less_than_its_range_begins_is_the_law_it_extends(gain: 
     search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
                              evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, None)))
     assert faint(cast(Search, search), names, name) is weak
+
+
+def test_what_effects_take_of_each_other_is_the_square_of_the_cosine_between_their_changes() -> None:
+    """At 60 degrees a quarter; what the fit tells itself and laws that hold each other are left out.
+
+    An effect along the diagonal of space is too small to be seen, but takes a third of what lies along an axis.
+    """
+    changes = {"viscous": (100.0, 0.0, 0.0, 7.0), "parallel-stiffness": (50.0, 50.0 * np.sqrt(3.0), 0.0, 3.0),
+               "contact-stiffness": (0.0, 0.0, 50.0, 0.0), "contact-stiffness-evolution": (0.0, 0.0, 80.0, 1.0),
+               "channel-delay": (0.5, 0.5, 0.5, 0.0)}
+    fit = SimpleNamespace(whitened_jacobian=np.array([[0.0, 0.0, 0.0, 2.0]]).T)
+    names = frozenset({"backlash"})
+
+    def shares(*effects: str) -> Array:
+        starts = [Start(one, np.array([changes[one]]).T, np.array([changes[one]]).T) for one in effects]
+        search = SimpleNamespace(fits={names: fit}, starts=starts,
+                                 experiment=SimpleNamespace(candidates=lambda: ("any",) * 20))
+        return taken_of_effects(cast(Search, search), names)
+
+    assert shares("viscous", "parallel-stiffness") == pytest.approx([0.25, 0.25], rel=1e-9)
+    assert shares("contact-stiffness", "contact-stiffness-evolution") == pytest.approx([0.0, 0.0])
+    assert shares("contact-stiffness", "channel-delay") == pytest.approx([1.0 / 3.0], rel=1e-9)

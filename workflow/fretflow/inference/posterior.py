@@ -197,8 +197,7 @@ def left_out(starts: list[Start], size: int, candidates: int) -> Array:
         wanted = one.changes[:, 0]
         if np.linalg.norm(wanted) < visible(candidates):
             continue
-        others = [other for other in starts if other.effect != one.effect and not _extends(other.effect, one.effect)
-                  and not _extends(one.effect, other.effect)]
+        others = [other for other in starts if not _related(one.effect, other.effect)]
         nearest: list[Start] = []
         for _ in range(size):
             beside = [other for other in others if other.effect not in {own.effect for own in nearest}]
@@ -231,7 +230,8 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
 
     Of further effects they are at most theirs in what no form of these laws explains. And the share of what the plainer
     set leaves that the wider one takes is compared with the shares that the best other effect takes of law-form errors
-    of the plainer set. Forms that differ by as much as the wider set takes are as rare as among published ones.
+    of the plainer set, drawn smooth and, as these are physics too, as structured as the catalogue's own effects. Forms
+    that differ by as much as the wider set takes are as rare as among published ones.
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
@@ -247,6 +247,8 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     size = float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
     if beyond <= 0.0:  # no more than chance takes; what is larger than all that a law does is no form of it
         return 0.0 if left <= size**2 else np.inf
+    alike = taken_of_effects(found, fewer)
+    beyond = min(beyond, log(largest_odds((np.count_nonzero(alike >= taken) + 1) / (len(alike) + 1))))
     forms = law_form_errors() * size
     return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 
@@ -282,6 +284,29 @@ def taken_by_chance(found: Search, names: Names) -> Array:
             own = basis(start.changes - rest @ (rest.T @ start.changes))
             best = np.maximum(best, np.sum((own.T @ draws)**2, axis=0))
     return best
+
+
+def taken_of_effects(found: Search, names: Names) -> Array:
+    """Return the share (any,) of what each effect would change beside a set that the best other effect takes.
+
+    Of those alone that this recording would show.
+    """
+    rest, starts = basis(found.fits[names].whitened_jacobian), [one for one in found.starts if one.effect not in names]
+    columns = [one.changes - rest @ (rest.T @ one.changes) for one in starts]
+    bases = [basis(own) for own in columns]
+    least, shares = visible(len(found.experiment.candidates())), []
+    for one, own in zip(starts, columns, strict=True):
+        size = float(np.linalg.norm(own[:, 0]))
+        if size >= least:
+            shares.append(max((float(np.sum((across.T @ own[:, 0])**2)) / size**2
+                               for other, across in zip(starts, bases, strict=True)
+                               if not _related(one.effect, other.effect)), default=0.0))
+    return np.array(shares)
+
+
+def _related(one: str, other: str) -> bool:
+    """Tell whether two effects are the same, or the law of one holds that of the other."""
+    return one == other or _extends(one, other) or _extends(other, one)
 
 
 def estimate(coordinate: Coordinate, z: float, half: float, draws: Array, told: tuple[str, str]) -> Estimate:
