@@ -338,3 +338,19 @@ def test_instruments_at_fault_are_no_missing_physics(recordings: Path, tmp_path:
     assert "Instruments at fault" in page
     assert "Not in the catalogue" not in page
     assert "the catalogue lacks" not in page
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("share", "phase"), [(0.1, 0.0), (0.1, 2.4), (0.4, 2.4)])
+def test_loops_that_come_again_every_second_period_tell_nothing_of_their_sensors(share: float, phase: float,
+                                                                                 recordings: Path) -> None:
+    """Two repeats that differ by half the drive's frequency, in all that moves: no errors of the channels."""
+    recording = read_recording(recordings / "example_baseline")
+
+    def swinging(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        way = np.where(np.arange(values.shape[1]) < 2, (-1.0)**np.arange(values.shape[1]), np.nan)
+        return values + share * np.nanmax(np.abs(values)) * way[:, None] * np.cos(0.5 * loops.phase + phase)
+
+    for name in ("displacement", "friction_force"):
+        recording = altered(recording, name, swinging)
+    assert said(recording) == ((), ())

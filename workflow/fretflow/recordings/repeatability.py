@@ -90,6 +90,14 @@ def repeatability(values: Array) -> Repeatability:
                          smooth_share=smooth / max(float(rest.sum()), 1e-300))
 
 
+def is_unsteady(share: float, samples: int) -> bool:
+    """Tell whether a `smooth_share` of loops of so many samples is that of changes of the loops rather than of noise.
+
+    Then the motion does not repeat itself with the drive. Noise of few samples is smooth by a share of its own.
+    """
+    return share > 0.5 * (1.0 + 2.0 * SMOOTH / samples)
+
+
 def smooth_share(values: Array, shapes: Array) -> float:
     """Return `Repeatability.smooth_share` of repeats (K, R, N) where a change of a known shape (K, N) counts as noise.
 

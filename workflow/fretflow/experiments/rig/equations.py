@@ -25,6 +25,7 @@ from fretflow.experiments.rig.changes import RIG_HARMONICS
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
+from fretflow.recordings.repeatability import is_unsteady, repeatability
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 Array = NDArray[np.float64]
@@ -92,20 +93,24 @@ class Equations:
 
     @classmethod
     def of(cls, recording: Recording, rig: LumpedRig) -> Equations | None:
-        """Return the equations of a recording; None without a record of the drive, as a stated one has no phase."""
-        if recording.loops is None or "excitation" not in recording.loops.channels:
+        """Return the equations of a recording; None without a record of the drive, as a stated one has no phase.
+
+        None too where the motion does not repeat itself with the drive: what repeats differ by is then no error.
+        """
+        first = recording.loops
+        if first is None or "excitation" not in first.channels or not is_periodic(first):
             return None
         rows: list[tuple[Any, ...]] = []
         for loops, frequency in blocks_of(recording):
             if "excitation" not in loops.channels:
                 continue
-            own = loops is recording.loops
-            first = 0 if own else len(recording.loops.cycles)
-            cycles = loops.cycles if own else np.full(len(frequency), recording.loops.cycles[-1])
+            own = loops is first
+            place = 0 if own else len(first.cycles)
+            cycles = loops.cycles if own else np.full(len(frequency), first.cycles[-1])
             lines = [np.fft.rfft(loops.channels[name], axis=2) * 2.0 / len(loops.phase)
                      for name in ("excitation", "displacement", loops.force_name)]
             for k, j in zip(*np.nonzero(loops.usable), strict=True):
-                rows += [(*(line[k, j, n] for line in lines), 2.0 * np.pi * n * frequency[k], n, first + k, cycles[k])
+                rows += [(*(line[k, j, n] for line in lines), 2.0 * np.pi * n * frequency[k], n, place + k, cycles[k])
                          for n in range(1, RIG_HARMONICS + 1)]
         excitation, x, force, omega, *places = (np.array(column) for column in zip(*rows, strict=True))
         receptance = np.linalg.inv(rig.impedance(omega))
@@ -182,6 +187,15 @@ class Equations:
         total = np.zeros(count, dtype=complex)
         np.add.at(total, own, values)
         return np.asarray((total / np.bincount(own))[own])
+
+
+def is_periodic(loops: LoopSet) -> bool:
+    """Tell whether displacement and force repeat themselves with the drive but for noise, as far as repeats tell."""
+    for values in (loops.channels["displacement"], loops.channels[loops.force_name]):
+        known = np.isfinite(values).all(axis=2).sum(axis=1) > 1
+        if known.any() and is_unsteady(repeatability(values).smooth_share, values.shape[2]):
+            return False
+    return True
 
 
 def _real(rows: Complex) -> Array:

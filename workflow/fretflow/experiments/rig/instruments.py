@@ -27,6 +27,7 @@ from fretflow.experiments.rig.equations import (
     Equations,
     Solution,
     blocks_of,
+    is_periodic,
 )
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
 from fretflow.experiments.rig.observation import LOOP_OFFSET, SYNCHRONISED, Array
@@ -79,8 +80,10 @@ def _saturated(loops: LoopSet) -> list[str]:
 
 
 def _gains(recording: Recording, case: Case) -> list[str]:
-    """Return which of displacement and force contradict the rig's motion by more than a stated value may."""
+    """Return which of displacement and force contradict the rig's periodic motion by more than a stated value may."""
     rows = _fundamentals(recording, case)
+    if recording.loops is not None and not is_periodic(recording.loops):
+        return []
     found, gains = [], _fitted_gains(rows, case)
     for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
         if gain.real < 0.0 and abs(np.angle(gain)) > 0.75 * np.pi:

@@ -18,7 +18,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import SMOOTH, Repeatability, repeatability, smooth_share
+from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_share
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
 
@@ -92,13 +92,8 @@ class Observation:
 
     @property
     def unsteady(self) -> bool:
-        """Tell whether repeats differ by smooth changes of the loops rather than by noise.
-
-        Then the motion does not repeat itself with the drive, as no model here does. Noise of few samples is smooth by
-        a share of its own.
-        """
-        noise = 2.0 * SMOOTH / self.samples
-        return self.smooth_share > 0.5 * (1.0 + noise)
+        """Tell whether the motion does not repeat itself with the drive, as that of all models here does."""
+        return is_unsteady(self.smooth_share, self.samples)
 
     @property
     def counts(self) -> tuple[int, ...]:
