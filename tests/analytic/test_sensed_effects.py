@@ -79,6 +79,33 @@ def test_a_delay_shifts_the_force_alone(delay):
                                            abs=(5.0 * OMEGA)**2 * 55.0 * (T / N)**2 / 8.0)
 
 
+@pytest.mark.parametrize("poles", [1, 3])
+def test_a_delay_by_filters_is_that_of_low_passes_in_a_row(poles):
+    """Each integrated in time: steady over a period, and from rest over a record."""
+    delay = 2.5e-4
+    late = ChannelDelay(rounding=1.0 / poles).changed(delay=delay)
+
+    def passed(times, forcing):
+        def rate(t, y):
+            return (np.r_[forcing(t), y[:-1]] - y) * poles / delay
+
+        return solve_ivp(rate, (times[0], times[-1]), np.full(poles, forcing(times[0])), t_eval=times, rtol=1e-9,
+                         atol=1e-9, max_step=T / N).y[-1]
+
+    steady = passed(T * np.arange(3 * N) / N, force_at)[-N:]
+    assert late.sense(period()).friction_force == pytest.approx(steady, abs=2e-3)
+    assert np.array_equal(late.sense(period()).displacement, period().displacement)
+    record = passed(T * np.arange(N) / N, force_at)
+    # samples stand for what is about them: half the second derivative times a twelfth of the step squared, and the rest
+    assert late.sense(period(periodic=False)).friction_force == pytest.approx(record, abs=0.05)
+
+
+def test_many_low_passes_are_a_mere_delay():
+    delay = 2.5e-4
+    many, none = (ChannelDelay(rounding=share).changed(delay=delay).sense(period()) for share in (1e-6, 0.0))
+    assert many.friction_force == pytest.approx(none.friction_force, abs=1e-3)
+
+
 def test_drift_grows_over_the_test():
     drift = SensorDrift().changed(drift=2.0)
     for elapsed in (0.0, 0.25, 1.0):

@@ -11,15 +11,22 @@ from fretflow.structure.sensors import Signals
 
 
 class ChannelDelay(Effect):
-    """Measured force ``T(t - tau)``: filters, multiplexed sampling, slow amplifiers; tau < 0 if x is the late one."""
+    """Measured force ``T(t - tau)``: multiplexed sampling, filters, slow amplifiers; tau < 0 if x is the late one.
+
+    A filter rounds what it delays. Of n equal low-passes in a row with tau / n each, ``s = 1 / n`` tells the kind: 1 is
+    a single one, and 0 is the delay alone that ever more of them tend to. The displacement is smooth: a late one is
+    late alone.
+    """
 
     id: ClassVar[str] = "channel-delay"
     title: ClassVar[str] = "delay between the channels"
     block: ClassVar[Block] = Block.SENSOR
-    equation: ClassVar[str] = "T_meas(t) = T(t - tau)"
-    formula: ClassVar[str] = r"T_\mathrm{meas}(t) = T(t - \tau)"
+    equation: ClassVar[str] = "T_meas = H T, H = (1 + i w s tau)^(-1 / s), for s = 0 T(t - tau)"
+    formula: ClassVar[str] = (r"T_\mathrm{meas} = H\,T, \qquad H = (1 + i\,\omega\,s\,\tau)^{-1/s} \to "
+                              r"e^{-i\,\omega\,\tau}\ \text{for}\ s \to 0")
     source: ClassVar[str] = ("shift theorem of the Fourier series: A. V. Oppenheim, R. W. Schafer, Discrete-Time "
-                             "Signal Processing, Prentice Hall (1989)")
+                             "Signal Processing, Prentice Hall (1989); equal low-passes in a row: A. I. Zverev, "
+                             "Handbook of Filter Synthesis, Wiley (1967)")
     needs_time: ClassVar[bool] = True
     told_by: ClassVar[str] = OTHER_RATES
     observables: ClassVar[tuple[str, ...]] = ("area of a loop that sticks", "force at reversal")
@@ -27,6 +34,8 @@ class ChannelDelay(Effect):
     sensed_at: ClassVar[int] = 2
 
     delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6)
+    rounding: float = parameter(0.0, "s: one over the number of equal low-passes that delay it, 0 for a mere delay",
+                                0.0, 1.0, ge=0.0, le=1.0, rig_only=True)
 
     @classmethod
     def neutral(cls) -> Self:
@@ -37,4 +46,6 @@ class ChannelDelay(Effect):
         """Delay the friction force."""
         if self.delay == 0.0:
             return signals
-        return replace(signals, friction_force=signals.delayed(signals.friction_force, self.delay))
+        force = signals.friction_force
+        return replace(signals, friction_force=signals.delayed(force, self.delay) if self.delay < 0.0 else
+                       signals.smoothed(force, self.delay, self.rounding))

@@ -32,7 +32,7 @@ class ExtraMode(Effect):
     sensed_at: ClassVar[int] = 1
 
     frequency: u.Frequency = parameter(450.0, "w_0 / 2 pi: frequency of the mode", 250.0, 900.0, logarithmic=True)
-    damping_ratio: float = parameter(0.03, "zeta: its damping ratio", 0.01, 0.1, gt=0.0)
+    damping_ratio: float = parameter(0.03, "zeta: its damping ratio", 0.01, 0.1, gt=0.0, lt=1.0)
     share: float = Field(1.0, ge=0.0, le=1.0, description="r: share of the force path's flexibility in this mode")
 
     @classmethod
