@@ -87,7 +87,7 @@ def test_the_posterior_goes_to_a_file_that_keeps_names_draws_and_units(cases, tm
 def test_what_is_not_there_is_said(cases):
     with pytest.raises(InputError, match="'loop' is none of loops, evolution"):
         cases.named().plot("loop")
-    with pytest.raises(InputError, match="no fitted parameters"):
+    with pytest.raises(InputError, match="nothing to draw as 'parameters'"):
         cases.empty().plot("parameters")
 
 
@@ -103,5 +103,5 @@ def test_wear_is_drawn_with_what_it_differs_by_and_its_profiles(cases):
     assert {"measured", "before", "after", "measured − before", "measured − after"} < set(panels)
     away = panels["measured − before"].images[0].get_array()
     assert float(away.max()) * 1e-6 == pytest.approx(np.max(found.wear_map.measured - found.wear_map.before))
-    with pytest.raises(InputError, match="no measured wear map"):
+    with pytest.raises(InputError, match="nothing to draw as 'wear'"):
         cases.named("imposed-displacement").plot("wear")
