@@ -195,7 +195,8 @@ def _curves(diagnosis: Diagnosis) -> Figure | None:
             if name == "measured" or name in _predicted(diagnosis):
                 axes.plot(one.x / x_size, getattr(one, name) / y_size, color=colour, label=name,
                           linestyle="" if mark else line, marker=mark)
-        axes.set(xlabel=f"{one.x_label} ({x_unit})", ylabel=f"{one.y_label} ({y_unit})")
+        axes.set_xlabel(f"{one.x_label} ({x_unit})", parse_math=False)
+        axes.set_ylabel(f"{one.y_label} ({y_unit})", parse_math=False)
         axes.set_title(printable(one.label), parse_math=False)
         axes.legend(loc="best")
     return figure
@@ -239,7 +240,8 @@ def _law(diagnosis: Diagnosis) -> Figure | None:
     (axes,) = _axes(figure, 1, 1)
     axes.plot(x, y, color=style.BLUE)
     axes.fill_between(x, y - reach, y + reach, color=style.BLUE, alpha=0.2, linewidth=0.0)
-    axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.set_xlabel(labels[0], parse_math=False)
+    axes.set_ylabel(labels[1], parse_math=False)
     return figure
 
 
