@@ -35,7 +35,7 @@ from fretflow_post import style
 
 Array = NDArray[np.float64]
 
-WIDTH, HEIGHT, LOW = 460, 330, 230  # pixels of a chart, and the height of a flat one
+WIDTH, HEIGHT, LOW = 460, 330, 250  # pixels of a chart, and the height of a flat one
 MARGINS = 130  # pixels above and below a map
 MOST_POINTS = 600  # of a curve
 # Colours on white; where the page is dark its script takes those of its style sheet.
@@ -56,16 +56,18 @@ def script() -> str:
 class Chart:
     """A chart that is filled step by step; `describe` is read out to those who cannot see it.
 
-    No text is taken for a formula, for which a browser would fetch another library.
+    It is as wide as there is room, and keeps its shape where its `width` is given. No text is taken for a formula, for
+    which a browser would fetch another library.
     """
 
     def __init__(self, describe: str, x_label: str, y_label: str, x: Limits | None = None, y: Limits | None = None,
-                 height: int = HEIGHT, width: int = WIDTH) -> None:
+                 height: int = HEIGHT, width: int | None = None) -> None:
         self.describe = describe
         self.labels = x_label, y_label
         box = BoxZoomTool()
         self.figure = figure(
-            width=width, height=height, sizing_mode="scale_width", toolbar_location="above",
+            width=width or WIDTH, height=height, sizing_mode="scale_width" if width else "stretch_width",
+            toolbar_location="above",
             tools=[box, PanTool(), WheelZoomTool(), ResetTool()], active_drag=box, **{
                 f"{name}_range": limits for name, limits in (("x", x), ("y", y)) if limits is not None})
         self.figure.toolbar.logo = None
