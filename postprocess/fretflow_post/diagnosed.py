@@ -10,6 +10,7 @@ from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import Diagnosis, Estimate, Evolution, MeasuredCurve, ResidualLaw, ResidualMap, Verdict
 from fretflow.inference.words import channel_words, headline, together
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 
 MOST_LOOPS = 6  # more would be too small to compare
 SAME = 1e-9  # of the largest value: a channel that is predicted this well was given, not predicted
+LARGE = 12.0  # sd: above it colours follow the square root, so that what is left after is seen beside what was before
 SMALLEST_LIMIT = 6.0  # sd: smaller differences than this are never drawn in full colour
 LARGEST_SHARE = 0.99  # of the differences before lies within the colours
 NORMAL_90 = 1.645  # sd of half a 90 % interval
@@ -63,7 +65,7 @@ def _titled(diagnosis: Diagnosis, what: str = "", **size: float) -> Figure:
 
 def _axes(figure: Figure, count: int, columns: int) -> Iterator[Axes]:
     columns = min(columns, count)
-    grid = figure.add_gridspec(-(-count // columns), columns, left=0.09, right=0.97, bottom=0.09, top=0.85, hspace=0.35,
+    grid = figure.add_gridspec(-(-count // columns), columns, left=0.09, right=0.97, bottom=0.12, top=0.85, hspace=0.35,
                                wspace=0.28)
     return (figure.add_subplot(grid[k // columns, k % columns]) for k in range(count))
 
@@ -77,15 +79,14 @@ def _loops(diagnosis: Diagnosis) -> Figure | None:
     some = np.linspace(0, len(every) - 1, min(MOST_LOOPS, len(every))).round().astype(int)
     shown = [every[k] for k in np.unique(some)]
     figure = _titled(diagnosis, f"{len(shown)} of {len(every)} loops" if len(shown) < len(every) else "")
-    for k, (axes, one) in enumerate(zip(_axes(figure, len(shown), 3), shown, strict=True)):
+    for axes, one in zip(_axes(figure, len(shown), 3), shown, strict=True):
         parts = (("measured", one.displacement, one.force), ("baseline", one.before_displacement, one.before_force),
                  (diagnosis.after_model or "after", one.after_displacement, one.after_force))
         for (name, x, force), (_, colour, line, _) in zip(parts, style.LOOKS, strict=True):
             axes.plot(np.append(x, x[0]) * 1e6, np.append(force, force[0]), color=colour, linestyle=line, label=name)
         axes.set(xlabel="displacement (µm)", ylabel="force (N)")
         axes.set_title(printable(one.label) + (", held out" if one.held_out else ""), parse_math=False)
-        if k == 0:
-            axes.legend(loc="best")
+    figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=3, frameon=False)
     return figure
 
 
@@ -148,24 +149,26 @@ def _predicted(diagnosis: Diagnosis) -> tuple[str, ...]:
     return ("before",) if diagnosis.verdict is Verdict.NONE else ("before", "after")
 
 
-def residuals(diagnosis: Diagnosis) -> tuple[list[ResidualMap], float]:
-    """Return the maps of channels that were predicted, and from how many sd on their colours are full."""
+def residuals(diagnosis: Diagnosis) -> tuple[list[ResidualMap], float, float]:
+    """Return the maps of predicted channels, from how many sd on colours are full, and which power they follow."""
     maps = [one for one in diagnosis.residual_maps if np.nanmax(np.abs(one.before), initial=0.0) > SAME]
     known = [np.abs(one.before[np.isfinite(one.before)]) for one in maps]
     largest = float(np.quantile(np.concatenate(known), LARGEST_SHARE)) if maps else 0.0
-    return maps, style.round_scale(max(SMALLEST_LIMIT, largest))[0]
+    limit = style.round_scale(max(SMALLEST_LIMIT, largest))[0]
+    return maps, limit, 0.5 if limit > LARGE else 1.0
 
 
 @_drawn
 def _maps(diagnosis: Diagnosis) -> Figure | None:
     """Return the differences over loop and phase: a row for each channel."""
-    maps, limit = residuals(diagnosis)
+    maps, limit, exponent = residuals(diagnosis)
     if not maps:
         return None
     figure, shown = _titled(diagnosis, "(measured − predicted) / standard deviation"), _predicted(diagnosis)
     panels = [(one, name) for one in maps for name in shown]
+    colours = ListedColormap(style.palette(style.SHAPE_MAP, exponent))
     for axes, (one, name) in zip(_axes(figure, len(panels), len(shown)), panels, strict=True):
-        drawn = axes.imshow(getattr(one, name), cmap=style.SHAPE_MAP, vmin=-limit, vmax=limit, aspect="auto",
+        drawn = axes.imshow(getattr(one, name), cmap=colours, vmin=-limit, vmax=limit, aspect="auto",
                             extent=(0.0, 1.0, len(one.rows), 0.0), interpolation="nearest")
         figure.colorbar(drawn, ax=axes)
         axes.set(xlabel="share of the period")

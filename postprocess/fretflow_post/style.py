@@ -13,7 +13,7 @@ import numpy as np
 from fretflow.core.errors import InputError, printable
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import Colormap, PowerNorm
+from matplotlib.colors import Colormap, PowerNorm, to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -100,6 +100,12 @@ def save_figure(figure: Figure, path: Path) -> Path:
 def colour_map(name: str) -> Colormap:
     """Return the colour map `name`."""
     return matplotlib.colormaps[name]
+
+
+def palette(name: str, exponent: float = 1.0) -> list[str]:
+    """Return 256 colours of the map `name`; those of a two-sided one follow the values to the power `exponent`."""
+    share = np.linspace(-1.0, 1.0, 256)
+    return [to_hex(one) for one in colour_map(name)(0.5 + 0.5 * np.sign(share) * np.abs(share) ** exponent)]
 
 
 def round_scale(largest: float, intervals: int = 6) -> tuple[float, list[float]]:

@@ -27,11 +27,8 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 from markupsafe import Markup
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-
-from fretflow_post import style
 
 Array = NDArray[np.float64]
 
@@ -148,12 +145,6 @@ class Chart:
 def _source(**columns: object) -> ColumnDataSource:
     return ColumnDataSource({name: np.asarray(values, np.float32) if isinstance(values, np.ndarray) else values
                              for name, values in columns.items()})
-
-
-def palette(name: str, exponent: float = 1.0) -> list[str]:
-    """Return 256 colours of the map `name`; those of a two-sided one follow the values to the power `exponent`."""
-    share = np.linspace(-1.0, 1.0, 256)
-    return [to_hex(one) for one in style.colour_map(name)(0.5 + 0.5 * np.sign(share) * np.abs(share) ** exponent)]
 
 
 def extent(values: Iterable[Array], margin: float = 0.05, around_zero: bool = False) -> Limits:

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.diagnosed import law_curve, residuals
-from fretflow_post.report.charts import MARGINS, Chart, Limits, extent, palette
+from fretflow_post.report.charts import MARGINS, Chart, Limits, extent
 from fretflow_post.report.loops import has_after
 
 Array = NDArray[np.float64]
 
-LARGE = 12.0  # sd: above it colours follow the square root, so that what is left after is seen beside what was before
 LONGEST_NAME = 22  # letters of a row's name
 MOST_COLUMNS = 400  # of a map
 
@@ -46,7 +45,7 @@ class MapViews:
 
 def map_views(diagnosis: Diagnosis) -> MapViews | None:
     """Return the differences of `diagnosis` as maps, or None where there are none."""
-    maps, limit = residuals(diagnosis)
+    maps, limit, exponent = residuals(diagnosis)
     if not maps:
         return None
     after = has_after(diagnosis.comparisons) or any(
@@ -56,20 +55,20 @@ def map_views(diagnosis: Diagnosis) -> MapViews | None:
     for one in maps:
         strip = loop if loop is not None and len(loop.displacement) == one.before.shape[1] else None
         strips.append(strip is not None)
-        views.append(MapView(channel_words(one.channel), _map(one, one.before, "before", limit, strip),
-                             _map(one, one.after, "after", limit, strip) if after else None))
-    return MapViews(tuple(views), f"{limit:g}", limit > LARGE, all(strips))
+        views.append(MapView(channel_words(one.channel), _map(one, one.before, "before", limit, exponent, strip),
+                             _map(one, one.after, "after", limit, exponent, strip) if after else None))
+    return MapViews(tuple(views), f"{limit:g}", exponent < 1.0, all(strips))
 
 
-def _map(one: ResidualMap, values: Array, when: str, limit: float, loop: Comparison | None) -> Markup:
+def _map(one: ResidualMap, values: Array, when: str, limit: float, exponent: float, loop: Comparison | None
+         ) -> Markup:
     columns = np.unique(np.linspace(0, values.shape[1] - 1, min(MOST_COLUMNS, values.shape[1])).astype(int))
     values, rows = values[:, columns], len(values)
     strip = 0.0 if loop is None else max(2.0, 0.2 * rows)  # rows, height of the loop above the map
     row = int(np.clip(240.0 / rows, 3.0, 22.0))
     chart = Chart(f"{channel_words(one.channel)} {when}: difference over its standard deviation, by loop and phase",
                   "share of the period", "", (0.0, 1.0), (0.0, rows + strip), round((rows + strip) * row) + MARGINS)
-    exponent = 0.5 if limit > LARGE else 1.0
-    chart.image(values, (0.0, 1.0, 0.0, rows), palette(style.SHAPE_MAP, exponent), (-limit, limit),
+    chart.image(values, (0.0, 1.0, 0.0, rows), style.palette(style.SHAPE_MAP, exponent), (-limit, limit),
                 "(measured − predicted) / standard deviation", one.rows)
     marks = {rows - k - 0.5: name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME - 1]}…"
              for k, name in list(enumerate(one.rows))[::-(-12 // row)]}

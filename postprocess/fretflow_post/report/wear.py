@@ -12,7 +12,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fretflow_post import style
-from fretflow_post.report.charts import LOW, MARGINS, Chart, Limits, palette
+from fretflow_post.report.charts import LOW, MARGINS, Chart, Limits
 from fretflow_post.wear_maps import differences, known_maps, profile, raster
 
 Array = NDArray[np.float64]
@@ -84,5 +84,5 @@ def _wear_map(wear: WearMap, depth: Array, name: str, colours: str, limits: Limi
     height = round(float(np.clip(INNER * (high - low) / (right - left), 40.0, 600.0)))
     chart = Chart(name, f"x, sliding direction ({pretty_unit(unit)})", f"y ({pretty_unit(unit)})", (left, right),
                   (low, high), height + MARGINS, INNER + SIDES)
-    chart.image(pixels[EVERY // 2::EVERY, EVERY // 2::EVERY], box, palette(colours), limits, label)
+    chart.image(pixels[EVERY // 2::EVERY, EVERY // 2::EVERY], box, style.palette(colours), limits, label)
     return chart.markup()
