@@ -53,8 +53,7 @@ def script() -> str:
 class Chart:
     """A chart that is filled step by step; `describe` is read out to those who cannot see it.
 
-    It is as wide as there is room, and keeps its shape where its `width` is given. No text is taken for a formula, for
-    which a browser would fetch another library.
+    It is as wide as there is room, and keeps its shape where its `width` is given. No text is taken for a formula.
     """
 
     def __init__(self, describe: str, x_label: str, y_label: str, x: Limits | None = None, y: Limits | None = None,
