@@ -60,7 +60,8 @@ def parameter_table(kind: Any) -> str:
     for entry in entries(kind()):
         prior = priors.get(entry.key)
         ends = () if prior is None else (prior.low, prior.high)
-        span = " to ".join(pretty_quantity(end, entry.unit, 3) if entry.unit else pretty_number(end, 3) for end in ends)
+        span = " to ".join((pretty_quantity(end, entry.unit, 3) if entry.unit else pretty_number(end, 3)).replace(
+            " ", "\u00a0") for end in ends)
         default = pretty_number(entry.value) if isinstance(entry.value, float) and not entry.unit else entry.readable
         rows.append((f"`{entry.key}`", escape(default), span, printed(entry.meaning)))
         if prior is not None:

@@ -76,9 +76,6 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     wrong = [name for name in run.output.figures or () if name not in NAMES]
     if wrong:
         raise InputError(f"output.figures: {wrong[0]!r} is none of {', '.join(NAMES)}")
-    unknown = [name for name in run.output.figure_formats if name not in style.METADATA]
-    if unknown:
-        raise InputError(f"output.figure_formats: {unknown[0]!r} is none of {', '.join(style.METADATA)}")
     files: list[Path] = []
     with style.saved_as(run.output.figure_formats):
         for name, draw in _pictures(run):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
@@ -9,10 +10,10 @@ from pathlib import Path
 
 import matplotlib.style
 import numpy as np
-from fretflow.core.errors import printable
+from fretflow.core.errors import InputError, printable
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import Colormap, PowerNorm
+from matplotlib.colors import Colormap, PowerNorm, to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -21,7 +22,8 @@ DPI = 100
 METADATA: dict[str, dict[str, str | None]] = {
     "png": {"Software": "fretflow"}, "svg": {"Creator": "fretflow", "Date": None},
     "pdf": {"Creator": "fretflow", "CreationDate": None}}
-_FORMATS: ContextVar[tuple[str, ...]] = ContextVar("formats", default=("png",))
+_FORMATS: ContextVar[tuple[str, ...]] = ContextVar("formats")
+WISH = "FRETFLOW_FORMATS"  # the variable that says in which formats pictures are saved, such as svg,pdf
 WIDTH, HEIGHT = 16.0, 10.0  # inches, 1600 x 1000 pixels
 
 DEPTH_MAP = "viridis"
@@ -64,18 +66,32 @@ def new_figure(title: str, subtitle: str, width: float = WIDTH, height: float = 
 
 @contextmanager
 def saved_as(formats: Sequence[str]) -> Iterator[None]:
-    """Have figures saved in `formats` of `METADATA` within this context, instead of as PNG alone."""
-    token = _FORMATS.set(tuple(formats))
+    """Have figures saved in `formats` within this context, whatever the user's variable says.
+
+    Raises
+    ------
+    InputError
+        If one is not among `METADATA`.
+    """
+    token = _FORMATS.set(known_formats(formats, "output.figure_formats"))
     try:
         yield
     finally:
         _FORMATS.reset(token)
 
 
+def known_formats(formats: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return `formats`, told at `where`, if pictures can be saved in all of them."""
+    for name in formats:
+        if name not in METADATA:
+            raise InputError(f"{where}: {name!r} is none of {', '.join(METADATA)}")
+    return tuple(formats)
+
+
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write `figure` in each of the formats asked for and return the path of the first."""
+    """Write `figure` in each of the formats asked for, PNG if none is, and return the path of the first."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    formats = _FORMATS.get()
+    formats = _FORMATS.get(()) or known_formats(os.environ.get(WISH, "png").split(","), WISH)
     for suffix in formats:
         figure.savefig(path.with_suffix(f".{suffix}"), dpi=DPI, metadata=METADATA[suffix])
     return path.with_suffix(f".{formats[0]}")
@@ -84,6 +100,12 @@ def save_figure(figure: Figure, path: Path) -> Path:
 def colour_map(name: str) -> Colormap:
     """Return the colour map `name`."""
     return matplotlib.colormaps[name]
+
+
+def palette(name: str, exponent: float = 1.0) -> list[str]:
+    """Return 256 colours of the map `name`; those of a two-sided one follow the values to the power `exponent`."""
+    share = np.linspace(-1.0, 1.0, 256)
+    return [to_hex(one) for one in colour_map(name)(0.5 + 0.5 * np.sign(share) * np.abs(share) ** exponent)]
 
 
 def round_scale(largest: float, intervals: int = 6) -> tuple[float, list[float]]:

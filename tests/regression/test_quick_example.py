@@ -15,6 +15,7 @@ from fretflow import cli
 from fretflow.case.config import load_case
 from fretflow.core.store import read_record
 from fretflow.pipeline.response import ForcedResponse, LoopSeries
+from fretflow.pipeline.results import RunResults
 from fretflow.pipeline.stages import complete_stages
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.fem.preload import Preload
@@ -137,6 +138,8 @@ def test_pictures_and_curves_are_there_and_render_draws_them_again(home, capsys)
     assert cli.execute(["render", str(home)]) == 0
     assert {path.name for path in (home / "pictures").iterdir()} == names - {"manifest.json"}
     assert str(home / "pictures" / "pressure.png") in capsys.readouterr().out
+    drawn = RunResults.of(home).render(["loops"], ["svg", "pdf"])
+    assert [path.name for path in drawn] == ["loops.svg", "loops.pdf", "loops.csv"]
 
 
 def test_a_second_call_computes_nothing_and_modes_reuses_the_meshes(home, capsys):

@@ -4,6 +4,7 @@ What carries the weight: curves hold the record's numbers in the units of their 
 stated, and regions hold the shares of a normal distribution that they claim.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import xarray as xr
 from fretflow.core.errors import InputError
 from fretflow.inference.evidence import DRAWS, drawn
 from fretflow.inference.parameters import HALF, Coordinate
+from fretflow.inference.verdict import MeasuredCurve, WearTests
 from fretflow_post import corner, style
 from fretflow_post.report import render_report
 from fretflow_post.wear_maps import profile
@@ -84,10 +86,36 @@ def test_the_posterior_goes_to_a_file_that_keeps_names_draws_and_units(cases, tm
         assert energy.values[0] == pytest.approx(found.parameters[2].draws)
 
 
+def test_maps_law_volumes_and_curves_hold_the_records_numbers(cases):
+    found, unknown = cases.named(), cases.unknown()
+    panels = {one.get_title(): one for one in found.plot("maps").axes if one.images}
+    assert list(panels) == [f"{channel}, {name}" for channel in ("friction force", "relative displacement")
+                            for name in ("before", "after")]
+    drawn = np.asarray(panels["friction force, after"].images[0].get_array())
+    assert drawn == pytest.approx(found.residual_maps[0].after)
+    law = unknown.residual_law
+    (line,) = unknown.plot("law").axes[0].lines
+    assert line.get_xdata() == pytest.approx(np.sort(law.x) * 1e3), "in mm/s"
+    assert line.get_ydata() == pytest.approx(law.y[np.argsort(law.x)])
+    volume = np.array([1.0, 2.0, 4.0]) * 1e-9
+    tests = WearTests(rows=np.arange(3), measured=volume, before=0.5 * volume, after=1.1 * volume, r2_before=0.1,
+                      r2_after=0.9)
+    curve = MeasuredCurve(label="$$ first", x_label="amplitude", x_unit="m", y_label="damping", y_unit="1",
+                          x=volume * 1e3, measured=np.array([0.01, 0.02, 0.03]), before=np.zeros(3),
+                          after=np.full(3, 0.02))
+    found = replace(found, wear_tests=tests, curves=(curve,))
+    drawn = {one.get_label(): one for one in found.plot("volumes").axes[0].lines}
+    assert drawn["after"].get_ydata() == pytest.approx([1.1, 2.2, 4.4])
+    axes = found.plot("curves").axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("amplitude (µm)", "damping (%)")
+    assert axes.lines[0].get_ydata() == pytest.approx([1.0, 2.0, 3.0])
+    assert axes.lines[0].get_xdata() == pytest.approx([1.0, 2.0, 4.0])
+
+
 def test_what_is_not_there_is_said(cases):
     with pytest.raises(InputError, match="'loop' is none of loops, evolution"):
         cases.named().plot("loop")
-    with pytest.raises(InputError, match="no fitted parameters"):
+    with pytest.raises(InputError, match="nothing to draw as 'parameters'"):
         cases.empty().plot("parameters")
 
 
@@ -103,5 +131,5 @@ def test_wear_is_drawn_with_what_it_differs_by_and_its_profiles(cases):
     assert {"measured", "before", "after", "measured − before", "measured − after"} < set(panels)
     away = panels["measured − before"].images[0].get_array()
     assert float(away.max()) * 1e-6 == pytest.approx(np.max(found.wear_map.measured - found.wear_map.before))
-    with pytest.raises(InputError, match="no measured wear map"):
+    with pytest.raises(InputError, match="nothing to draw as 'wear'"):
         cases.named("imposed-displacement").plot("wear")

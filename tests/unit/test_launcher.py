@@ -45,6 +45,7 @@ case "$1 $2" in
         [ ! -e "$WORLD/slow" ] || { touch "$WORLD/started"; sleep 2; }
         cp "$WORLD/program" "$(dirname "$0")/fretflow" ;;
     '-m pytest') echo "pytest in $(pwd)" ;;
+    '-m sphinx') flock -n .setup.log true && echo "others may set up" ;;
     '-c from'*) echo 'numpy==1.24.2' ;;
 esac
 """
@@ -196,6 +197,10 @@ def test_the_test_command_adds_the_development_parts_once(world):
     assert journal[-3].endswith("-e .[dev]")
     assert journal[-1].endswith("-k wear")
     assert kinds((world.run("modes"), world.journal())[1]) == []
+
+
+def test_a_site_that_is_built_keeps_nobody_from_setting_up(world):
+    assert world.run("docs")[:2] == (0, "others may set up\n")
 
 
 def test_the_test_command_installs_what_only_tests_need(world):

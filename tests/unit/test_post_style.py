@@ -5,6 +5,7 @@ import itertools
 import matplotlib
 import numpy as np
 import pytest
+from fretflow.core.errors import InputError
 from fretflow.effects.catalogue import catalogue
 from fretflow_post import style
 from fretflow_post.effect_sheet import plot_effect
@@ -91,3 +92,15 @@ def test_titles_are_text_whatever_stands_in_them(tmp_path):
     with style.styled():
         figure = style.new_figure("costs $5 and \\frac{$ \x1b[2J\x07", "none")
         assert style.save_figure(figure, tmp_path / "a.png").is_file()
+
+
+def test_a_variable_names_the_formats_of_all_pictures(tmp_path, monkeypatch):
+    figure = style.new_figure("", "")
+    monkeypatch.setenv("FRETFLOW_FORMATS", "svg,pdf")
+    assert style.save_figure(figure, tmp_path / "a.png") == tmp_path / "a.svg"
+    with style.saved_as(["png"]):
+        style.save_figure(figure, tmp_path / "b.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.pdf", "a.svg", "b.png"]
+    monkeypatch.setenv("FRETFLOW_FORMATS", "svg,bmp")
+    with pytest.raises(InputError, match="FRETFLOW_FORMATS: 'bmp' is none of png, svg, pdf"):
+        style.save_figure(figure, tmp_path / "a.png")

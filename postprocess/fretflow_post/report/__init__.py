@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import datetime
+import hashlib
+import json
 import math
 import re
 from collections.abc import Iterator
@@ -20,10 +23,10 @@ from fretflow.recordings.kinds import kinds
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from fretflow_post.diagnosed import drawn_parameters, plot_diagnosis
+from fretflow_post.diagnosed import FIGURES, drawn_parameters
+from fretflow_post.report.charts import LOOKS, figure_image, script
 from fretflow_post.report.loops import curve_views, evolution_views, loop_views
 from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view
-from fretflow_post.report.svg import figure_image
 from fretflow_post.report.wear import wear_views
 
 PAGE = Path(__file__).parent / "page"
@@ -54,7 +57,8 @@ def render_report(diagnosis: Diagnosis) -> str:
         "with_after": with_after,
         "tiles": tuple(_tiles(diagnosis)), "physics": tuple(_physics(diagnosis)), "sure": _how_sure(diagnosis),
         "ranking": _split(_ranking(diagnosis), MOST_RANKED), "loops": loops,
-        "evolution": evolution_views(diagnosis, with_after), "corner": _corner(diagnosis), "maps": map_views(diagnosis),
+        "evolution": evolution_views(diagnosis, with_after), "stills": dict(_stills(diagnosis)),
+        "maps": map_views(diagnosis),
         "after_words": words.after_words(diagnosis),
         "places": _split(_places(diagnosis), MOST_PLACES),
         "where": tuple(_where(diagnosis)), "parameters": tuple(_row(one) for one in diagnosis.parameters),
@@ -69,13 +73,23 @@ def render_report(diagnosis: Diagnosis) -> str:
     return _environment().get_template("report.html.j2").render(content)
 
 
+class _Script:
+    """A script of the page, and its hash, by which a browser runs it and no other."""
+
+    def __init__(self, text: str) -> None:
+        self.text = Markup(text)
+        self.hash = Markup("'sha256-{}'").format(base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())
+
+
 @cache
 def _environment() -> Environment:
     found = Environment(loader=FileSystemLoader(PAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
                         lstrip_blocks=True)
     found.filters["prose"] = _prose
-    for name in ("css", "js"):
-        found.globals[name] = Markup((PAGE / f"report.{name}").read_text(encoding="utf-8"))
+    css, js = ((PAGE / f"report.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
+    found.globals["css"] = Markup(css)
+    found.globals["scripts"] = [_Script(text) for text in (
+        'document.documentElement.classList.add("live");', f"{script()}\nconst LOOKS = {json.dumps(LOOKS)};\n{js}")]
     return found
 
 
@@ -85,11 +99,11 @@ def _prose(text: str) -> Markup:
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(kept))))
 
 
-def _corner(d: Diagnosis) -> Markup | None:
-    """Return the parameters in pairs, where there is more than one."""
-    if len(drawn_parameters(d)) < 2:
-        return None
-    return figure_image(plot_diagnosis(d, "parameters"), "posterior of the parameters, each and in pairs")
+def _stills(d: Diagnosis) -> Iterator[tuple[str, Markup]]:
+    """Return each figure as a picture: the parameters in pairs, and what stands for charts where no script runs."""
+    for what, draw in FIGURES.items():
+        if (what != "parameters" or len(drawn_parameters(d)) > 1) and (figure := draw(d)) is not None:
+            yield what, figure_image(figure, f"{what} of this diagnosis")
 
 
 def _split(items: tuple[object, ...], most: int) -> tuple[tuple[object, ...], tuple[object, ...]]:

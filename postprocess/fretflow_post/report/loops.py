@@ -15,20 +15,14 @@ from fretflow.inference.words import number
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from fretflow_post.diagnosed import readings
-from fretflow_post.report.svg import Axis, Chart, extent, horizontal, thinned, vertical
+from fretflow_post.diagnosed import SAME, curve_units, readings
+from fretflow_post.report.charts import LOW, Chart, Limits, extent, thinned
 
 Array = NDArray[np.float64]
 
 ALIKE = 4.0  # largest over smallest extent of loops that are drawn on one scale
-SAME = 1e-9  # of the largest value: a channel that is predicted this well was given, not predicted
 READABLE = 0.1  # of a channel's unit: what is smaller is told in a unit of its own
-LOW = 230.0  # pixels, height of the differences
-SMALL_WIDTH, SMALL_HEIGHT = 120.0, 84.0
-RADIUS = 3.0  # pixels of a measured point of a curve
-FIXED_UNITS = {"1": ("%", 0.01), "Hz": ("Hz", 1.0), "m*kg^0.5": ("m·√kg", 1.0)}  # which need no other size or have none
-
-Limits = tuple[float, float]
+SMALL = 112.0, 76.0  # pixels of a loop to choose by, within 4 around it
 
 
 @dataclass(frozen=True)
@@ -77,6 +71,11 @@ class LoopViews:
     with_after: bool
     raw: bool  # measured samples stand beside the harmonics that are compared
 
+    @property
+    def words(self) -> str:
+        """Return the word of several."""
+        return {"loop": "loops", "stretch": "stretches"}[self.word]
+
 
 def loop_views(diagnosis: Diagnosis) -> LoopViews:
     """Return the loops of `diagnosis` as charts."""
@@ -101,11 +100,10 @@ def evolution_views(diagnosis: Diagnosis, after: bool) -> tuple[tuple[str, Marku
         return ()
     for name, unit, values in readings(found):
         shown = list(zip(("measured", "before", "after"), values, strict=True))[:3 if after else 2]
-        chart = Chart(horizontal("cycles", *extent([found.cycles], 0.02)), vertical(
-            f"{name} ({unit})", *extent([own for _, own in shown]), unit, LOW), f"{name} over the cycles", height=LOW,
-            readout="trace")
+        chart = Chart(f"{name} over the cycles", "cycles", f"{name} ({unit})", height=LOW)
         for look, own in shown:
             chart.curve(look, look, found.cycles, own)
+        chart.read(along=True)
         charts.append((name, chart.markup()))
     return tuple(charts)
 
@@ -148,76 +146,77 @@ def _view(one: Comparison, pair: tuple[Channel, ...], after: bool,
     charts = []
     if all(np.isfinite(channel.measured).any() for channel in pair):
         charts.append((f"{pair[1].name} over {pair[0].name}", _loop_chart(one, pair, limits, after)))
-    x_axis, x = _along(one)
+    label, x = _along(one)
     predicted = [channel for channel in reversed(pair) if channel.predicted]
     if not closed:
-        charts += [(f"{channel.name} over time", _trace_chart(channel, x_axis, x, after)) for channel in predicted]
-    charts += [(f"difference in {channel.name}", _difference_chart(channel, x_axis, x, after)) for channel in predicted]
+        charts += [(f"{channel.name} over time", _trace_chart(channel, label, x, after)) for channel in predicted]
+    charts += [(f"difference in {channel.name}", _difference_chart(channel, label, x, after)) for channel in predicted]
     return LoopView(one.label, one.held_out, tuple(charts), _small(pair, limits, after, closed),
                     _misfit(predicted, after))
 
 
-def _along(one: Comparison) -> tuple[Axis, Array]:
-    """Return the axis along a period or a stretch of time, and where the samples lie on it."""
+def _along(one: Comparison) -> tuple[str, Array]:
+    """Return the label of the axis along a period or a stretch of time, and where the samples lie on it."""
     count = len(one.displacement)
     kept = thinned(one.displacement, one.force)
     if one.time is None:
-        return horizontal("share of the period", 0.0, 1.0), kept / count
+        return "share of the period", kept / count
     time = np.asarray(one.time)[kept]
     unit, size = readable_unit(float(np.nanmax(np.abs(time), initial=0.0)), "s")
-    return horizontal(f"time ({pretty_unit(unit)})", *extent([time / size], 0.0), pretty_unit(unit)), time / size
+    return f"time ({pretty_unit(unit)})", time / size
 
 
 def _loop_chart(one: Comparison, pair: tuple[Channel, ...], limits: Sequence[Limits], after: bool) -> Markup:
     (x, y), closed = pair, one.time is None
-    chart = Chart(horizontal(x.label, *limits[0], x.unit), vertical(y.label, *limits[1], y.unit),
-                  f"{one.label}: {y.name} over {x.name}, measured and predicted", readout="curves")
+    chart = Chart(f"{one.label}: {y.name} over {x.name}, measured and predicted", x.label, y.label, x=limits[0],
+                  y=limits[1])
     if x.raw.size and y.raw.size:
-        chart.trace("raw", np.append(x.raw, x.raw[0]), np.append(y.raw, y.raw[0]))
-    for name, look, u, v in _named(pair, after):
-        chart.curve(name, look, *((np.append(w, w[0]) if closed else w) for w in (u, v)))
+        chart.curve("every sample", "measured", np.append(x.raw, x.raw[0]), np.append(y.raw, y.raw[0]), line_width=1.0,
+                    line_alpha=1.0)
+    for name, u, v in _named(pair, after):
+        chart.curve(name, name, *((np.append(w, w[0]) if closed else w) for w in (u, v)))
+    chart.read()
     return chart.markup()
 
 
-def _named(pair: tuple[Channel, ...], after: bool) -> Iterator[tuple[str, str, Array, Array]]:
+def _named(pair: tuple[Channel, ...], after: bool) -> Iterator[tuple[str, Array, Array]]:
     x, y = pair
-    yield "measured", "measured", x.measured, y.measured
-    yield "before", "before", x.before, y.before
+    yield "measured", x.measured, y.measured
+    yield "before", x.before, y.before
     if after:
-        yield "after", "after", x.after, y.after
+        yield "after", x.after, y.after
 
 
-def _trace_chart(channel: Channel, x_axis: Axis, x: Array, after: bool) -> Markup:
-    chart = Chart(x_axis, vertical(channel.label, *extent(_curves(channel, after)), channel.unit),
-                  f"{channel.name} over time, measured and predicted", readout="trace")
+def _trace_chart(channel: Channel, label: str, x: Array, after: bool) -> Markup:
+    chart = Chart(f"{channel.name} over time, measured and predicted", label, channel.label)
     for name, values in zip(("measured", "before", "after"), _curves(channel, after), strict=False):
         chart.curve(name, name, x, values)
+    chart.read(along=True)
     return chart.markup()
 
 
-def _difference_chart(channel: Channel, x_axis: Axis, x: Array, after: bool) -> Markup:
+def _difference_chart(channel: Channel, x_label: str, x: Array, after: bool) -> Markup:
     gaps = [(channel.measured - predicted) * channel.size for predicted in _curves(channel, after)[1:]]
     plain, size = readable_unit(_largest(gaps), channel.si)
-    gaps, unit = [gap / size for gap in gaps], pretty_unit(plain)
-    label = f"measured − predicted ({unit})"
-    chart = Chart(x_axis, vertical(label, *extent(gaps, around_zero=True), unit, LOW),
-                  f"{channel.name}, {label}, over the {x_axis.label}", height=LOW, readout="trace")
-    chart.level("zero", 0.0)
-    for name, values in zip(("before", "after"), gaps, strict=False):
-        chart.curve(name, f"{name} difference", x, values)
+    label = f"measured − predicted ({pretty_unit(plain)})"
+    chart = Chart(f"{channel.name}, {label}, over the {x_label}", x_label, label, height=LOW)
+    chart.level(0.0)
+    for name, gap in zip(("before", "after"), gaps, strict=False):
+        chart.curve(name, name, x, gap / size, line_dash="solid")
+    chart.read(along=True)
     return chart.markup()
 
 
 def _small(pair: tuple[Channel, ...], limits: Sequence[Limits], after: bool, closed: bool) -> Markup:
     """Return a loop without axes, to choose it by; over time where one of its channels was not measured."""
-    chart = Chart(Axis("", *limits[0], 4.0, SMALL_WIDTH - 4.0), Axis("", *limits[1], SMALL_HEIGHT - 4.0, 4.0), "",
-                  SMALL_WIDTH, SMALL_HEIGHT)
-    every = max(1, len(pair[0].measured) // 100)
-    for name, look, u, v in _named(pair, after):
-        u, v = u[::every], v[::every]
-        chart.curve(name, look, *((np.append(w, w[0]) if closed else w) for w in (u, v)))
-    return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" aria-hidden="true">{}</svg>').format(
-        SMALL_WIDTH, SMALL_HEIGHT, Markup().join(chart.parts))
+    every, paths = max(1, len(pair[0].measured) // 100), Markup()
+    for name, *curve in _named(pair, after):
+        u, v = (((np.append(w[::every], w[0]) if closed else w[::every]) - low) / (high - low)
+                for w, (low, high) in zip(curve, limits, strict=True))
+        known = np.isfinite(u) & np.isfinite(v)
+        points = np.column_stack([SMALL[0] * u[known], SMALL[1] * (1.0 - v[known])]).round(1).ravel().tolist()
+        paths += Markup('<polyline class="curve {}" points="{}"/>').format(name, " ".join(map(str, points)))
+    return Markup('<svg viewBox="-4 -4 120 84" aria-hidden="true">{}</svg>').format(paths)
 
 
 def _misfit(predicted: Sequence[Channel], after: bool) -> str:
@@ -253,22 +252,12 @@ def curve_views(curves: tuple[MeasuredCurve, ...], with_after: bool) -> tuple[tu
 
 def _curve_chart(one: MeasuredCurve, with_after: bool) -> Markup:
     shown = {"before": one.before} | ({"after": one.after} if with_after else {})
-    (x_unit, x_size), (y_unit, y_size) = (FIXED_UNITS.get(unit) or _readable(values, unit) for values, unit in (
-        (one.x, one.x_unit), (one.measured, one.y_unit)))
-    reach = extent([values / y_size for values in (one.measured, *shown.values())])
-    chart = Chart(horizontal(f"{one.x_label} ({x_unit})", *extent([one.x / x_size]), x_unit),
-                  vertical(f"{one.y_label} ({y_unit})", *reach, y_unit),
-                  f"{one.y_label} over {one.x_label}, measured and predicted")
+    (x_unit, x_size), (y_unit, y_size) = curve_units(one)
+    chart = Chart(f"{one.y_label} over {one.x_label}, measured and predicted", f"{one.x_label} ({x_unit})",
+                  f"{one.y_label} ({y_unit})")
+    x, measured = one.x / x_size, one.measured / y_size
     for name, values in shown.items():
-        chart.curve(name, name, one.x / x_size, values / y_size)
-    for x, y in zip(one.x / x_size, one.measured / y_size, strict=True):
-        chart.parts.append(Markup(
-            '<circle class="at measured" cx="{:.1f}" cy="{:.1f}" r="{}"><title>{} {}, measured {} {}</title></circle>'
-        ).format(float(chart.x.pixels(x)), float(chart.y.pixels(y)), RADIUS, number(float(x)), x_unit, number(float(y)),
-                 y_unit))
+        chart.curve(name, name, x, values / y_size)
+    chart.points("measured", "measured", x, measured, [
+        f"{number(float(u))} {x_unit}, measured {number(float(v))} {y_unit}" for u, v in zip(x, measured, strict=True)])
     return chart.markup()
-
-
-def _readable(values: Array, unit: str) -> tuple[str, float]:
-    found, size = readable_unit(float(np.median(np.abs(values))), unit)
-    return pretty_unit(found), size

@@ -14,32 +14,14 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fretflow_post import style
-from fretflow_post.report.loops import SAME, has_after
-from fretflow_post.report.svg import (
-    BOTTOM,
-    LETTER,
-    RIGHT,
-    TOP,
-    WIDTH,
-    Axis,
-    Chart,
-    colour_bar,
-    coloured,
-    extent,
-    horizontal,
-    vertical,
-)
+from fretflow_post.diagnosed import law_curve, residuals
+from fretflow_post.report.charts import MARGINS, Chart, Limits, extent
+from fretflow_post.report.loops import has_after
 
 Array = NDArray[np.float64]
 
-LARGE = 12.0  # sd: above it colours follow the square root, so that what is left after is seen beside what was before
-SMALLEST_LIMIT = 6.0  # sd: smaller differences than this are never drawn in full colour
-LARGEST_SHARE = 0.99  # of the differences before lies within the colours
-STRIP = 46.0  # pixels, height of the loop above a map
 LONGEST_NAME = 22  # letters of a row's name
 MOST_COLUMNS = 400  # of a map
-NORMAL_90 = 1.645  # sd of half a 90 % interval
-RADIUS = 3.4  # pixels
 
 
 @dataclass(frozen=True)
@@ -56,7 +38,6 @@ class MapViews:
     """All channels on one scale of colours."""
 
     views: tuple[MapView, ...]
-    scale: Markup
     limit: str
     root: bool  # whether colours follow the square root
     with_strip: bool
@@ -64,11 +45,9 @@ class MapViews:
 
 def map_views(diagnosis: Diagnosis) -> MapViews | None:
     """Return the differences of `diagnosis` as maps, or None where there are none."""
-    maps = [one for one in diagnosis.residual_maps if np.nanmax(np.abs(one.before), initial=0.0) > SAME]
+    maps, limit, exponent = residuals(diagnosis)
     if not maps:
         return None
-    known = np.concatenate([np.abs(one.before[np.isfinite(one.before)]) for one in maps])
-    limit = style.round_scale(max(SMALLEST_LIMIT, float(np.quantile(known, LARGEST_SHARE))))[0]
     after = has_after(diagnosis.comparisons) or any(
         np.isfinite(one.after).any() and not np.array_equal(one.after, one.before, equal_nan=True) for one in maps)
     loop = next((one for one in diagnosis.comparisons if one.time is None), None)
@@ -76,83 +55,51 @@ def map_views(diagnosis: Diagnosis) -> MapViews | None:
     for one in maps:
         strip = loop if loop is not None and len(loop.displacement) == one.before.shape[1] else None
         strips.append(strip is not None)
-        views.append(MapView(channel_words(one.channel), _map(one, one.before, "before", limit, strip),
-                             _map(one, one.after, "after", limit, strip) if after else None))
-    scale = colour_bar(style.SHAPE_MAP, -1.0, 1.0, "(measured − predicted) / standard deviation", _marks(limit))
-    return MapViews(tuple(views), scale, f"{limit:g}", limit > LARGE, all(strips))
+        views.append(MapView(channel_words(one.channel), _map(one, one.before, "before", limit, exponent, strip),
+                             _map(one, one.after, "after", limit, exponent, strip) if after else None))
+    return MapViews(tuple(views), f"{limit:g}", exponent < 1.0, all(strips))
 
 
-def _exponent(limit: float) -> float:
-    return 0.5 if limit > LARGE else 1.0
-
-
-def _marks(limit: float) -> list[tuple[float, str]]:
-    """Return place and text of the ticks of the colours' scale, as far apart as their texts need."""
-    exponent, places = _exponent(limit), [0.0]
-    for tick in style.root_ticks(limit)[1:]:
-        at = (tick / limit) ** exponent
-        if at - places[-1] > 0.2 and (1.0 - at > 0.2 or tick == limit):
-            places.append(at)
-    return [(0.5 + 0.5 * sign * at, f"{sign * limit * at ** (1.0 / exponent):.3g}".replace("-", "−"))
-            for at in places for sign in ((-1, 1) if at else (1,))]
-
-
-def _map(one: ResidualMap, values: Array, when: str, limit: float, loop: Comparison | None) -> Markup:
+def _map(one: ResidualMap, values: Array, when: str, limit: float, exponent: float, loop: Comparison | None
+         ) -> Markup:
     columns = np.unique(np.linspace(0, values.shape[1] - 1, min(MOST_COLUMNS, values.shape[1])).astype(int))
     values, rows = values[:, columns], len(values)
-    row = float(np.clip(240.0 / rows, 3.0, 22.0))
-    names = [name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME - 1]}…" for name in one.rows]
-    left = 14.0 + LETTER * max([len(name) for name in names], default=0)
-    strip = 0.0 if loop is None else STRIP
-    top = TOP + strip
-    height = top + rows * row + BOTTOM
-    chart = Chart(horizontal("share of the period", 0.0, 1.0, left=left), Axis("", 0.0, 1.0, height - BOTTOM, top),
-                  f"{channel_words(one.channel)} {when}: difference over its standard deviation, by loop and phase",
-                  height=height)
-    box = (left, top, WIDTH - RIGHT - left, rows * row)
-    shades = np.sign(values) * (np.abs(values) / limit) ** _exponent(limit)
-    chart.image(coloured(shades, style.SHAPE_MAP, -1.0, 1.0), box)
-    chart.values(values, 0.1, box, "sd", one.rows)
-    for k in range(0, rows, max(1, int(np.ceil(12.0 / row)))):
-        at = top + (k + 0.5) * row + 4.0
-        chart.parts.append(Markup('<text class="tick" x="{:.1f}" y="{:.1f}" text-anchor="end">{}</text>').format(
-            left - 6.0, at, names[k]))
+    strip = 0.0 if loop is None else max(2.0, 0.2 * rows)  # rows, height of the loop above the map
+    row = int(np.clip(240.0 / rows, 3.0, 22.0))
+    chart = Chart(f"{channel_words(one.channel)} {when}: difference over its standard deviation, by loop and phase",
+                  "share of the period", "", (0.0, 1.0), (0.0, rows + strip), round((rows + strip) * row) + MARGINS)
+    chart.image(values, (0.0, 1.0, 0.0, rows), style.palette(style.SHAPE_MAP, exponent), (-limit, limit),
+                "(measured − predicted) / standard deviation", one.rows)
+    marks = {rows - k - 0.5: name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME - 1]}…"
+             for k, name in list(enumerate(one.rows))[::-(-12 // row)]}
     if loop is not None:
-        _draw_strip(chart, loop, left)
-    return chart.markup(y_axis=False)
+        marks |= _draw_strip(chart, loop, rows, strip)
+    chart.mark(marks)
+    return chart.markup()
 
 
-def _draw_strip(chart: Chart, loop: Comparison, left: float) -> None:
-    """Draw the measured loop over its period above the map, to tell where reversals and plateaus are."""
-    above = Chart(chart.x, Axis("", -1.1, 1.1, TOP + STRIP - 6.0, TOP), "")
-    share = np.arange(len(loop.displacement)) / len(loop.displacement)
-    for look, values, sign in (("thin-displacement", loop.displacement, "x"), ("thin-force", loop.force, "T")):
-        if not np.isfinite(values).any():
-            continue
-        middle = 0.5 * (np.nanmax(values) + np.nanmin(values))
-        reach = 0.5 * np.ptp(values[np.isfinite(values)]) or 1.0
-        above.curve(sign, look, share, (values - middle) / reach)
-        above.text(left - 14.0, TOP + (14.0 if sign == "x" else 32.0), sign, f"tick {look}-text")
-    chart.parts += above.parts
+def _draw_strip(chart: Chart, loop: Comparison, rows: int, strip: float) -> dict[float, str]:
+    """Draw the measured loop over its period above the map, to tell reversals from plateaus; return its mark."""
+    share, middle = np.arange(len(loop.displacement)) / len(loop.displacement), rows + 0.5 * strip
+    for look, values, dash in (("muted", loop.displacement, "dashed"), ("ink", loop.force, "solid")):
+        known = values[np.isfinite(values)]
+        if known.size:
+            centred = (values - 0.5 * (known.max() + known.min())) / (np.ptp(known) or 1.0)
+            chart.curve("", look, share, middle + 0.8 * strip * centred, line_dash=dash, line_width=1.2)
+    return {middle: "x, T"}
 
 
 def law_view(law: ResidualLaw | None) -> Markup | None:
     """Return what an unlisted effect does as a curve with its 90 % interval, or None where there is none."""
-    if law is None or not (np.isfinite(law.x) & np.isfinite(law.y)).any():
+    found = law_curve(law)
+    if found is None:
         return None
-    (x_unit, x_size), (y_unit, y_size) = (readable_unit(float(np.nanmax(np.abs(values))), unit) for values, unit in (
-        (law.x, law.state_unit), (law.y, law.channel_unit)))
-    order = np.argsort(law.x)
-    x, y, reach = law.x[order] / x_size, law.y[order] / y_size, NORMAL_90 * law.sd[order] / y_size
-    units = [pretty_unit(unit) for unit in (x_unit, y_unit)]
-    names = [f"{name} ({unit})" if unit else name for name, unit in zip(
-        (law.state, f"{channel_words(law.channel)}, measured − predicted"), units, strict=True)]
-    chart = Chart(horizontal(names[0], *extent([x], 0.02), units[0]),
-                  vertical(names[1], *extent([y, y - reach, y + reach], around_zero=True), units[1]),
-                  f"{names[1]} over {names[0]}", readout="trace")
-    chart.band("interval", x, y - reach, y + reach)
-    chart.level("zero", 0.0)
+    names, x, y, reach = found
+    chart = Chart(f"{names[1]} over {names[0]}", *names)
+    chart.band("after", x, y - reach, y + reach)
+    chart.level(0.0)
     chart.curve("difference", "after", x, y)
+    chart.read(along=True)
     return chart.markup()
 
 
@@ -199,20 +146,15 @@ def tests_view(tests: WearTests | None, with_after: bool) -> TestsView | None:
     if unit == "um^3":
         unit, size = "mm^3", 1e-9  # which wear volumes are told in
     reach = extent([values / size for values in (tests.measured, *(one[1] for one in shown))], around_zero=True)
-    printed = pretty_unit(unit)
-    return TestsView(tuple((name, _chart(tests, values, name, printed, size, reach), f"R² = {number(r2, 0.01)}")
-                           for name, values, r2 in shown))
+    return TestsView(tuple((name, _chart(tests, values, name, pretty_unit(unit), size, reach),
+                            f"R² = {number(r2, 0.01)}") for name, values, r2 in shown))
 
 
-def _chart(tests: WearTests, predicted: Array, name: str, unit: str, size: float, reach: tuple[float, float]) -> Markup:
-    chart = Chart(horizontal(f"measured volume ({unit})", *reach, unit), vertical(f"predicted volume ({unit})", *reach,
-                                                                                   unit),
-                  f"predicted volume {name} over measured volume of each test")
-    ends = np.array(reach)
-    chart.curve("equal", "equal", ends, ends)
-    for row, x, y in zip(tests.rows, tests.measured / size, predicted / size, strict=True):
-        chart.parts.append(Markup(
-            '<circle class="at {}" cx="{:.1f}" cy="{:.1f}" r="{}"><title>row {}: measured {} {}, predicted {}</title>'
-            "</circle>").format(name, float(chart.x.pixels(x)), float(chart.y.pixels(y)), RADIUS, row, number(float(x)),
-                                unit, number(float(y))))
+def _chart(tests: WearTests, predicted: Array, name: str, unit: str, size: float, reach: Limits) -> Markup:
+    chart = Chart(f"predicted volume {name} over measured volume of each test", f"measured volume ({unit})",
+                  f"predicted volume ({unit})", reach, reach)
+    chart.curve("equal", "muted", np.array(reach), np.array(reach))
+    chart.points(name, name, tests.measured / size, predicted / size, [
+        f"row {row}: measured {number(float(x))} {unit}, predicted {number(float(y))}"
+        for row, x, y in zip(tests.rows, tests.measured / size, predicted / size, strict=True)])
     return chart.markup()

@@ -12,13 +12,13 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fretflow_post import style
-from fretflow_post.report.loops import LOW
-from fretflow_post.report.svg import BOTTOM, RIGHT, TOP, Chart, colour_bar, coloured, extent, horizontal, vertical
+from fretflow_post.report.charts import LOW, MARGINS, Chart, Limits
 from fretflow_post.wear_maps import differences, known_maps, profile, raster
 
 Array = NDArray[np.float64]
 
-EVERY = 3  # of a map's pixels is kept for the readout
+EVERY = 2  # of a picture's pixels is kept
+INNER, SIDES = 264, 66  # pixels of a map, and beside it
 EVEN = 0.5  # of the largest depth: where no point is shallower, colours do not begin at zero
 
 
@@ -27,10 +27,8 @@ class WearViews:
     """Wear depth measured and predicted on one scale and their differences on another, each map with words below."""
 
     panels: tuple[tuple[str, Markup, str], ...]  # name, map, words
-    scale: Markup
     begins: str  # where the colours begin, if not at zero
     away: tuple[tuple[str, Markup, str], ...]
-    away_scale: Markup | None
     profiles: Markup
 
 
@@ -48,29 +46,26 @@ def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
     def told(values: Array, second: str, most: float) -> str:
         return f"mean {number(float(np.nanmean(values)) / size)} {unit}, {second} {number(most / size)} {unit}"
 
-    panels = tuple((name, _wear_map(wear, values / size, f"wear depth {name}", style.DEPTH_MAP, (low, high), unit),
+    panels = tuple((name, _wear_map(wear, values / size, f"wear depth {name}", style.DEPTH_MAP, (low, high),
+                                    f"wear depth ({unit})"),
                     told(values, "deepest", float(np.nanmax(values)))) for name, values in shown.items())
     reach = max((float(np.nanmax(np.abs(values))) for values in away.values()), default=0.0) / size or 1.0
-    off = tuple((name, _wear_map(wear, values / size, f"measured − {name}", style.SHAPE_MAP,
-                                 (-reach, reach), unit), told(values, "sd", float(np.nanstd(values))))
-                for name, values in away.items())
-    return WearViews(
-        panels, colour_bar(style.DEPTH_MAP, low, high, f"wear depth ({unit})"), f"{number(low)} {unit}" if low > 0.0
-        else "", off, colour_bar(style.SHAPE_MAP, -reach, reach, f"measured − predicted ({unit})")
-        if off else None, _profiles(wear, shown, size, unit))
+    off = tuple((name, _wear_map(wear, values / size, f"measured − {name}", style.SHAPE_MAP, (-reach, reach),
+                                 f"measured − predicted ({unit})"),
+                 told(values, "sd", float(np.nanstd(values)))) for name, values in away.items())
+    return WearViews(panels, f"{number(low)} {unit}" if low > 0.0 else "", off, _profiles(wear, shown, size, unit))
 
 
 def _profiles(wear: WearMap, shown: dict[str, Array], size: float, unit: str) -> Markup:
     """Return the mean depth across over x, with the sd of the measured one across."""
     found = {name: profile(wear.x * 1e3, values / size) for name, values in shown.items()}
     x, mean, sd = found["measured"]
-    reach = extent([mean - sd, mean + sd, *(one[1] for one in found.values())])
-    chart = Chart(horizontal("x, sliding direction (mm)", *extent([x], 0.02), "mm"),
-                  vertical(f"mean depth across ({unit})", *reach, unit, LOW), "mean wear depth across, over x",
-                  height=LOW, readout="trace")
-    chart.band("spread", x, mean - sd, mean + sd)
+    chart = Chart("mean wear depth across, over x", "x, sliding direction (mm)", f"mean depth across ({unit})",
+                  height=LOW)
+    chart.band("measured", x, mean - sd, mean + sd)
     for name, (at, own, _) in found.items():
         chart.curve(name, name, at, own)
+    chart.read(along=True)
     return chart.markup()
 
 
@@ -82,17 +77,12 @@ def _lowest(least: float, largest: float) -> float:
     return float(np.floor(least / step) * step)
 
 
-def _wear_map(wear: WearMap, depth: Array, name: str, colours: str, limits: tuple[float, float], unit: str) -> Markup:
-    length_unit, size = readable_unit(float(np.nanmax(np.abs(np.r_[wear.x, wear.y]), initial=0.0)), "m")
-    x, y = wear.x / size, wear.y / size
-    pixels, (left, right, low, high) = raster(x, y, depth)
-    shape = (high - low) / (right - left)
-    width, inner = 330.0, 330.0 - 54.0 - RIGHT
-    height = float(np.clip(inner * shape, 40.0, 600.0)) + TOP + BOTTOM
-    printed = pretty_unit(length_unit)
-    chart = Chart(horizontal(f"x, sliding direction ({printed})", left, right, printed, width, 54.0),
-                  vertical(f"y ({printed})", low, high, printed, height), name, width, height)
-    box = (54.0, TOP, inner, height - TOP - BOTTOM)
-    chart.image(coloured(pixels, colours, *limits), box)
-    chart.values(pixels[EVERY // 2::EVERY, EVERY // 2::EVERY], (limits[1] - limits[0]) / 1000.0, box, unit)
+def _wear_map(wear: WearMap, depth: Array, name: str, colours: str, limits: Limits, label: str) -> Markup:
+    unit, size = readable_unit(float(np.nanmax(np.abs(np.r_[wear.x, wear.y]), initial=0.0)), "m")
+    pixels, box = raster(wear.x / size, wear.y / size, depth)
+    left, right, low, high = box
+    height = round(float(np.clip(INNER * (high - low) / (right - left), 40.0, 600.0)))
+    chart = Chart(name, f"x, sliding direction ({pretty_unit(unit)})", f"y ({pretty_unit(unit)})", (left, right),
+                  (low, high), height + MARGINS, INNER + SIDES)
+    chart.image(pixels[EVERY // 2::EVERY, EVERY // 2::EVERY], box, style.palette(colours), limits, label)
     return chart.markup()

@@ -304,8 +304,9 @@ class Diagnosis:
         Parameters
         ----------
         what : str
-            ``loops``; ``evolution``, what is read off them over the cycles; ``parameters``, the posterior in pairs;
-            ``wear``, the worn depth and its differences.
+            ``loops``; ``evolution``, what is read off them over the cycles; ``maps``, the differences over loop and
+            phase; ``parameters``, the posterior in pairs; ``wear``, the worn depth and its differences; ``curves``,
+            backbones, responses and worn profiles; ``volumes``, of wear tests; ``law``, an unlisted effect's.
 
         Raises
         ------

@@ -236,3 +236,22 @@ class RunResults(RunRecords):
     def plot(self) -> Any:
         """Return a `matplotlib.figure.Figure`: loops, the contact's last map, worn volume and responses."""
         return provided(FIGURES, "results")(self)
+
+    def render(self, figures: Sequence[str] = (), formats: Sequence[str] = ()) -> list[Path]:
+        """Draw the pictures of the run again, as `fretflow render` does, and return their files.
+
+        Parameters
+        ----------
+        figures : sequence of str
+            Names, such as ``loops``, ``mode_shapes``, ``wear_shape``; all that the case asks for where none is given.
+        formats : sequence of str
+            ``png``, ``svg``, ``pdf``.
+
+        Raises
+        ------
+        InputError
+            If there is no such picture or format.
+        """
+        from fretflow.pipeline.stages import render_run
+
+        return render_run(self.home, figures, formats)
