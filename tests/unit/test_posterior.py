@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from fretflow.experiments.wear_series.run import left_to_chance
 from fretflow.inference.parameters import Array, Parameters
-from fretflow.inference.posterior import Found, Posterior, detected, faint, held_to, largest_odds, taken_of_effects
+from fretflow.inference.posterior import (
+    Found,
+    Posterior,
+    beyond_forms,
+    detected,
+    faint,
+    held_to,
+    largest_odds,
+    taken_of_effects,
+)
 from fretflow.inference.search import Search, Start
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
@@ -130,3 +139,17 @@ def test_what_effects_take_of_each_other_is_the_square_of_the_cosine_between_the
     assert shares("viscous", "parallel-stiffness") == pytest.approx([0.25, 0.25], rel=1e-9)
     assert shares("contact-stiffness", "contact-stiffness-evolution") == pytest.approx([0.0, 0.0])
     assert shares("contact-stiffness", "channel-delay") == pytest.approx([1.0 / 3.0], rel=1e-9)
+
+
+@pytest.mark.parametrize(("left", "odds"), [(97.0, 0.0), (93.0, 0.0), (60.0, 13.6)])
+def test_what_is_taken_of_mere_noise_counts_by_wilks_test(left: float, odds: float) -> None:
+    """Of 95 where 100 are expected: more is left, two less are taken by two parameters, 35 less by these.
+
+    Wilks' p is ``exp(-g / 2)`` for a gain g by two parameters, worth at most ``2 exp(g / 2) / (e g)``.
+    """
+    fewer, wider = frozenset({"viscous"}), frozenset({"viscous", "backlash"})
+    search = SimpleNamespace(
+        fits={fewer: SimpleNamespace(z=np.zeros(3)), wider: SimpleNamespace(z=np.zeros(5))},
+        chi_squared=lambda names: 95.0 if names == fewer else left,
+        experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0)))
+    assert beyond_forms(cast(Search, search), fewer, wider) == pytest.approx(odds, abs=0.05)

@@ -18,7 +18,7 @@ from math import comb, e, exp, inf, log, sqrt
 
 import numpy as np
 from scipy.special import logit
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import FORMS, SEED
@@ -235,8 +235,9 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
-    if left <= 0.0:
-        return np.inf  # all that is left is noise, as the covariance has it
+    if left <= 0.0:  # all that is left is noise, as the covariance has it: what is taken of that is chance
+        more = len(found.fits[wider].z) - len(found.fits[fewer].z)
+        return log(largest_odds(float(chi2.sf(found.chi_squared(fewer) - found.chi_squared(wider), max(more, 1)))))
     least = float(np.finfo(np.float32).eps)  # so that logits are finite
     taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
