@@ -85,7 +85,7 @@ def test_the_posterior_goes_to_a_file_that_keeps_names_draws_and_units(cases, tm
 
 
 def test_what_is_not_there_is_said(cases):
-    with pytest.raises(InputError, match="'loop' is none of loops, evolution"):
+    with pytest.raises(InputError, match=r"'loop' is none of loops, evolution.*; did you mean loops\?"):
         cases.named().plot("loop")
     with pytest.raises(InputError, match="no fitted parameters"):
         cases.empty().plot("parameters")
