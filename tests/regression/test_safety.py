@@ -246,3 +246,13 @@ def test_tables_and_lines_keep_rich_text_but_no_codes_of_the_user(capsys):
     seen = capsys.readouterr().out
     assert "\x1b[1mline\x1b[0m" in seen
     assert not any(code in seen for code in ("\x1b]", "\x1b[2J", "\x9b", "\x07", "\u202e"))
+
+
+def test_good_files_damaged_at_random_are_taken_or_refused_in_a_line(tmp_path):
+    script = Path(__file__).with_name("damaged_inputs.py")
+    done = subprocess.run([sys.executable, script, "14", "1"], env={**os.environ, "TMPDIR": str(tmp_path)},
+                          capture_output=True, text=True, timeout=300, check=True)
+    assert done.stderr == ""
+    rows = [row.split() for row in done.stdout.splitlines()]
+    assert sum(int(count) for _, count, _ in rows) == 14
+    assert {result for _, _, result in rows} == {"taken", "refused"}
