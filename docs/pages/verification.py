@@ -38,7 +38,18 @@ VERIFICATION_HEAD = """# Verification
 Every test that compares with something independent: a closed form, a limit, a balance, a rate of convergence, another
 integrator or code, a measurement. The right column holds the bounds that the test asserts, as its code has them; a
 test without one asserts an identity, an order or a message. This page is made from the tests; `./fretflow test` runs
-them all."""
+them all.
+
+## Bad input
+
+`tests/unit/test_bad_inputs.py` gives commands 615 inputs that none can use: 504 values of the wrong kind, one for each
+key and kind, 77 files (nested without end, pipes, claims of sizes that were never written, references in a circle), and
+wrong paths and options. All are refused at once, in one line, with exit code 2, within 4 GB and 20 s.
+
+`.venv/bin/python tests/regression/damaged_inputs.py 420 0` damages good cases, recordings (CSV, HDF5, MATLAB) and
+meshes at random places, by cuts, noise, turned bits, gaps, lines left out and other numbers. Of 420 such files 114
+were taken (a changed digit is a number too) and 305 refused in one line; one mesh ended gmsh and the command with it,
+and is refused since meshes of one's own are read in a process of their own."""
 
 
 def spoken(test: ast.FunctionDef) -> str:

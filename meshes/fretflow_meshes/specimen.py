@@ -20,9 +20,10 @@ from typing import Final
 import numpy as np
 from fretflow.case import config
 from fretflow.case.config import FaceShape, Specimen
-from fretflow.core.errors import MeshError
+from fretflow.core.errors import MeshError, PlatformError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
+from fretflow.pipeline.isolated import call_isolated
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -66,7 +67,10 @@ def read_specimen(source: Path, specimen: Specimen, mesh: config.Mesh, side: Sid
         If the file, a group or the right elements are missing, the degree differs from ``mesh.degree``, the
         size is implausible, the contact face is not in z = 0, or an element is inverted.
     """
-    hexahedra = read_mesh(source)
+    try:
+        hexahedra = call_isolated(read_mesh, source)  # a damaged file may take gmsh's process with it
+    except PlatformError as error:
+        raise MeshError(f"{source}: is damaged, so that gmsh breaks off in it; write the mesh anew") from error
     if hexahedra.degree != mesh.degree:
         raise MeshError(f"{source}: holds hexahedra of degree {hexahedra.degree}; "
                         f"set mesh.degree = {hexahedra.degree} or give a mesh of degree {mesh.degree}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from fretflow.core.errors import InputError, printable
+from fretflow.core.errors import InputError, did_you_mean, printable
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import Diagnosis, Estimate, Evolution, MeasuredCurve, ResidualLaw, ResidualMap, Verdict
 from fretflow.inference.words import channel_words, headline, together
@@ -50,7 +50,7 @@ def plot_diagnosis(diagnosis: Diagnosis, what: str = "loops") -> Figure:
         If there is no such figure, or the diagnosis has nothing to draw there.
     """
     if what not in FIGURES:
-        raise InputError(f"plot: {what!r} is none of {', '.join(FIGURES)}")
+        raise InputError(f"plot: {what!r} is none of {', '.join(FIGURES)}{did_you_mean(what, FIGURES)}")
     figure = FIGURES[what](diagnosis)
     if figure is None:
         raise InputError(f"plot: this diagnosis has nothing to draw as {what!r}")

@@ -6,6 +6,7 @@ from pathlib import Path
 from textwrap import wrap
 
 import numpy as np
+from fretflow.core.units import pretty_number
 from fretflow.effects.effect import Effect, Sketch
 
 from fretflow_post import style
@@ -38,6 +39,7 @@ def plot_effect(path: Path, name: str, effect: Effect) -> Path:
             panels[1].axhline(0.0, color="black", linewidth=0.8)
             panels[1].set(ylabel="effect −\nbaseline")
         panels[-1].set(xlabel=sketch.x_label)
+        panels[-1].xaxis.set_major_formatter(lambda value, _: pretty_number(value).replace("-", "−"))
         return style.save_figure(figure, path)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.case.config import Output
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, did_you_mean
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import read_record
 from fretflow.pipeline.results import SIDES, RunRecords
@@ -75,7 +75,7 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     run = DrawnRun(folders, output or Output())
     wrong = [name for name in run.output.figures or () if name not in NAMES]
     if wrong:
-        raise InputError(f"output.figures: {wrong[0]!r} is none of {', '.join(NAMES)}")
+        raise InputError(f"output.figures: {wrong[0]!r} is none of {', '.join(NAMES)}{did_you_mean(wrong[0], NAMES)}")
     files: list[Path] = []
     with style.saved_as(run.output.figure_formats):
         for name, draw in _pictures(run):

@@ -175,6 +175,25 @@ def test_a_gap_is_bridged_and_said(monkeypatch):
     np.testing.assert_allclose(found.first_harmonic[:, :2], linear(found.frequency, 2.0), rtol=1e-5)
 
 
+def test_a_curve_that_turns_round_on_itself_is_taken_up_beyond_and_said(monkeypatch):
+    """At one point on the way up the next is sought behind, as where contacts that stick have many periods."""
+    real, turned = continuation._Follower._arc, []
+
+    def turn_once(self, now, along, arc):
+        if not turned and now.omega > 2 * np.pi * 95.0 and along[-1] > 0.0:
+            turned.append(now.omega / (2 * np.pi))
+            return real(self, now, -along, arc)
+        return real(self, now, along, arc)
+
+    monkeypatch.setattr(continuation._Follower, "_arc", turn_once)
+    up = replace(SHORT, directions=(SweepDirection.UP,))
+    found = respond(problem(2.0, 100.0), up, lambda direction, frequency: None)
+    assert found.frequency[-1] == pytest.approx(110.0)
+    assert np.all(np.diff(found.frequency) > 0.0)
+    assert found.frequency[np.flatnonzero(found.bridged) - 1] == pytest.approx(turned)
+    np.testing.assert_allclose(found.first_harmonic[:, :2], linear(found.frequency, 2.0), rtol=1e-5)
+
+
 def test_a_gap_too_wide_is_an_error_that_names_the_frequency(monkeypatch):
     gap_between(monkeypatch, 90.0, 100.0)
     words = r"forced response near (89|90)\.\d+ Hz: the curve has a gap"

@@ -242,6 +242,15 @@ def test_ranges_go_with_the_size_of_the_joint():
     assert scaled["velocity-dependent-friction.strength"] == own["velocity-dependent-friction.strength"]
 
 
+def test_a_resonance_is_sought_on_the_time_scale_of_the_recording_and_a_delay_on_that_of_instruments():
+    slow = replace(RIG, time=100.0 * RIG.time)  # 1 Hz instead of 100
+    mode, delay = (declared_priors(catalogue()[name])[field] for name, field in (
+        ("extra-mode", "frequency"), ("channel-delay", "delay")))
+    assert slow.prior(mode, "Hz").low == pytest.approx(0.01 * mode.low)
+    assert slow.prior(mode, "Hz").high == pytest.approx(0.01 * mode.high)
+    assert slow.prior(delay, "s") == delay
+
+
 def test_recordings_that_cannot_be_fitted_are_refused():
     still = plain_data(IMPOSED_DISPLACEMENT, moving(np.zeros(20)), np.zeros(20))
     with pytest.raises(InputError, match="constant"):

@@ -23,7 +23,7 @@ from fretflow.pipeline.isolated import call_isolated
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
 from fretflow_meshes.gmsh_files import read_mesh
-from fretflow_meshes.specimen import Side, build_specimen
+from fretflow_meshes.specimen import Side, build_specimen, read_specimen
 
 TRAP = "open({!r}, 'w').close()\nraise SystemExit('a module of the working folder was imported')\n"
 SHADOWED = ("multiprocessing", "psutil", "vtkmodules", "numba", "pickle")
@@ -81,6 +81,16 @@ def test_nor_does_it_when_the_mesh_is_read_for_assembly(mesh):
 
 
 @pytest.mark.fem
+def test_a_mesh_on_which_gmsh_crashes_is_refused(mesh):
+    """A node of a number far below zero ends some versions of gmsh by a signal; others may find words for it."""
+    content = bytearray(mesh.read_bytes())
+    first_node = content.index(b"$Elements\n") + 70
+    content[first_node:first_node + 8] = (-2**20).to_bytes(8, "little", signed=True)
+    mesh.write_bytes(content)
+    with pytest.raises(MeshError, match=r"upper\.msh: .*gmsh"):
+        read_specimen(mesh, Specimen(), Mesh(contact_elements=2), Side.UPPER, mesh.with_name("own.msh"))
+
+
 def test_a_script_that_is_called_a_mesh_is_not_run(tmp_path):
     from fretflow.structure.fem.mesh_file import read_mesh as read
     from mpi4py import MPI
@@ -246,3 +256,13 @@ def test_tables_and_lines_keep_rich_text_but_no_codes_of_the_user(capsys):
     seen = capsys.readouterr().out
     assert "\x1b[1mline\x1b[0m" in seen
     assert not any(code in seen for code in ("\x1b]", "\x1b[2J", "\x9b", "\x07", "\u202e"))
+
+
+def test_good_files_damaged_at_random_are_taken_or_refused_in_a_line(tmp_path):
+    script = Path(__file__).with_name("damaged_inputs.py")
+    done = subprocess.run([sys.executable, script, "14", "1"], env={**os.environ, "TMPDIR": str(tmp_path)},
+                          capture_output=True, text=True, timeout=300, check=True)
+    assert done.stderr == ""
+    rows = [row.split() for row in done.stdout.splitlines()]
+    assert sum(int(count) for _, count, _ in rows) == 14
+    assert {result for _, _, result in rows} == {"taken", "refused"}

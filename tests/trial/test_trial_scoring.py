@@ -245,6 +245,15 @@ def test_calibration_error_by_chance_is_that_of_a_fair_coin() -> None:
     assert calibration_by_chance([]) is None
 
 
+@pytest.mark.parametrize(("right", "cases", "met"), [(1, 1, None), (0, 20, False), (14, 20, True)])
+def test_a_calibration_error_that_chance_shows_too_is_not_missed(right: int, cases: int, met: bool | None) -> None:
+    """Stated 0.7 throughout: of one case the error is 0.3 or 0.7, on average 2 x 0.7 x 0.3 = 0.42 if 0.7 is right."""
+    results = [Result(f"case-{k:03d}", truth("viscous"), said("named", "viscous" if k < right else "backlash",
+                                                              probability=0.7)) for k in range(cases)]
+    found = {one["name"]: one for one in scoreboard(results)["targets"]}["expected calibration error"]
+    assert found["met"] is met
+
+
 def test_intervals_of_the_baseline_count_where_nothing_is_hidden() -> None:
     key = replace(truth(), parameters={"rig.moving_mass": 10.0})
     told = {"rig.moving_mass": (10.1, 9.9, 10.3)}

@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -289,6 +290,16 @@ def test_names_that_are_copied_are_never_broken(capsys, monkeypatch, width, tmp_
     assert all(name in said for name in catalogue()["third-body"].model_fields)
     assert " um" not in said
     assert "e+0" not in said
+
+
+@pytest.mark.parametrize("width", ["60", "70"])
+def test_a_narrow_terminal_loses_no_letter(capsys, monkeypatch, width, tmp_path):
+    said = []
+    for columns in ("300", width):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert fretflow("effects", "third-body", "--out", tmp_path) == 0
+        said.append(Counter("".join(capsys.readouterr().out.split()).replace("─", "")))
+    assert said[0] == said[1]
 
 
 @pytest.mark.parametrize(("shell", "file"), [("bash", ".local/share/bash-completion/completions/fretflow"),

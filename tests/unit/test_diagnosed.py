@@ -113,7 +113,7 @@ def test_maps_law_volumes_and_curves_hold_the_records_numbers(cases):
 
 
 def test_what_is_not_there_is_said(cases):
-    with pytest.raises(InputError, match="'loop' is none of loops, evolution"):
+    with pytest.raises(InputError, match=r"'loop' is none of loops, evolution.*; did you mean loops\?"):
         cases.named().plot("loop")
     with pytest.raises(InputError, match="nothing to draw as 'parameters'"):
         cases.empty().plot("parameters")

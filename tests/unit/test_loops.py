@@ -10,6 +10,7 @@ import pytest
 from fretflow.case.config import SlidingRegime
 from fretflow.core.errors import InputError
 from fretflow.recordings.hysteresis import HysteresisLoop, read_loop
+from fretflow.recordings.readings import read_noisy_loop
 
 AMPLITUDE, STIFFNESS, MU, LOAD = 8e-6, 28e6, 0.88, 60.0
 
@@ -139,3 +140,18 @@ def test_reversal_of_a_motion_that_rests_while_the_force_turns():
         assert seen.tangential_compliance is not None
         compliances.append(seen.tangential_compliance)
     assert np.mean(compliances) == pytest.approx(1.0 / stiffness, rel=0.15, abs=0.0)
+
+
+@pytest.mark.parametrize("read", [read_loop, lambda loop: read_noisy_loop(loop.displacement, loop.force)])
+@pytest.mark.parametrize("samples", [400, 1000])
+def test_play_at_zero_force_does_not_hide_the_sliding(samples, read):
+    """A slider F behind a spring k with play g slides 2 X - 2 F / k - g of a stroke 2 X: its work over 2 F."""
+    limit, stiffness, play, stroke = 4.173e3, 4.94e6, 3.2e-3, 25e-3
+    x = stroke * np.sin(2.0 * np.pi * np.arange(3 * samples) / samples)
+    reach, slider, force = 0.5 * play + limit / stiffness, 0.0, []
+    for at in x:
+        slider = float(np.clip(slider, at - reach, at + reach))
+        free = at - slider
+        force.append(stiffness * np.sign(free) * max(0.0, abs(free) - 0.5 * play))
+    found = read(HysteresisLoop(displacement=x[-samples:], force=np.array(force[-samples:])))
+    assert found.sliding_distance == pytest.approx(2.0 * stroke - 2.0 * limit / stiffness - play, rel=5e-3)

@@ -88,6 +88,17 @@ def test_the_text_of_every_effect_s_picture_is_within_it(name, tmp_path, monkeyp
     assert max(box.x1 for box in boxes) <= figure.bbox.x1
 
 
+def test_cycles_of_an_effect_s_picture_are_counted_as_everywhere(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(style, "save_figure", lambda figure, path: drawn.append(figure))
+    plot_effect(tmp_path / "effect.png", "normal-load-drift", catalogue()["normal-load-drift"]())
+    [figure] = drawn
+    figure.draw_without_rendering()
+    told = [text.get_text() for text in figure.axes[-1].get_xticklabels()]
+    assert "100,000" in told
+    assert "100000" not in told
+
+
 def test_titles_are_text_whatever_stands_in_them(tmp_path):
     with style.styled():
         figure = style.new_figure("costs $5 and \\frac{$ \x1b[2J\x07", "none")

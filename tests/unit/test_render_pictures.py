@@ -311,7 +311,7 @@ def test_pictures_and_formats_are_those_asked_for(folders, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in files}
     begins = {"svg": b"<?xml", "pdf": b"%PDF", "csv": b"cycles"}
     assert all(path.read_bytes().startswith(begins[path.suffix[1:]]) for path in files)
-    for wishes, words in (({"figures": ("loop",)}, "figures: 'loop' is none of specimens, "),
+    for wishes, words in (({"figures": ("loop",)}, r"figures: 'loop' is none of specimens, .*; did you mean loops\?"),
                           ({"figure_formats": ("jpg",)}, "figure_formats: 'jpg' is none of png, svg, pdf")):
         with pytest.raises(InputError, match=words):
             render_run(folders, tmp_path, Output().model_copy(update=wishes))

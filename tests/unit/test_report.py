@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.inference.verdict import Place, Remainder, Verdict
+from fretflow.inference.verdict import Estimate, Place, Remainder, Verdict
 from fretflow_post import style
 from fretflow_post.report import charts, render_report, write_report
 from matplotlib.colors import to_rgb
@@ -241,6 +241,14 @@ def test_values_of_a_model_that_explains_little_are_no_parameters(cases):
     found = replace(cases.unknown(), parameters=cases.named().parameters)
     assert "of a model that does not explain the recording" in page_of(found).text
     assert "of a model that does not explain the recording" not in page_of(cases.named()).text
+
+
+@pytest.mark.parametrize(("kind", "told"), [("fretting-rig", True), ("imposed-displacement", False)])
+def test_a_length_has_the_range_of_a_rig_on_pages_of_rigs_alone(cases, kind, told):
+    """A damper's play of some millimetres is no more implausible than its strokes."""
+    play = Estimate(name="backlash.play", value=3.2e-3, low=2.9e-3, high=3.5e-3, unit="m")
+    page = render_report(replace(cases.named(), kind=kind, parameters=(play,)))
+    assert ('<svg class="range"' in page) == ("plausible 0.500 to 10.0 µm" in page) == told
 
 
 @pytest.mark.parametrize(("maker", "there", "absent"), [

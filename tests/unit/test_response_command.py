@@ -164,7 +164,7 @@ def test_gaps_in_a_curve_are_told(home, capsys):
     bridged = np.zeros(len(run.curve.frequency), dtype=bool)
     bridged[run.curve.along(SweepDirection.UP)[1]] = True
     cli_response.show_peaks([replace(run, curve=replace(run.curve, bridged=bridged))])
-    assert "1 gaps bridged, unworn, " in capsys.readouterr().out
+    assert "1 gap bridged, unworn, " in capsys.readouterr().out
 
 
 def test_an_interrupted_command_goes_on_from_its_points(home, monkeypatch):

@@ -4,6 +4,7 @@ What carries the weight: each judgement says met, not met and cannot tell where 
 put in, and the claims are those of the example that a diagnosis takes.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,14 @@ def test_slip_at_the_border_while_the_middle_sticks_is_met():
     inner = EDGE < 0.99
     assert trend.met
     assert trend.found == f"{1.0 - (EDGE * AREAS)[inner].sum() / AREAS[inner].sum():.3g}"
+
+
+def test_a_joint_that_has_stopped_wearing_tells_of_all_later_cycles():
+    stuck = replace(history([0], uniform([0])), stopped_by="vanishing rate")
+    trend = judged("sliding-distance", worn(stuck), 75.0)
+    assert trend.met is False
+    assert trend.found.startswith("0 m: ")
+    assert "too few" in judged("sliding-distance", worn(history([0], uniform([0]))), 75.0).found
 
 
 def test_slip_in_the_middle_is_not_met_and_gross_slip_alone_cannot_tell():

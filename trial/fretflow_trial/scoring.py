@@ -176,7 +176,7 @@ def _within(share: Mapping[str, Any], low: float, high: float) -> bool | None:
 def targets(loud: Sequence[Result], everything: Sequence[Result]) -> list[dict[str, Any]]:
     """Return each target, what was reached, within which 95 % interval, and whether that meets it (None: no case).
 
-    A calibration error has no interval but what chance alone would show.
+    A calibration error has no interval but what chance alone would show: one no larger than that misses nothing.
 
     All are of the cases `loud`, at signal-to-noise 10 or more, but for the last, which is of `everything`.
     """
@@ -189,10 +189,10 @@ def targets(loud: Sequence[Result], everything: Sequence[Result]) -> list[dict[s
                 "met": None if value is None else value >= least}
 
     def at_most(name: str, one: Mapping[str, Any], most: float) -> dict[str, Any]:
-        value = one["value"]
+        value, by_chance = one["value"], one.get("by_chance") or 0.0
         return {"name": name, "value": value, "cases": one["cases"], "target": f"at most {most:g}",
                 "interval_95": one.get("interval_95"), "by_chance": one.get("by_chance"),
-                "met": None if value is None else value <= most}
+                "met": None if value is None or most < value <= by_chance else value <= most}
 
     coverage = at_least("90 % intervals that hold the truth", "coverage", 0.85)
     coverage.update(target="0.85 to 0.95", met=_within(scores["coverage"], 0.85, 0.95))

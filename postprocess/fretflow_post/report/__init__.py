@@ -61,7 +61,8 @@ def render_report(diagnosis: Diagnosis) -> str:
         "maps": map_views(diagnosis),
         "after_words": words.after_words(diagnosis),
         "places": _split(_places(diagnosis), MOST_PLACES),
-        "where": tuple(_where(diagnosis)), "parameters": tuple(_row(one) for one in diagnosis.parameters),
+        "where": tuple(_where(diagnosis)),
+        "parameters": tuple(_row(one, diagnosis.kind) for one in diagnosis.parameters),
         "fit": None if diagnosis.held_out is None else _fit(diagnosis.held_out, with_after),
         "wear": wear_views(diagnosis.wear_map, with_after), "law": law_view(diagnosis.residual_law),
         "tests": tests_view(diagnosis.wear_tests, diagnosis.verdict is not Verdict.NONE),
@@ -222,9 +223,9 @@ class ParameterRow:
     plausible: Markup | None
 
 
-def _row(one: Estimate) -> ParameterRow:
+def _row(one: Estimate, recorded: str) -> ParameterRow:
     return ParameterRow(words.parameter_words(one.name), one.name, one.name.rpartition(".")[0], one.meaning,
-                        words.interval(one), plausible_range(one))
+                        words.interval(one), plausible_range(one, recorded))
 
 
 @dataclass(frozen=True)

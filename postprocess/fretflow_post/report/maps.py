@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Prior, declared_priors
+from fretflow.effects.effect import DRIVEN, Prior, declared_priors
 from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearTests
-from fretflow.inference.words import channel_words, number
+from fretflow.inference.words import channel_words, number, of_any_size
 from markupsafe import Markup
 from numpy.typing import NDArray
 
@@ -103,16 +103,21 @@ def law_view(law: ResidualLaw | None) -> Markup | None:
     return chart.markup()
 
 
-def plausible_range(estimate: Estimate) -> Markup | None:
-    """Return where an effect's parameter lies in its plausible range, or None where the catalogue has none."""
+def plausible_range(estimate: Estimate, recorded: str) -> Markup | None:
+    """Return where an effect's parameter lies in its plausible range, or None where there is none.
+
+    Those of forces and lengths are a rig's: in `recorded` joints that a motion drives they go with the joint.
+    """
     name, _, field = estimate.name.rpartition(".")
     kind = catalogue().get(name)
-    prior = declared_priors(kind).get(field) if kind is not None else None
+    known = kind is not None and (recorded not in {one.id for one in DRIVEN} or of_any_size(kind, estimate.unit))
+    prior = declared_priors(kind).get(field) if kind is not None and known else None
     ends = (estimate.low, estimate.value, estimate.high)
     if prior is None or not np.isfinite(ends).all() or not prior.high > prior.low:
         return None
     low, value, high = (8.0 + 124.0 * _share(prior, end) for end in ends)
-    words = f"plausible {number(prior.low)} to {number(prior.high)} {pretty_unit(estimate.unit)}".rstrip()
+    unit, size = readable_unit(max(abs(prior.low), abs(prior.high)), estimate.unit)
+    words = f"plausible {number(prior.low / size)} to {number(prior.high / size)} {pretty_unit(unit)}".rstrip()
     return Markup('<svg class="range" viewBox="0 0 140 16" role="img" aria-label="{0}"><title>{0}</title>'
                   '<path class="rail" d="M8 8H132M8 4V12M132 4V12"/><path class="reach" d="M{1:.1f} 8H{2:.1f}"/>'
                   '<circle cx="{3:.1f}" cy="8" r="2.4"/></svg>').format(words, low, max(high, low + 1.0), value)

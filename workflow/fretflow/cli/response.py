@@ -100,7 +100,7 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
                      str(peak.turning_points) if peak.turning_points else "none", stable)
         if peak.bridged_points:
             name = f"{peak.state}, {peak.excitation:g} N, {peak.direction}"
-            reasons.append(f"{peak.bridged_points} gaps bridged, {name}: there the curve could not be followed")
+            reasons.append(f"{peak.gaps} bridged, {name}: there the curve could not be followed")
         if peak.reason:
             reasons.append(f"no damping for {peak.state}, {peak.excitation:g} N, {peak.direction}: {peak.reason}")
     console = Terminal(highlight=False)

@@ -53,6 +53,10 @@ class Terminal(Console):
     def __init__(self, *, quiet: bool = False, **settings: Any) -> None:
         super().__init__(quiet=quiet or self.silent, **settings)
 
+    def print(self, *objects: Any, crop: bool = False, **settings: Any) -> None:
+        """Print, and cut nothing off what a narrow terminal has no room for: it wraps the line."""
+        super().print(*objects, crop=crop, **settings)
+
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yield the segments of `renderable`, those that rich itself steers the terminal with as they are."""
         for segment in super().render(renderable, options):

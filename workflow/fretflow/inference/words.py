@@ -13,13 +13,13 @@ from markupsafe import Markup, escape
 
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Block, declared_priors
+from fretflow.effects.effect import Block, Effect, declared_priors
 from fretflow.inference.verdict import Candidate, Diagnosis, Estimate, Verdict
 
 EVERYTHING = "the same test at another amplitude, another normal load and another frequency"
 BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 NOTHING = "–"
-INSTRUMENTS = ("kg", "s", "Hz")  # units of what belongs to them, and does not go with a joint's size
+INSTRUMENTS = ("kg", "s")  # units of what belongs to them, and does not go with a joint's size
 _LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ", "eps": "ε"}
 _PLAIN = range(-4, 7)  # powers of ten of numbers that are written without one, as C's %g does, and millions
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -183,16 +183,24 @@ def interval(estimate: Estimate) -> Interval:
     return Interval(value, low, high, printed, relative)
 
 
+def of_any_size(kind: type[Effect], unit: str) -> bool:
+    """Tell whether a plausible range holds for any joint, as of numbers and of masses and delays of instruments.
+
+    Forces, lengths and frequencies go with the joint and its motion.
+    """
+    return unit in ("", "1") or (kind.block is Block.SENSOR and unit in INSTRUMENTS)
+
+
 def implausible(made: Iterable[Estimate]) -> list[str]:
     """Return a warning for each parameter of an effect outside of what the catalogue holds plausible.
 
-    Forces and lengths go with the size of a joint; numbers do not, nor do masses, times and frequencies of instruments.
+    Not where that goes with the size of a joint, see `of_any_size`.
     """
     notes = []
     for one in made:
         effect, _, field = one.name.rpartition(".")
         kind = catalogue().get(effect)
-        if kind is None or not (one.unit in ("", "1") or (kind.block is Block.SENSOR and one.unit in INSTRUMENTS)):
+        if kind is None or not of_any_size(kind, one.unit):
             continue
         prior = declared_priors(kind).get(field)
         size = abs(one.value) if prior is not None and prior.low >= 0.0 else one.value

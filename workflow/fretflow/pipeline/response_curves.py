@@ -26,7 +26,7 @@ from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.history import WearHistory
 
-VERSION = 2  # of the curves; a new one makes old files unused
+VERSION = 3  # of the curves; a new one makes old files unused
 FOLDER = "response_curves"
 PEAKS = "peaks.json"
 UNFINISHED = ".part"  # ending of the file of a curve that is being followed
@@ -72,13 +72,18 @@ class FoundPeak:
     sampling_error: float = quantity("1")
 
     @property
+    def gaps(self) -> str:
+        """Return how many gaps were bridged, in words."""
+        return "1 gap" if self.bridged_points == 1 else f"{self.bridged_points} gaps"
+
+    @property
     def text(self) -> str:
         """Return what was found, for people."""
         damping = (f"no damping: {self.reason}" if self.damping_ratio is None
                    else f"damping {100.0 * self.damping_ratio:.2f} %")
         folds = f"{self.turning_points} turning points" if self.turning_points else "no fold"
         unstable = f", {self.unstable_points} unstable" if self.unstable_points else ", all stable"
-        bridged = f", {self.bridged_points} gaps bridged" if self.bridged_points else ""
+        bridged = f", {self.gaps} bridged" if self.bridged_points else ""
         return (f"{self.frequency:.5g} Hz, {self.amplitude * 1e6:.4g} µm, {damping}; {self.points} points, "
                 f"{folds}{unstable}{bridged}")
 

@@ -31,6 +31,7 @@ PLATEAU_WINDOW = (0.2, 0.8)  # of the slip in a half-cycle: the ends are the kne
 PLATEAU_SLOPE = 0.1  # steepest plateau, as share of the stick slope
 FORCE_WEIGHT = 0.25  # beside displacement, each over its range, in the place of a reversal
 SHORTEST_SLIDE = 0.02  # of the peak-to-peak displacement
+MIDDLE = 0.01  # of the force swing, about its middle, where a round loop is as wide as there to 1e-4
 
 
 @record
@@ -179,15 +180,20 @@ def tangential_compliance(*halves: Branch) -> float | None:
 
 
 def sliding_distance(loop: HysteresisLoop) -> float:
-    """Return the loop's width in m at the middle of its forces.
+    """Return the loop's width in m at the middle of its forces, over a narrow band about it.
 
-    In a loop of sticks and plateaus this is the peak-to-peak displacement without the elastic part. Without noise
-    it lies within the half-cycles; with noise the reversal of a motion that rests there is anywhere in the rest, so
-    that the whole loop is searched.
+    In a loop of sticks and plateaus this is the peak-to-peak displacement without the elastic part, and without play,
+    which holds the force in the middle. The whole loop is gone through, straight from sample to sample: with noise the
+    reversal of a motion that rests there is anywhere in the rest, and passages up and down again cancel.
     """
-    middle = 0.5 * float(loop.force.max() + loop.force.min())
-    rising, falling = (_crossing(loop, middle, rising) for rising in (True, False))
-    return max(0.0, falling - rising) if rising is not None and falling is not None else 0.0
+    x, force = loop.displacement, loop.force - 0.5 * (loop.force.max() + loop.force.min())
+    band = 0.5 * MIDDLE * float(np.ptp(force))
+    if not band > 0.0:
+        return 0.0
+    within = np.clip(force, -band, band)
+    dx, rise, inner = (np.roll(values, -1) - values for values in (x, force, within))
+    share = np.divide(within + 0.5 * inner - force, rise, out=np.zeros_like(x), where=inner != 0.0)
+    return max(0.0, float(-(x + share * dx) @ inner) / (2.0 * band))
 
 
 def friction_limit(there: HalfCycle, back: HalfCycle, stiffness: float | None) -> float | None:
@@ -217,15 +223,3 @@ def _slope(x: Array, y: Array) -> float:
     """Return the slope of the line through y over x by least squares."""
     away = x - x.mean()
     return float(away @ y / max(float(away @ away), np.finfo(float).tiny))
-
-
-def _crossing(loop: HysteresisLoop, level: float, rising: bool) -> float | None:
-    """Return the mean displacement at which the force passes `level`, upwards or downwards, or None if never."""
-    closed = np.append(loop.force, loop.force[0])
-    force, after = closed[:-1], closed[1:]
-    k = np.flatnonzero((force <= level) & (after > level) if rising else (force > level) & (after <= level))
-    if not k.size:
-        return None
-    share = (level - force[k]) / (after[k] - force[k])
-    x, next_x = loop.displacement[k], loop.displacement[(k + 1) % len(force)]
-    return float(np.mean(x + share * (next_x - x)))

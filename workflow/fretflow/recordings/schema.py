@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.case.sections import Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, missing_last, reason
+from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, did_you_mean, missing_last, reason
 from fretflow.core.files import read_toml
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.kinds import FILE as FILE
@@ -135,7 +135,8 @@ class FileBlock(Section):
             raise ValueError('names no column; write them such as displacement = { column = "a", unit = "um" }')
         for name, entry in value.items():
             if name not in CHANNELS:
-                raise ValueError(f"{name}: unknown key; channels are {', '.join(CHANNELS)}")
+                raise ValueError(f"{name}: unknown key; channels are {', '.join(CHANNELS)}"
+                                 f"{did_you_mean(name, [*CHANNELS, *cls.model_fields])}")
             if not isinstance(entry, dict):
                 raise ValueError(f'{name}: must be a table such as {{ column = "a", unit = "{CHANNELS[name][0]}" }}')
         return value

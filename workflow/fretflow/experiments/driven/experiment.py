@@ -1,8 +1,8 @@
 """A driven joint's record under the inference engine: its measured force, and the force that its motion predicts.
 
 The ranges of the effects are those of a fretting rig; a joint of another size has them by similarity: forces go with
-the force amplitude F, lengths with the amplitude X of the motion, and times with X over the speed V. Delays and
-frequencies of sensors stay what they are.
+the force amplitude F, lengths with the amplitude X of the motion, and times and frequencies with X over the speed V.
+Delays of sensors stay what they are.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ RIG = Scale(50.0, 7e-6, 1.0 / (2.0 * float(np.pi) * 100.0))  # of test 1: 50 N o
 
 @cache
 def similarity(unit: str) -> tuple[float, float, float]:
-    """Return the powers of F, X and X / V in what goes with the size of a joint; times alone are those of sensors."""
+    """Return the powers of F, X and X / V in what goes with the size of a joint; times alone are delays of sensors."""
     powers: Mapping[str, Any] = registry().Unit(unit).dimensionality
     mass, length, time = (float(powers.get(f"[{name}]", 0)) for name in ("mass", "length", "time"))
-    return (mass, length - mass, time + 2.0 * mass) if mass or length else (0.0, 0.0, 0.0)
+    return (mass, length - mass, time + 2.0 * mass) if mass or length else (0.0, 0.0, min(time, 0.0))
 
 
 def baseline_of(kind: RecordingKind) -> type[Baseline]:

@@ -35,8 +35,8 @@ class WornTest:
     resonance: Callable[[int], float | None]  # Hz after so many cycles; None where it is not known
 
     def reaches(self, cycles: int) -> bool:
-        """Tell whether the test went so far."""
-        return bool(cycles <= self.history.cycles[-1])
+        """Tell whether the test went so far, or nothing changes any more."""
+        return bool(cycles <= self.history.cycles[-1]) or self.history.stopped_by == "vanishing rate"
 
     def depth(self, cycles: int) -> Array:
         """Return the depth (nodes,) after some cycles, m, linear between the steps of the wear."""

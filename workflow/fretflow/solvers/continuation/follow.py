@@ -6,8 +6,8 @@ coordinates also from where the joint settles in time there, and where there is 
 Its length is measured relative to the motion and the frequency themselves and set by how far the point found is from
 where the chord led, and by the effort. Where another direction has been, its points are solved again, from the contact
 as it is now, while they lie ahead. At the peak and its half-power points more periods are solved, with finer settings.
-Where a curve cannot be followed (samples that begin to stick make it jagged) it is taken up again at a frequency
-further on, and the point is marked as bridged.
+Where a curve cannot be followed (samples that begin to stick make it jagged), or has turned round and come back to
+where it began, it is taken up again at a frequency further on, and the point is marked as bridged.
 Equations: `continuation.system`; an interrupted curve: `continuation.checkpoint`.
 
 Stability is found at some points, and between any two that differ, at all: see `continuation.points`.
@@ -256,6 +256,12 @@ class _Follower:
         except NonConvergenceError as error:
             bridged, arc = True, self.sweep.first_arc
             new = self._bridge(now, float(np.sign(along[-1])), error)
+        if self._returned(trace, now, new):
+            del found[1 + max(range(len(found)), key=lambda k: trace.direction * found[k].point.omega):]
+            now, along = found[-1].point, np.append(np.zeros(len(now.seen)), float(trace.direction))
+            bridged, arc = True, self.sweep.first_arc
+            new = self._bridge(now, along[-1], NonConvergenceError(
+                f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve comes back as it went"))
         if not low < new.omega < high:
             found.append(self._keep(self._end(now, new, low if new.omega <= low else high)))
             trace.ended = True
@@ -268,6 +274,14 @@ class _Follower:
             chord = (new.unknowns - now.unknowns) / now.scales
             trace.arc = self._next_arc(new, chord, arc * along)
             trace.along = chord / np.linalg.norm(chord)
+
+    def _returned(self, trace: Trace, now: CurvePoint, new: CurvePoint) -> bool:
+        """Tell whether a curve leaves the range where it began and by the way it came: somewhere it turned round."""
+        first = trace.found[0].point
+        if trace.direction * (new.omega - first.omega) > 0.0:
+            return False
+        end = self._end(now, new, first.omega)
+        return bool(np.linalg.norm((end.unknowns - first.unknowns) / first.scales) < OFF)
 
     def _next_arc(self, new: CurvePoint, chord: Array, predicted: Array) -> float:
         length, off = float(np.linalg.norm(chord)), float(np.linalg.norm(chord - predicted))
