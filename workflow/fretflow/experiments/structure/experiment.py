@@ -311,8 +311,9 @@ class StructureExperiment(Experiment):
         if self.many or any(one.parameters != space for one in points):
             return differences(self, prediction, points)
         rough = replace(self, static=True)
+        about = rough.predict(prediction.point) if self.few else prediction
         beside, steps = prediction.point.beside()
-        slopes = whiten(np.nan_to_num(differences(rough, rough.predict(prediction.point), beside)) / steps)
+        slopes = whiten(np.nan_to_num(differences(rough, about, beside)) / steps)
         sharp, axes = np.linalg.eigh(np.eye(space.size) + slopes.T @ slopes)
         ends = axes / np.sqrt(sharp)
         forth, back = (differences(self, prediction, [replace(prediction.point, z=prediction.point.z + way * one)
