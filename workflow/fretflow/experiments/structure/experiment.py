@@ -429,15 +429,16 @@ class StructureExperiment(Experiment):
         asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - 1, 0):]
         found: list[PeriodicMode] = []
         moved: list[float] = []
-        for amplitude in asked[::1 + self.structure.contacts // MANY]:
+        for amplitude in asked[::-1 - self.structure.contacts // MANY]:  # falling, as in a decay
             modal = amplitude / (moved[-1] / found[-1].amplitude if found else self._gain(mode))
             try:
-                found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
-                                           found[-1] if found else None))
+                motion = periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
+                                       found[-1] if found else None)
             except NonConvergenceError:
-                break
-            moved.append(float(self._seen_of(found[-1].outputs[None], np.array([found[-1].frequency]),
-                                             np.array([found[-1].amplitude]))[0]))
+                continue
+            found.append(motion)
+            moved.append(float(self._seen_of(motion.outputs[None], np.array([motion.frequency]),
+                                             np.array([motion.amplitude]))[0]))
         if len(found) < 2:
             return None
         periodic = [np.array([getattr(one, name) for one in found]) for name in ("frequency", "damping")]
