@@ -126,6 +126,15 @@ def test_predictions_are_those_of_the_motion_and_not_of_the_mode_that_it_leaves(
     assert np.median(np.abs(damping / measured[1] - 1.0)[-6:]) < 0.04  # 0.53
 
 
+def test_nothing_is_lost_where_nothing_slides_wherever_between_the_points_that_begins(seen, tmp_path):
+    experiment = StructureExperiment.of(written(tmp_path, seen, (300.0, 3000.0)))
+    truth = at_truth(experiment)
+    at = [one.field for one in truth.parameters.coordinates].index("bolt_load")
+    for more in np.linspace(-0.2, 0.05, 6):  # of a sd, which is a factor of two: points are 5 % apart
+        damping = experiment.predict(Point(truth.parameters, truth.z + more * np.eye(3)[at])).values.reshape(2, -1)[1]
+        assert damping[:6] == pytest.approx(np.full(6, DAMPING), rel=1e-3)
+
+
 def test_nothing_is_missing_and_of_load_and_friction_the_product_alone_is_told(seen, tmp_path):
     found = diagnose_structure(written(tmp_path, seen, (300.0, 3000.0)), True, lambda share, text: None)
     assert found.verdict is Verdict.NONE

@@ -426,10 +426,11 @@ class StructureExperiment(Experiment):
         seen, frequency, damping = (one[order] for one in (self._seen(curve), curve.frequency, curve.damping))
         busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
         onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]
-        asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - 1, 0):]
+        every = 1 + self.structure.contacts // MANY
+        asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - 1 - every, 0):]
         found: list[PeriodicMode] = []
         moved: list[float] = []
-        for amplitude in asked[::-1 - self.structure.contacts // MANY]:  # falling, as in a decay
+        for amplitude in asked[::-every]:  # falling, as in a decay
             modal = amplitude / (moved[-1] / found[-1].amplitude if found else self._gain(mode))
             try:
                 motion = periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
