@@ -305,7 +305,7 @@ class StructureExperiment(Experiment):
         if self.many or any(one.parameters != space for one in points):
             return differences(self, prediction, points)
         rough = replace(self, static=True)
-        about = rough.predict(prediction.point) if self.few else prediction
+        about = rough.predict(prediction.point)  # a prediction may be of other corrections
         beside, steps = prediction.point.beside()
         slopes = np.nan_to_num(differences(rough, about, beside)) / steps
         moves = np.array([one.z - prediction.point.z for one in points])
@@ -427,10 +427,11 @@ class StructureExperiment(Experiment):
         busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
         onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]
         every = 1 + self.structure.contacts // MANY
-        asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - 1 - every, 0):]
+        below = int(np.sum(self.points.amplitude < onset)) - (2 if self.few else 1)
+        asked = self.points.amplitude[max(below, 0):]
         found: list[PeriodicMode] = []
         moved: list[float] = []
-        for amplitude in asked[::-every]:  # falling, as in a decay
+        for amplitude in asked[::every]:
             modal = amplitude / (moved[-1] / found[-1].amplitude if found else self._gain(mode))
             try:
                 motion = periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
