@@ -10,7 +10,6 @@ from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint, follow_mode, periodic_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import Loading, quasi_static_backbone
 from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode, ring_down
-from fretflow.structure.matrices import StructureMatrices
 from fretflow.structure.reduction.contact_modes import reduce_structure
 from scipy.special import gamma
 
@@ -227,33 +226,3 @@ def test_a_decay_is_read_at_its_start_and_its_end():
     seen = instantaneous_mode(time, signal + 0.05 * np.exp(-3.0 * time) * np.sin(2.0 * np.pi * 290.0 * time), 79.0)
     assert seen.frequency == pytest.approx(80.0, rel=2e-4)
     assert seen.damping == pytest.approx(0.005, rel=0.03)
-
-
-def leaning_sliders(points, lean):
-    """Return a mass on coupled springs that lean, so that what it does along its way presses the sliders too."""
-    rng = np.random.default_rng(2)
-    n, some = 1 + 3 * points, rng.standard_normal((3 * points, 3 * points))
-    springs = 1e4 * np.eye(3 * points) + 1e3 * (some + some.T)
-    pulled = np.tile([1.0, 0.0, lean], points) * rng.uniform(0.5, 1.5, 3 * points)
-    k, m, preload = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    k[1:, 1:], k[0, 1:], k[1:, 0] = springs, -springs @ pulled, -springs @ pulled
-    k[0, 0], m[0, 0], preload[3::3] = 3e4 + pulled @ springs @ pulled, 1.0, -1.0 / points
-    return StructureMatrices(mass=m, stiffness=k, contact_map=np.eye(n)[1:], areas=np.full(points, 1e-6),
-                             points=np.arange(points)[:, None] * np.array([1e-3, 0.0, 0.0]), preload=preload,
-                             outputs={"head": np.eye(n)[0]})
-
-
-def test_what_larger_motions_leave_in_the_contact_lets_smaller_ones_slide():
-    """A mass of one freedom keeps its shape, so that static loads of falling amplitude are right."""
-    joint = BoltedJoint(structure=reduce_structure(leaning_sliders(3, 0.3)), law=Coulomb(0.5), bolt_load=10.0)
-    mode = joint.linear_modes(1)[0]
-    reach = np.geomspace(1e-5, 3e-3, 60)
-    onset = reach[np.flatnonzero(quasi_static_backbone(joint, mode, reach).sliding)[0]]
-    at = np.geomspace(0.7 * onset, 3.0 * onset, 24)
-    loads = quasi_static_backbone(joint, mode, at, steps=96)
-    static = np.interp(at, loads.amplitude, loads.damping)
-    falling = follow_mode(joint, mode, at[::-1], 8, 512)[::-1]
-    rising = follow_mode(joint, mode, at, 8, 512)
-    off = [np.abs([one.damping for one in motions] - static).max() / static.max() for motions in (falling, rising)]
-    assert off[0] < 0.03
-    assert off[1] > 0.1  # from rest they do not know what came before

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.inference.experiment import Covariance, Point, Prediction, secants
+from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 
 TRUE = np.array([1.0, 1.0])
@@ -83,40 +83,3 @@ def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     fitter = Fitter(experiment, covariance)
     start = fitter.at(Point(plane, np.array([0.5, 0.5])), None)
     assert fitter.fit(Point(plane, np.array([0.5, 0.5])), None, 1).objective == pytest.approx(start.promise)
-
-
-PLACES = np.linspace(-1.0, 1.0, 41)
-
-
-class Product:
-    """Values that two coordinates make by their sum alone, with a kink, and jumps of a hundredth of the noise."""
-
-    @property
-    def measurement(self) -> Any:
-        """Return errors of 0.1."""
-        return SimpleNamespace(covariance=lambda: Covariance(np.full(41, 0.01), np.zeros((41, 0))))
-
-    def predict(self, point: Point, near: Any = None) -> Prediction:
-        """Return the values with the jumps."""
-        return Prediction(point, np.maximum(PLACES + point.z.sum(), 0.0) + 1e-3 * np.sign(
-            np.sin(900.0 * point.z[0] + 7.0 * PLACES)))
-
-
-def test_what_the_measurement_leaves_open_is_not_closed_by_kinks_and_jumps() -> None:
-    space: Any = SimpleNamespace(size=2)
-    experiment: Any = Product()
-    here = experiment.predict(Point(space, np.array([0.3, -0.3])))
-    step = 0.02
-    slopes = np.column_stack([experiment.predict(Point(space, here.point.z + way * own)).values - here.values
-                              for way, own in zip((-1.0, 1.0), np.eye(2) * step, strict=True)]) / [-step, step]
-
-    def sd(derivative: np.ndarray, way: np.ndarray) -> float:
-        information = np.eye(2) + derivative.T @ derivative / 0.01
-        return float(np.sqrt(way @ np.linalg.solve(information, way)))
-
-    apart, together = np.array([1.0, -1.0]) / np.sqrt(2.0), np.array([1.0, 1.0]) / np.sqrt(2.0)
-    found = secants(experiment, here, slopes)
-    assert sd(slopes, apart) < 0.3  # the sum alone is told: one, as beforehand
-    assert sd(found, apart) > 0.9
-    exact = np.where(PLACES > 0.0, 1.0, 0.0)[:, None] * np.ones((1, 2))
-    assert sd(found, together) == pytest.approx(sd(exact, together), rel=0.2)

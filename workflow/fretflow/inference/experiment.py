@@ -14,7 +14,7 @@ of B (gains, offsets, solver error, each of unit variance). With ``U = D^-1/2 B 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -173,21 +173,6 @@ def jacobian(experiment: Experiment, prediction: Prediction) -> Array:
     unknown = np.flatnonzero(~np.isfinite(found).all(axis=0))
     found[:, unknown] = differences(experiment, prediction, [points[k] for k in unknown])
     return np.asarray(np.nan_to_num(found) / steps)
-
-
-def secants(experiment: Experiment, prediction: Prediction, slopes: Array) -> Array:
-    """Return the derivative (M, size) of a prediction over as much as the measurement leaves open.
-
-    A derivative sees one side of a kink, and numerical errors over its step; over all that is left open both are small.
-    The prediction is linear between both ends of that along each axis of the posterior (statistical linearisation:
-    A. Gelb, Applied Optimal Estimation (1974), section 6.2), which rough `slopes` (M, size) tell.
-    """
-    point, white = prediction.point, experiment.measurement.covariance().whiten(slopes)
-    sharp, axes = np.linalg.eigh(np.eye(len(point.z)) + white.T @ white)
-    forth, back = (differences(experiment, prediction, [replace(point, z=point.z + way * end)
-                                                        for end in (axes / np.sqrt(sharp)).T]) for way in (1.0, -1.0))
-    change = 0.5 * (np.where(np.isfinite(forth), forth, -back) - np.where(np.isfinite(back), back, -forth))
-    return np.asarray(np.nan_to_num(change) @ (np.sqrt(sharp)[:, None] * axes.T))
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,16 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.linalg import eigvalsh
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
-from fretflow.experiments.structure.points import SLIDES, BackbonePoints, scatter, with_backbone
+from fretflow.experiments.structure.points import BackbonePoints, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences, secants
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
@@ -54,6 +55,8 @@ LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours 
 OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
+SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
+          "the unit of the amplitude")
 
 
 @dataclass(frozen=True)
@@ -292,24 +295,42 @@ class StructureExperiment(Experiment):
             raise
         curve = self.backbone(joint, mode)
         amplitude = self.points.amplitude
-        values = self.points.read(amplitude, self._seen(curve), curve.frequency, curve.damping)
+        values = self._read(amplitude, self._seen(curve), curve.frequency, curve.damping)
         more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, mode, curve)
         return Prediction(point, (values if more is None else values + more).ravel(), curve)
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
-        """Return the changes (M, V) from a prediction to hypotheses; to its neighbours, linear ones over what is open.
+        """Return the changes (M, V) from a prediction to hypotheses; to its neighbours, linear ones.
 
-        Points that begin to slide one by one make kinks, and samples of a period jumps. Static loads tell the axes.
+        Where points begin to slide one by one, curves have kinks, of which a derivative sees one side; and what samples
+        of a period leave out jumps from one instant to the next. Over as much as the recording leaves open both are
+        small: changes are linear between both ends of that, along the axes of the posterior (statistical linearisation:
+        A. Gelb, Applied Optimal Estimation (1974), section 6.2), which static loads tell.
         """
-        space = prediction.point.parameters
+        space, whiten = prediction.point.parameters, self.measurement.covariance().whiten
         if self.many or any(one.parameters != space for one in points):
             return differences(self, prediction, points)
         rough = replace(self, static=True)
-        about = rough.predict(prediction.point)  # a prediction may be of other corrections
         beside, steps = prediction.point.beside()
-        slopes = np.nan_to_num(differences(rough, about, beside)) / steps
+        slopes = whiten(np.nan_to_num(differences(rough, rough.predict(prediction.point), beside)) / steps)
+        sharp, axes = np.linalg.eigh(np.eye(space.size) + slopes.T @ slopes)
+        ends = axes / np.sqrt(sharp)
+        forth, back = (differences(self, prediction, [replace(prediction.point, z=prediction.point.z + way * one)
+                                                      for one in ends.T]) for way in (1.0, -1.0))
+        change = 0.5 * (np.where(np.isfinite(forth), forth, -back) - np.where(np.isfinite(back), back, -forth))
         moves = np.array([one.z - prediction.point.z for one in points])
-        return np.asarray(secants(self, prediction, slopes) @ moves.T)
+        return np.asarray(np.nan_to_num(change) @ (np.sqrt(sharp)[:, None] * axes.T @ moves.T))
+
+    def _read(self, at: Array, seen: Array, frequency: Array, damping: Array) -> Array:
+        """Return frequency and damping (channels, points) at amplitudes from those `seen` at others."""
+        order = np.argsort(seen)
+        place = np.log(seen[order])
+        keep = np.r_[True, np.diff(place) > 1e-9]
+        place, order = place[keep], order[keep]
+        if len(place) < 2:
+            raise NonConvergenceError(SLIDES)
+        channels = (frequency,) if self.points.damping is None else (frequency, damping)
+        return np.array([_along(place, one[order], np.log(at)) for one in channels])
 
     def first(self, count: int) -> StructureExperiment:
         """Return the experiment of the `count` points of the smallest amplitudes."""
@@ -426,23 +447,28 @@ class StructureExperiment(Experiment):
         seen, frequency, damping = (one[order] for one in (self._seen(curve), curve.frequency, curve.damping))
         busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
         onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]
-        every = 1 + self.structure.contacts // MANY
-        below = int(np.sum(self.points.amplitude < onset)) - (2 if self.few else 1)
-        asked = self.points.amplitude[max(below, 0):]
+        asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - (2 if self.few else 1), 0):]
         found: list[PeriodicMode] = []
         moved: list[float] = []
-        for amplitude in asked[::every]:
+        for amplitude in asked[::1 + self.structure.contacts // MANY]:
             modal = amplitude / (moved[-1] / found[-1].amplitude if found else self._gain(mode))
             try:
-                motion = periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
-                                       found[-1] if found else None)
+                found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
+                                           found[-1] if found else None))
             except NonConvergenceError:
-                continue
-            found.append(motion)
-            moved.append(float(self._seen_of(motion.outputs[None], np.array([motion.frequency]),
-                                             np.array([motion.amplitude]))[0]))
+                break
+            moved.append(float(self._seen_of(found[-1].outputs[None], np.array([found[-1].frequency]),
+                                             np.array([found[-1].amplitude]))[0]))
         if len(found) < 2:
             return None
         periodic = [np.array([getattr(one, name) for one in found]) for name in ("frequency", "damping")]
         at = np.clip(self.points.amplitude, min(moved), max(moved))
-        return self.points.read(at, np.array(moved), *periodic) - self.points.read(at, seen, frequency, damping)
+        return self._read(at, np.array(moved), *periodic) - self._read(at, seen, frequency, damping)
+
+
+def _along(place: Array, values: Array, at: Array) -> Array:
+    """Return values (L,) over rising places interpolated at others; outside they go on in a straight line."""
+    inside = PchipInterpolator(place, values)
+    ends = np.clip(at, place[0], place[-1])
+    slope = inside.derivative()(ends)
+    return np.asarray(inside(ends) + slope * (at - ends))

@@ -91,9 +91,6 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
                   samples: int = SAMPLES, tolerance: float = 1e-6, start: PeriodicMode | None = None) -> PeriodicMode:
     """Return the periodic motion of `mode` at a modal `amplitude` (m kg^0.5); `start` is one of another amplitude.
 
-    After a larger one the contact goes on from where that left it, as in a decay; else it comes from rest. Where normal
-    forces follow the motion, tractions that a larger motion leaves let points slide sooner.
-
     Raises
     ------
     InputError
@@ -111,9 +108,8 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
     rest = joint.preloaded
     first[0] = massless.pulled(rest)[0]
     first[1] = amplitude * shape / np.linalg.norm(shape)
-    before, rising = massless.at_rest(rest), start is None or start.amplitude <= amplitude
+    before = massless.at_rest(rest)
     if start is not None:
-        before = before if rising else start.history.last(1)
         moved = np.fft.rfft(start.modes, axis=0)[:harmonics + 1] / len(start.modes)
         first[1:] = 2.0 * moved[1:] * amplitude / start.amplitude
         first[0] = moved[0]
@@ -122,7 +118,7 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
     y = next(solve)
     for iteration in range(MOST_ITERATIONS):
         path = _synthesis(y, samples)
-        if iteration == 0 and rising:  # from rest to the end of the stroke, and once round
+        if iteration == 0:  # from rest to the end of the stroke, and once round
             rise = np.linspace(0.0, 1.0, samples // 4)[1:, None]
             before = massless.follow(np.vstack([first[0].real + rise * (path[0] - first[0].real), path]), before)
         before = found = massless.follow(path, before.last(1))

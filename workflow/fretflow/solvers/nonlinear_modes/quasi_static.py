@@ -130,12 +130,15 @@ def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tupl
         last = turned
     level = np.concatenate(path)
     x, out, history = _respond(joint, shape, level)
-    rows = np.arange(APPROACH - 1, len(level), 2 * steps + APPROACH)[:, None] + np.arange(2 * steps + 1)
-    moved, force, way = x[rows], level[rows], np.sign(level[rows[:, :1]])
-    work = np.sum(0.5 * (force[:, 1:] + force[:, :-1]) * np.diff(moved), axis=1) / (1.0 - 1.0 / steps**2)
-    top, turn, end = rows[:, 0], rows[:, steps], rows[:, -1]
-    tip, seen = (0.5 * (0.5 * (values[top] + values[end]) - values[turn]).T * way[:, 0] for values in (x, out))
-    return tip, _first_harmonic(way * moved, way * force), work, seen.T, *_busy(history.state[rows])
+    found = []
+    for start in range(APPROACH - 1, len(level), 2 * steps + APPROACH):
+        own, middle, stop = slice(start, start + 2 * steps + 1), start + steps, start + 2 * steps
+        work = float(np.sum(0.5 * (level[own][1:] + level[own][:-1]) * np.diff(x[own]))) / (1.0 - 1.0 / steps**2)
+        way = 0.5 * np.sign(level[start])
+        tips = [way * (0.5 * (values[start] + values[stop]) - values[middle]) for values in (x, out)]
+        square = _first_harmonic(2.0 * way * x[own], 2.0 * way * level[own])
+        found.append((tips[0], square, work, tips[1], *_busy(history.state[own])))
+    return tuple(np.array(column) for column in zip(*found, strict=True))
 
 
 def _masing(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tuple[Array, ...]:
@@ -147,9 +150,9 @@ def _masing(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tupl
     before, below = np.r_[0.0, x[:-1]], np.r_[0.0, level[:-1]]
     done = np.cumsum(0.5 * (level + below) * (x - before))
     at = np.arange(steps - 1, len(level), steps)[::-1]
-    sliding, opened = np.array([_busy(history.state[:j + 1]) for j in at]).T
+    busy = np.array([_busy(history.state[:j + 1]) for j in at])
     square = np.array([_first_harmonic(*(_doubled(values[:j + 1]) for values in (x, level))) for j in at])
-    return x[at], square, 8.0 * done[at] - 4.0 * level[at] * x[at], out[at], sliding, opened
+    return x[at], square, 8.0 * done[at] - 4.0 * level[at] * x[at], out[at], busy[:, 0], busy[:, 1]
 
 
 def _doubled(rising: Array) -> Array:
@@ -158,19 +161,18 @@ def _doubled(rising: Array) -> Array:
     return np.concatenate([fall, -fall[1:]])
 
 
-def _first_harmonic(x: Array, load: Array) -> Array:
-    """Return the first harmonic of a load over the amplitude, of loops (..., 2 S + 1) that begin at the upper tip."""
-    turn, top = x.shape[-1] // 2, 0.5 * (x[..., :1] + x[..., -1:])
-    size, middle = 0.5 * (top - x[..., turn:turn + 1]), 0.5 * (top + x[..., turn:turn + 1])
+def _first_harmonic(x: Array, load: Array) -> float:
+    """Return the first harmonic of a load over the amplitude, along a loop (2 S + 1,) that begins at its upper tip."""
+    turn, top = len(x) // 2, 0.5 * (x[0] + x[-1])
+    size, middle = 0.5 * (top - x[turn]), 0.5 * (top + x[turn])
     phase = np.arccos(np.clip((x - middle) / size, -1.0, 1.0))
-    phase[..., turn + 1:] = 2.0 * np.pi - phase[..., turn + 1:]
-    phase[..., [0, turn, -1]] = 0.0, np.pi, 2.0 * np.pi
+    phase[turn + 1:] = 2.0 * np.pi - phase[turn + 1:]
+    phase[[0, turn, -1]] = 0.0, np.pi, 2.0 * np.pi
     cosine = np.cos(phase)
-    fall = np.diff(cosine)
-    slope = np.diff(load) / np.where(fall == 0.0, 1.0, fall)  # the load is straight in x
-    parts = (load[..., :-1] - slope * cosine[..., :-1]) * np.diff(np.sin(phase)) + slope * np.diff(
+    slope = np.diff(load) / np.where(np.diff(cosine) == 0.0, 1.0, np.diff(cosine))  # the load is straight in x
+    parts = (load[:-1] - slope * cosine[:-1]) * np.diff(np.sin(phase)) + slope * np.diff(
         0.5 * phase + 0.25 * np.sin(2.0 * phase))
-    return np.asarray(parts.sum(axis=-1) / (np.pi * size[..., 0]))
+    return float(parts.sum() / (np.pi * size))
 
 
 def _respond(joint: BoltedJoint, shape: _Shape, level: Array) -> tuple[Array, Array, StaticHistory]:
@@ -182,7 +184,6 @@ def _respond(joint: BoltedJoint, shape: _Shape, level: Array) -> tuple[Array, Ar
             moved @ shape.outputs.T + level[:, None] * shape.output_modes, history)
 
 
-def _busy(states: NDArray[np.int8]) -> tuple[Array, Array]:
-    """Return how many points slide and how many open in cycles of states (..., S, m)."""
-    sliding, opened = (np.any(states == one, axis=-2).sum(axis=-1) for one in (SLIP, SEPARATION))
-    return sliding, opened
+def _busy(states: NDArray[np.int8]) -> tuple[int, int]:
+    """Return how many points slide and how many open in a cycle."""
+    return int(np.any(states == SLIP, axis=0).sum()), int(np.any(states == SEPARATION, axis=0).sum())
