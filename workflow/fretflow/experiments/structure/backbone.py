@@ -99,10 +99,13 @@ def outside_of_mode(experiment: StructureExperiment) -> list[str]:
 def _checked(found: Search, names: Names) -> str:
     """Return in words how far periodic motion differs from static loads for a model at its fit."""
     model = found.fitter_of(names).experiment
-    if not isinstance(model, StructureExperiment) or model.correction is None:
+    more = None
+    if isinstance(model, StructureExperiment):
+        more = model.beyond_static_loads(found.fits[names].prediction) if model.few else model.correction
+    if more is None:
         return "the fitted model was not confirmed by periodic motions: none was found"
-    frequency = np.max(np.abs(model.correction[0] / model.points.frequency))
-    damping = "".join(f" and {np.max(np.abs(one)):.2g} of the damping ratio" for one in model.correction[1:])
+    frequency = np.max(np.abs(more[0]) / found.experiment.measurement.values[:more.shape[1]])
+    damping = "".join(f" and {np.max(np.abs(one)):.2g} of the damping ratio" for one in more[1:])
     return (f"periodic motions of the fitted model ({HARMONICS} harmonics), with which it is compared, differ from "
             f"static loads by {100.0 * frequency:.2g} % of the frequency{damping} at most")
 

@@ -22,7 +22,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
 from fretflow.experiments.structure.points import BackbonePoints, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
@@ -49,7 +49,9 @@ Array = NDArray[np.float64]
 
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
+FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute
 MANY = 40  # contact points, from which on predictions take their time
+LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours are half of its sd apart
 OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
@@ -67,6 +69,7 @@ class StructureExperiment(Experiment):
     mode: int  # among the linear modes of the preloaded structure, from 0
     steps: int = STEPS
     about: Point | None = None  # the baseline whose numerical errors are told; the first prediction's by default
+    static: bool = False  # no periodic motions, however few contact points there are
     correction: Array | None = None  # (channels, points): what periodic motions add to static loads
     truncation: Array | None = None  # what twice the harmonics and samples add to that
 
@@ -90,6 +93,11 @@ class StructureExperiment(Experiment):
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
         kept = max(RIGID_MOTIONS + COMPARED, int(np.sum(found.structure.eigenvalues < highest**2)))
         return replace(found, structure=condensed(found.structure, kept))
+
+    @property
+    def few(self) -> bool:
+        """Return whether there are so few contact points that each prediction may be of periodic motions."""
+        return self.structure.contacts <= FEW
 
     @property
     def many(self) -> bool:
@@ -226,6 +234,15 @@ class StructureExperiment(Experiment):
                 baseline.append(Coordinate("", name, log(self.recording.known[name]), STATED, True))
         return Parameters.of(baseline, effects, signs, self._scaled)
 
+    def beginnings(self) -> list[Point]:
+        """Return baselines all over the range of the load or the friction at which points slide, whichever is wider.
+
+        Where all stick at all amplitudes, or slide at all, nothing tells by how much they should less.
+        """
+        space = self.parameters(())
+        size = [one.size * (one.field != "modal_damping") for one in space.coordinates]
+        return [Point(space, at * np.eye(space.size)[int(np.argmax(size))]) for at in np.linspace(-HALF, HALF, LAID)]
+
     def released(self, point: Point) -> tuple[StructureExperiment, Point]:
         """Return the same as if nothing were said of the stated values, and a baseline point in it."""
         own, values = self.recording, point.parameters.values(point.z)[""]
@@ -277,11 +294,35 @@ class StructureExperiment(Experiment):
                 raise NonConvergenceError(str(error)) from error
             raise
         curve = self.backbone(joint, mode)
-        values = self._read(self._seen(curve), curve.frequency, curve.damping)
-        return Prediction(point, (values if self.correction is None else values + self.correction).ravel(), curve)
+        amplitude = self.points.amplitude
+        values = self._read(amplitude, self._seen(curve), curve.frequency, curve.damping)
+        more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, mode, curve)
+        return Prediction(point, (values if more is None else values + more).ravel(), curve)
 
-    def _read(self, seen: Array, frequency: Array, damping: Array) -> Array:
-        """Return frequency and damping (channels, points) at the recorded amplitudes from those `seen` at others."""
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return the changes (M, V) from a prediction to hypotheses; to its neighbours, linear ones.
+
+        Where points begin to slide one by one, curves have kinks, of which a derivative sees one side; and what samples
+        of a period leave out jumps from one instant to the next. Over as much as the recording leaves open both are
+        small: changes are linear between both ends of that, along the axes of the posterior (statistical linearisation:
+        A. Gelb, Applied Optimal Estimation (1974), section 6.2), which static loads tell.
+        """
+        space, whiten = prediction.point.parameters, self.measurement.covariance().whiten
+        if self.many or any(one.parameters != space for one in points):
+            return differences(self, prediction, points)
+        rough = replace(self, static=True)
+        beside, steps = prediction.point.beside()
+        slopes = whiten(np.nan_to_num(differences(rough, rough.predict(prediction.point), beside)) / steps)
+        sharp, axes = np.linalg.eigh(np.eye(space.size) + slopes.T @ slopes)
+        ends = axes / np.sqrt(sharp)
+        forth, back = (differences(self, prediction, [replace(prediction.point, z=prediction.point.z + way * one)
+                                                      for one in ends.T]) for way in (1.0, -1.0))
+        change = 0.5 * (np.where(np.isfinite(forth), forth, -back) - np.where(np.isfinite(back), back, -forth))
+        moves = np.array([one.z - prediction.point.z for one in points])
+        return np.asarray(np.nan_to_num(change) @ (np.sqrt(sharp)[:, None] * axes.T @ moves.T))
+
+    def _read(self, at: Array, seen: Array, frequency: Array, damping: Array) -> Array:
+        """Return frequency and damping (channels, points) at amplitudes from those `seen` at others."""
         order = np.argsort(seen)
         place = np.log(seen[order])
         keep = np.r_[True, np.diff(place) > 1e-9]
@@ -289,7 +330,7 @@ class StructureExperiment(Experiment):
         if len(place) < 2:
             raise NonConvergenceError(SLIDES)
         channels = (frequency,) if self.points.damping is None else (frequency, damping)
-        return np.array([_along(place, one[order], np.log(self.points.amplitude)) for one in channels])
+        return np.array([_along(place, one[order], np.log(at)) for one in channels])
 
     def first(self, count: int) -> StructureExperiment:
         """Return the experiment of the `count` points of the smallest amplitudes."""
@@ -368,8 +409,11 @@ class StructureExperiment(Experiment):
         return float(self.points.amplitude[-1]) / self._gain(self._bare[1])
 
     def corrected(self, prediction: Prediction) -> StructureExperiment | None:
-        """Return the same with what static loads leave out at a prediction put right; None without periodic motions."""
-        more = self._beyond_static_loads(prediction)
+        """Return the same with what static loads leave out at a prediction put right; None where nothing is left out.
+
+        Of few contact points every prediction is that of periodic motions.
+        """
+        more = None if self.few else self.beyond_static_loads(prediction)
         return None if more is None else replace(self, correction=more)
 
     def told_at(self, prediction: Prediction) -> StructureExperiment:
@@ -378,42 +422,48 @@ class StructureExperiment(Experiment):
         What this one misses tells the tails of the errors of measurement too.
         """
         about = replace(self, about=prediction.point)
-        more, most = (about._beyond_static_loads(prediction, finer) for finer in (1, 2))
+        more, most = (about.beyond_static_loads(prediction, finer) for finer in (1, 2))
         points = BackbonePoints.of(self.recorded)
         missed = (self.measurement.values - prediction.values).reshape(-1, len(points.amplitude))
-        for added, way in ((self.correction, 1.0), (more, -1.0)):
+        for added, way in ((self.correction, 1.0), (more, -1.0)) if not self.few else ():
             missed = missed if added is None else missed + way * added
-        return replace(about, points=points.weighed(missed), correction=more,
+        return replace(about, points=points.weighed(missed), correction=None if self.few else more,
                        truncation=None if more is None or most is None else most - more)
 
-    def _beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
+    def beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
+        """Return what periodic motions of a prediction's joint add to static loads (channels, points), if there are."""
+        joint = self.joint(prediction.point)
+        return self._beyond_static_loads(joint, joint.linear_modes(self.mode + 1)[self.mode], prediction.state, finer)
+
+    def _beyond_static_loads(self, joint: BoltedJoint, mode: LinearMode, curve: ModalBackbone,
+                             finer: int = 1) -> Array | None:
         """Return what periodic motions, with `finer` times the harmonics and samples, add (channels, points).
 
         Static loads keep the shape of the linear mode; where much slides or opens, a motion's own shape is another.
-        Beyond the amplitude up to which there are periodic motions, the difference stays what it is there.
+        Below the amplitude from which something does, and above that up to which there are periodic motions, the
+        difference stays what it is there.
         """
-        joint, curve = self.joint(prediction.point), prediction.state
-        mode = joint.linear_modes(self.mode + 1)[self.mode]
-        rising = np.argsort(curve.amplitude)[::1 + self.structure.contacts // MANY]
-        static = [np.asarray(one)[rising] for one in (self._seen(curve), curve.frequency, curve.damping)]
+        order = np.argsort(curve.amplitude)
+        seen, frequency, damping = (one[order] for one in (self._seen(curve), curve.frequency, curve.damping))
+        busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
+        onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]
+        asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - (2 if self.few else 1), 0):]
         found: list[PeriodicMode] = []
-        for amplitude in curve.amplitude[rising]:
+        moved: list[float] = []
+        for amplitude in asked[::1 + self.structure.contacts // MANY]:
+            modal = amplitude / (moved[-1] / found[-1].amplitude if found else self._gain(mode))
             try:
-                found.append(periodic_mode(joint, mode, float(amplitude), HARMONICS * finer, SAMPLES * finer, SETTLED,
+                found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
                                            found[-1] if found else None))
             except NonConvergenceError:
                 break
+            moved.append(float(self._seen_of(found[-1].outputs[None], np.array([found[-1].frequency]),
+                                             np.array([found[-1].amplitude]))[0]))
         if len(found) < 2:
             return None
-        frequency, damping, modal = (np.array([getattr(one, name) for one in found])
-                                     for name in ("frequency", "damping", "amplitude"))
-        moved = self._seen_of(np.array([one.outputs for one in found]), frequency, modal)
-        within = np.flatnonzero(self.points.amplitude <= min(moved[-1], static[0][len(found) - 1]))
-        if not within.size:
-            return None
-        more = self._read(moved, frequency, damping) - self._read(*static)
-        more[:, within[-1] + 1:] = more[:, within[-1]:within[-1] + 1]
-        return more
+        periodic = [np.array([getattr(one, name) for one in found]) for name in ("frequency", "damping")]
+        at = np.clip(self.points.amplitude, min(moved), max(moved))
+        return self._read(at, np.array(moved), *periodic) - self._read(at, seen, frequency, damping)
 
 
 def _along(place: Array, values: Array, at: Array) -> Array:

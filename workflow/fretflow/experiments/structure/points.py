@@ -109,14 +109,20 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
 
 
 def noise_of(place: Array, values: Array) -> Array:
-    """Return the sd (P,) of values: the same for all, or in proportion to them, whichever their scatter fits better."""
+    """Return the sd (P,) of values: the same for all, or in proportion to them, each as probable as their scatter says.
+
+    Where the scatter does not tell, as with few points where the values are large, both count, in their variances
+    (J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Stat. Sci. 14 (1999) 382-417).
+    """
     fits = []
     for size, order in product((np.ones_like(values), np.maximum(np.abs(values), np.finfo(float).tiny)), ORDERS):
         left = _about_neighbours(place, values, size, order)
         if left.size:
             width, likelihood = _student(left)
-            fits.append((likelihood - float(np.mean(np.log(size))), width * size))
-    return np.asarray(max(fits, key=lambda one: one[0])[1])
+            fits.append((len(values) * (likelihood - float(np.mean(np.log(size)))), width * size))
+    top = max(one[0] for one in fits)
+    weights = np.exp([one[0] - top for one in fits])
+    return np.asarray(np.sqrt(np.average([one[1]**2 for one in fits], axis=0, weights=weights)))
 
 
 def scatter(place: Array, values: Array) -> float:

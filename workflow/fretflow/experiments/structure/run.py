@@ -52,6 +52,8 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     progress(0.1, "refitting the baseline")
     pool, effort = in_turn if tools is None else tools.pool, FAST if fast or experiment.many else FULL
     found = start_search(experiment, experiment.first_prediction(), effort, pool)
+    if isinstance(experiment, StructureExperiment):
+        begin_baselines(experiment, found)
     detection = _looked(found, lambda share, text: progress(0.15 + 0.3 * share, text))
     if isinstance(experiment, StructureExperiment):
         experiment, found = told_again(experiment, found)
@@ -84,6 +86,15 @@ def _looked(found: Search, progress: Progress) -> Detection:
     else:
         begin_all(found)  # what would have been seen
     return detection
+
+
+def begin_baselines(experiment: StructureExperiment, found: Search) -> None:
+    """Fit the baseline from all over its range, the best of one step on to rest."""
+    begun = found.pool(fit_task, [Task(found.fitter, one, found.baseline.prediction, 1)
+                                  for one in experiment.beginnings()])
+    best = sorted((one for one in begun if one is not None), key=lambda one: one.objective)[:found.effort.bases]
+    found.keep(found.pool(fit_task, [Task(found.fitter, one.prediction.point, one.prediction, found.effort.last_steps)
+                                     for one in best]))
 
 
 def told_again(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search]:
