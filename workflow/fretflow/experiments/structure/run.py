@@ -122,7 +122,8 @@ def released(experiment: StructureExperiment, found: Search) -> tuple[StructureE
     again = start_search(told, told.predict(first.point), found.effort, found.pool)
     if detect(again).p_value < FALSE_ALARMS:
         return None
-    return told.noting_values(again.baseline.prediction.point, experiment.recording.known), again
+    at, (mean, _) = again.baseline.prediction.point, again.evidence(frozenset()).coordinates(again.prior(frozenset()))
+    return told.noting_values(replace(at, z=mean), experiment.recording.known), again
 
 
 def detect(found: Search) -> Detection:
@@ -141,12 +142,11 @@ def detect(found: Search) -> Detection:
 
 def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
-    fit = found.fits[names]
-    _, covariance = found.evidence(names).coordinates(found.prior(names))
+    mean, covariance = found.evidence(names).coordinates(found.prior(names))  # a fit ends where a step is worth little
     made = (estimate(one, float(z), HALF * float(sd), draws, described(one.effect, one.field)
                      if one.effect else BASELINE[one.field])
-            for one, z, sd, draws in zip(fit.parameters.coordinates, fit.z, np.sqrt(np.diag(covariance)),
-                                         drawn(fit.z, covariance), strict=True))
+            for one, z, sd, draws in zip(found.fits[names].parameters.coordinates, mean, np.sqrt(np.diag(covariance)),
+                                         drawn(mean, covariance), strict=True))
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
 
 
