@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import json
 import math
 from dataclasses import replace
 
@@ -257,3 +260,26 @@ def empty() -> Diagnosis:
 
 CASES = {f"{make.__name__}-{kind}": (make, kind) for make in (named, none, ambiguous, unknown)
          for kind in ("fretting-rig", "imposed-displacement", "lumped")}
+
+
+def chart_of(text, description):
+    """Return the first chart so described, as the library has it."""
+    start = text.index('<script type="application/json">', text.index(f'aria-label="{description}'))
+    return json.loads(text[text.index(">", start) + 1:text.index("</script>", start)])["doc"]["roots"][0]
+
+
+def drawn(text, description):
+    """Return what the first chart so described holds, by name: its columns."""
+    figure, found = chart_of(text, description), {}
+    for one in figure["attributes"]["renderers"]:
+        columns = dict(one["attributes"]["data_source"]["attributes"]["data"]["entries"])
+        found[one["attributes"].get("name")] = {key: [array(v) for v in values] if isinstance(values, list) else
+                                                array(values) for key, values in columns.items()}
+    return found
+
+
+def array(value):
+    if not isinstance(value, dict):
+        return value
+    content = gzip.decompress(base64.b64decode(value["array"]["data"]))
+    return np.frombuffer(content, value["dtype"]).reshape(value["shape"])

@@ -5,7 +5,6 @@ numbers; and a page holds nothing that would be fetched.
 """
 
 import base64
-import gzip
 import hashlib
 import json
 import re
@@ -80,35 +79,16 @@ def page_of(diagnosis):
     return Page(render_report(diagnosis))
 
 
-def drawn(text, description):
-    """Return what the first chart so described holds, by name: its columns."""
-    start = text.index('<script type="application/json">', text.index(f'aria-label="{description}'))
-    figure = json.loads(text[text.index(">", start) + 1:text.index("</script>", start)])["doc"]["roots"][0]
-    found = {}
-    for one in figure["attributes"]["renderers"]:
-        columns = dict(one["attributes"]["data_source"]["attributes"]["data"]["entries"])
-        found[one["attributes"].get("name")] = {key: [array(v) for v in values] if isinstance(values, list) else
-                                                array(values) for key, values in columns.items()}
-    return found
-
-
-def array(value):
-    if not isinstance(value, dict):
-        return value
-    content = gzip.decompress(base64.b64decode(value["array"]["data"]))
-    return np.frombuffer(content, value["dtype"]).reshape(value["shape"])
-
-
-def curves(text, description):
+def curves(cases, text, description):
     """Return the curves (name: (2, N)) of the first chart so described, in its axes' units."""
-    return {name: np.array([one["x"], one["y"]]) for name, one in drawn(text, description).items() if "x" in one}
+    return {name: np.array([one["x"], one["y"]]) for name, one in cases.drawn(text, description).items() if "x" in one}
 
 
 def test_curves_lie_where_the_numbers_say(cases):
     found = cases.named()
     text = render_report(found)
     one = found.comparisons[3]
-    drawn = curves(text, f"{one.label}: friction force over")
+    drawn = curves(cases, text, f"{one.label}: friction force over")
     for name, x, force in (("measured", one.displacement, one.force),
                            ("before", one.before_displacement, one.before_force),
                            ("after", one.after_displacement, one.after_force)):
@@ -121,7 +101,8 @@ def test_curves_lie_where_the_numbers_say(cases):
 def test_differences_are_measured_minus_predicted(cases):
     found = cases.named()
     one = found.comparisons[0]
-    drawn = curves(render_report(found), "friction force, measured − predicted (N), over the share of the period")
+    drawn = curves(cases, render_report(found),
+                   "friction force, measured − predicted (N), over the share of the period")
     assert drawn["before"][1] == pytest.approx(one.force - one.before_force, abs=1e-5)
     assert drawn["after"][1] == pytest.approx(one.force - one.after_force, abs=1e-5)
     assert drawn["after"][0] == pytest.approx(np.arange(cases.SAMPLES) / cases.SAMPLES, abs=1e-6)
@@ -129,7 +110,7 @@ def test_differences_are_measured_minus_predicted(cases):
 
 def test_missing_samples_leave_gaps_in_their_places(cases):
     found = cases.odd()
-    drawn = curves(render_report(found), "friction force, measured − predicted (N)")
+    drawn = curves(cases, render_report(found), "friction force, measured − predicted (N)")
     assert np.array_equal(np.isnan(drawn["before"][1]), np.isnan(found.comparisons[0].force))
 
 
@@ -148,7 +129,7 @@ def test_a_long_record_is_thinned_to_its_extremes(cases):
     one = found.comparisons[0]
     ringing = one.displacement + 2e-3 * np.sin(0.4 * np.pi * np.arange(len(one.time)))
     found = replace(found, comparisons=(replace(one, displacement=ringing), *found.comparisons[1:]))
-    drawn = curves(render_report(found), "displacement over time")["measured"]
+    drawn = curves(cases, render_report(found), "displacement over time")["measured"]
     assert drawn.shape[1] <= 600
     assert np.all(np.diff(drawn[0]) >= 0.0)
     for begin in np.arange(0.5, 5.0, 0.5):
@@ -164,7 +145,7 @@ def test_samples_stand_beside_the_harmonics_that_are_compared(cases):
     ringing = one.force + 30.0 * np.sin(20.0 * np.pi * np.arange(cases.SAMPLES) / cases.SAMPLES)
     text = render_report(replace(found, comparisons=(
         replace(one, raw_displacement=one.displacement, raw_force=ringing), *found.comparisons[1:])))
-    raw = curves(text, f"{one.label}: friction force over")["every sample"][1]
+    raw = curves(cases, text, f"{one.label}: friction force over")["every sample"][1]
     assert raw[:-1] == pytest.approx(ringing, rel=1e-6)
     assert "every sample" in Page(text).text
 
@@ -193,7 +174,7 @@ def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):
     text = render_report(found)
     for one in found.residual_maps:
         for when, values in (("before", one.before), ("after", one.after)):
-            rows = next(v for v in drawn(text, f"{one.channel} {when}: difference").values() if "image" in v)
+            rows = next(v for v in cases.drawn(text, f"{one.channel} {when}: difference").values() if "image" in v)
             assert np.vstack(rows["image"]) == pytest.approx(values, rel=1e-6)
             assert rows["told"] == list(one.rows)
             assert np.all(np.diff(rows["y"]) < 0.0), "the first row is on top"
@@ -207,7 +188,7 @@ def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):
 def test_wear_maps_keep_depth_and_orientation(cases):
     found = cases.named()
     wear = replace(found.wear_map, measured=1e-6 * (1.0 + found.wear_map.y / 1e-3 + 0.5 * found.wear_map.x / 1e-3))
-    (picture,) = drawn(render_report(replace(found, wear_map=wear)), "wear depth measured")[None]["image"]
+    (picture,) = cases.drawn(render_report(replace(found, wear_map=wear)), "wear depth measured")[None]["image"]
     read = picture[::-1]
     assert read[0, 0] == pytest.approx(1.0 + 0.5 - 0.25, abs=0.02), "first row is on top, first column on the left"
     assert read[-1, -1] == pytest.approx(1.0 - 0.5 + 0.25, abs=0.02)
@@ -221,7 +202,7 @@ def test_even_wear_is_drawn_on_colours_that_begin_above_zero(cases):
     wear = replace(found.wear_map, measured=even[0], before=even[1], after=even[2])
     text = render_report(replace(found, wear_map=wear))
     assert "The colours begin at 9.30 µm, not at zero" in Page(text).text
-    (picture,) = drawn(text, "wear depth measured")[None]["image"]
+    (picture,) = cases.drawn(text, "wear depth measured")[None]["image"]
     assert (picture.min(), picture.max()) == pytest.approx((9.3, 10.2), abs=0.02)
 
 

@@ -1,24 +1,26 @@
 """Curves in the report: every measured point and both predictions stand at their values, with units on the axes."""
 
-import re
+from pathlib import Path
 
 import numpy as np
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow_post.report.loops import curve_views
 
 
-def test_points_and_predictions_stand_where_they_belong():
+def test_points_and_predictions_stand_where_they_belong(monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    from report_cases import chart_of, drawn
+
     x, y = np.array([1e-6, 3e-6, 5e-6]), np.array([100.0, 99.0, 97.0])
     one = MeasuredCurve(label="frequency over amplitude", x_label="amplitude of tip", x_unit="m",
                         y_label="natural frequency", y_unit="Hz", x=x, measured=y, before=y + 1.0, after=y)
     ((label, chart),) = curve_views((one,), True)
     assert label == "frequency over amplitude"
-    assert "amplitude of tip (µm)" in chart
-    assert "natural frequency (Hz)" in chart
-    points = np.array(re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', chart), dtype=float)
-    assert len(points) == 3
-    across, down = np.diff(points, axis=0).T
-    assert np.isclose(across[0], across[1], atol=0.2)
-    assert np.isclose(down[1], 2.0 * down[0], atol=0.2)
-    assert 'class="curve after"' in chart
-    assert 'class="curve after"' not in curve_views((one,), False)[0][1]
+    axes = chart_of(chart, "natural frequency over amplitude of tip")["attributes"]
+    assert axes["below"][0]["attributes"]["axis_label"]["attributes"]["text"] == "amplitude of tip (µm)"
+    assert axes["left"][0]["attributes"]["axis_label"]["attributes"]["text"] == "natural frequency (Hz)"
+    shown = drawn(chart, "natural frequency over amplitude of tip")
+    for name, values in (("measured", y), ("before", y + 1.0), ("after", y)):
+        assert np.allclose(shown[name]["x"], 1e6 * x, rtol=1e-6)
+        assert np.allclose(shown[name]["y"], values, rtol=1e-6)
+    assert "after" not in drawn(curve_views((one,), False)[0][1], "natural frequency over amplitude of tip")

@@ -4,6 +4,8 @@ What carries the weight: one table with one thing broken at a time; each ends in
 row, and nothing is left out without a note.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from fretflow.cli import app
@@ -192,12 +194,15 @@ def test_a_missing_table_is_named(tmp_path):
         read_wear_series(tmp_path)
 
 
-def test_the_command_takes_a_table(table, tmp_path, capsys):
+def test_the_command_takes_a_table(table, tmp_path, capsys, monkeypatch):
     """Seen as a user does: verdict on the terminal, a page with the volumes and without loops."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    from report_cases import drawn
+
     out = tmp_path / "out"
     app(["diagnose", str(table(rows(24))), "--out", str(out), "--fast"])
     assert "No missing physics seen" in capsys.readouterr().out
     page = (out / "report.html").read_text()
     assert 'id="tests"' in page
     assert 'id="loops"' not in page
-    assert page.count('<circle class="at before"') == 24
+    assert len(drawn(page, "predicted volume before over measured volume of each test")["before"]["x"]) == 24
