@@ -248,8 +248,9 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     size = float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
     if beyond <= 0.0:  # no more than chance takes; what is larger than all that a law does is no form of it
         return 0.0 if left <= size**2 else np.inf
-    alike = taken_of_effects(found, fewer)
-    beyond = min(beyond, log(largest_odds((np.count_nonzero(alike >= taken) + 1) / (len(alike) + 1))))
+    if left <= size**2:
+        alike = taken_of_effects(found, fewer)
+        beyond = min(beyond, log(largest_odds((np.count_nonzero(alike >= taken) + 1) / (len(alike) + 1))))
     forms = law_form_errors() * size
     return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 
