@@ -35,7 +35,8 @@ class ChannelDelay(Effect):
 
     delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6)
     rounding: float = parameter(0.0, "s: one over the number of equal low-passes that delay it, 0 for a mere delay",
-                                0.0, 1.0, ge=0.0, le=1.0, rig_only=True)
+                                0.0, 1.0, ge=0.0, le=1.0, rig_only=True,
+                                source="from a mere delay to a single low-pass, all that there is")
 
     @classmethod
     def neutral(cls) -> Self:

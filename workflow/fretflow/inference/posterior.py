@@ -6,9 +6,10 @@ looks like the nearest listed one, or like two, with an error such as the catalo
 left out in turn and the others explain what it does on this very recording.
 
 A wider set, or a law that extends another, is weighed against another form of the plainer law that does the same: draws
-of law-form errors tell what share of them the best other effect takes by chance, where a p-value p is worth at most
-``-1 / (e p ln p)`` (T. Sellke, M. J. Bayarri, J. O. Berger, Am. Stat. 55 (2001) 62-71), and published forms how rare
-one is that differs by as much.
+of law-form errors, and the catalogue's own effects where a form may be as large, tell what share of them the best other
+effect takes by chance, where a p-value p is worth at most ``-1 / (e p ln p)`` (T. Sellke, M. J. Bayarri, J. O. Berger,
+Am. Stat. 55 (2001) 62-71), and published forms how rare one is that differs by as much. What is taken of mere noise
+counts by Wilks' test.
 """
 
 from __future__ import annotations

@@ -92,7 +92,8 @@ def correct(found: Search, of: Sequence[int]) -> None:
     """Put the numerical errors of the leading sets of some sizes right at their own fits, and of those that lead then.
 
     What a set explains by the errors of a coarse model is no longer explained, and another leads. Sets that are less
-    probable than smaller ones need none. Where a fit moves far, its errors are put right once more.
+    probable than smaller ones need none, nor are sets fitted on that are then hopeless beside the best of their size.
+    Where a fit moves far, its errors are put right once more.
     """
     for _ in range(MOST_CORRECTIONS):
         leading = [names for size in of for names in found.best(size)[:found.effort.bases]
@@ -101,19 +102,19 @@ def correct(found: Search, of: Sequence[int]) -> None:
                        for less in range(size) for one in found.best(less)[:1])]
         if not leading:
             break
-        put_right = found.pool(correct_task, [(found.fitter_of(names), found.fits[names]) for names in leading])
+        asked = [(found.fitter_of(names), found.fits[names]) for names in leading]
         found.settled.update({names: found.fits[names].z for names in leading})
-        again = [names for names, own in zip(leading, put_right, strict=True) if own is not None]
-        for names, own in zip(leading, put_right, strict=True):
-            if own is not None:
-                now = found.fits[names]
-                found.fitters[names] = own
-                anew = own.experiment.predict(now.prediction.point, now.prediction)
-                found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged,
-                                            provisional=now.provisional)
-        found.sign(again)
-        again = [names for names in again if found.log_evidence(names) > -NEGLIGIBLE + max(
-            found.log_evidence(one) for one in again if len(one) == len(names))]
+        put_right = {names: own for names, own in zip(leading, found.pool(correct_task, asked), strict=True)
+                     if own is not None}
+        for names, own in put_right.items():
+            now = found.fits[names]
+            anew = own.experiment.predict(now.prediction.point, now.prediction)
+            found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged,
+                                        provisional=now.provisional)
+        found.fitters.update(put_right)
+        found.sign(put_right)
+        again = [names for names in put_right if found.log_evidence(names) > -NEGLIGIBLE + max(
+            found.log_evidence(one) for one in put_right if len(one) == len(names))]
         for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
             if fit is not None:
                 found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),

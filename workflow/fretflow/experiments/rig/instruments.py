@@ -81,9 +81,9 @@ def _saturated(loops: LoopSet) -> list[str]:
 
 def _gains(recording: Recording, case: Case) -> list[str]:
     """Return which of displacement and force contradict the rig's periodic motion by more than a stated value may."""
-    rows = _fundamentals(recording, case)
     if recording.loops is not None and not is_periodic(recording.loops):
         return []
+    rows = _fundamentals(recording, case)
     found, gains = [], _fitted_gains(rows, case)
     for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
         if gain.real < 0.0 and abs(np.angle(gain)) > 0.75 * np.pi:
