@@ -80,7 +80,7 @@ class Implicit(Generic[S]):
     def attempt(self, now: WearStep, jump: int, state: S) -> tuple[SlowState, float, S]:
         """Return the slow state after `jump` cycles, its error over the tolerance, and a state.
 
-        A period that is not found near the last one asks for a shorter jump: from nothing takes a hundred times as long.
+        A period that is not found near the last one asks for a shorter jump: from nothing is a hundred times slower.
         """
         joint, model, before = self.joint, self.joint.model, now.response
         jacobian, idle = joint.linearised(now, jump)
