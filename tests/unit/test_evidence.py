@@ -169,6 +169,12 @@ def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:
     made = np.sqrt(np.sum(modulations(own, fading)**2, axis=1))
     late, early = (float(np.sqrt(np.mean(made[rows]**2))) for rows in (own.group == LOOPS - 1, own.group == 0))
     assert 0.5 < late / early < 1.5
+    # what a law does to a map says nothing of how far it may be off in loops
+    mapped = replace(own, channels=("force", "map"), channel=np.where(own.group == LOOPS - 1, 1, 0))
+    shown = np.where(own.group == LOOPS - 1, 20.0, 1.0) * change
+    made = np.sqrt(np.sum(modulations(mapped, shown)**2, axis=1))
+    loops, depths = (float(np.sqrt(np.mean(made[rows]**2))) for rows in (own.group == 0, own.group == LOOPS - 1))
+    assert 10.0 < depths / loops < 40.0
 
 
 def test_rates_are_derivatives_by_the_loops_angle() -> None:

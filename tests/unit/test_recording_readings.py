@@ -12,7 +12,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings import readings
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.readings import Source, read_recorded_loops
-from fretflow.recordings.repeatability import repeatability, smooth_share
+from fretflow.recordings.repeatability import moderated, repeatability, smooth_share
 
 LOAD, NORMAL_90 = 60.0, 1.6449
 TURNS = (np.arange(160) + 0.37) / 160
@@ -157,6 +157,30 @@ def test_repeats_tell_noise_gain_and_offset_apart(spring_slider):
     truth = (np.diag(size**2) + 0.02**2 * np.outer(loop, loop) + 0.5**2) / 4.0
     assert np.trace(found.covariance(0)) == pytest.approx(np.trace(truth), rel=0.15)
     assert found.repeat_sd**2 == pytest.approx(4.0 * np.diag(truth), rel=0.6)
+
+
+@pytest.mark.parametrize("repeats", [(5, 2), (8, 3)])
+def test_few_repeats_weigh_no_phase_more_than_another_by_chance(repeats):
+    """Means of noise over its variance have a mean square of one; over 5 free differences each, it would be 5/3."""
+    rng = np.random.default_rng(8)
+    loop = np.sin(2.0 * np.pi * np.arange(25) / 25.0)
+    squares = []
+    for _ in range(200):
+        noise = 0.2 * rng.standard_normal((*repeats, 25))
+        found = repeatability(loop + noise)
+        squares.append(np.mean(noise.mean(axis=1)**2 / (found.noise_sd**2 / found.repeats[:, None])))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.1)  # 25 phases tell their own scatter to a sixth
+
+
+def test_moderated_variances_are_those_that_the_prior_makes_probable():
+    """Drawn from the distribution that is assumed, they are nearer to the truth than each by itself, and unbiased."""
+    rng = np.random.default_rng(9)
+    true = 3.0 * 6.0 / rng.chisquare(6.0, 4000)
+    sample = true * rng.chisquare(5.0, 4000) / 5.0
+    found = moderated(sample, 5)
+    assert np.mean(found / true) == pytest.approx(1.0, abs=0.03)
+    assert np.std(np.log(found / true)) < 0.75 * np.std(np.log(sample / true))
+    assert moderated(np.array([0.0, 1.0]), 5) == pytest.approx([0.0, 1.0])  # what never differs tells no scale
 
 
 def test_noise_alone_is_no_gain(spring_slider):

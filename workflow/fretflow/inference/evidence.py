@@ -34,7 +34,7 @@ from fretflow.inference.parameters import Array
 
 LOOP_HARMONICS = 7  # of what no law tells, by the phase; their sd falls with the order, as of continuous functions
 MODULATING = 2  # the same, of what a law of another form does to a signature
-LEAST = 0.01  # of the rms of all, below which what a loop shows of an effect is round-off and has no direction
+LEAST = 0.01  # of the rms of a channel, below which what a loop shows of an effect is round-off and has no direction
 SIZES = np.geomspace(1e-3, 1.0, 10)  # sigma and tau, from what hardly any channel resolves to all of it
 DRAWS, SEED = 1000, 2026  # of a posterior: its 90 % interval is then known to 3 % of its width
 FORMS = np.geomspace(0.003, 1.0, 8)  # e, from below all noise to laws that have nothing in common
@@ -152,8 +152,8 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
     A law of the motion is off alike in all loops, by a function of their phase; one of time or energy alike at all
     phases, by one of the cycles; at other conditions both may differ, and loops of a few counts are off each by itself,
     so that an error in one of them needs no larger size than it has. What a law's form is off by is a share of all
-    that the law does: it may be as large where the law happens to do little, as late in a run-in, so that no loop
-    counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature.
+    that the law does: it may be as large where the law happens to do little, as late in a run-in, so that no loop of a
+    channel counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature.
     """
     seen = np.array(signature, dtype=float)
     for own in loops_of(measurement):
@@ -164,14 +164,15 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
 
 
 def _levelled(measurement: Measurement, signature: Array) -> Array:
-    """Return a signature (M,) with what single groups of rows show of it raised to the rms of all groups."""
-    groups = [measurement.group == one for one in range(len(measurement.groups))]
-    share = np.square(signature / sizes(measurement))
-    own = np.sqrt([np.mean(share[rows]) for rows in groups])
-    rms, found = float(np.sqrt(np.mean(own**2))), signature.copy()
-    for rows, size in zip(groups, own, strict=True):
-        if LEAST * rms < size < rms:
-            found[rows] *= rms / size
+    """Return a signature (M,) with what single groups of rows show of it raised to the rms of all with this channel."""
+    share, found = np.square(signature / sizes(measurement)), signature.copy()
+    for channel in range(len(measurement.channels)):
+        parts = [rows for rows in groups_of(measurement) if measurement.channel[rows][0] == channel]
+        own = np.sqrt([np.mean(share[rows]) for rows in parts])
+        rms = float(np.sqrt(np.mean(own**2)))
+        for rows, size in zip(parts, own, strict=True):
+            if LEAST * rms < size < rms:
+                found[rows] *= rms / size
     return found
 
 
@@ -222,10 +223,15 @@ def size_prior(code: float, formed: Array | None = None) -> Array:
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
+def groups_of(measurement: Measurement) -> list[NDArray[np.bool_]]:
+    """Return the rows (M,) of each channel of each group: of a loop, a map, a test."""
+    keys = measurement.channel * len(measurement.groups) + measurement.group
+    return [keys == key for key in np.unique(keys)]
+
+
 def loops_of(measurement: Measurement) -> list[NDArray[np.bool_]]:
     """Return the rows (M,) of each channel of each loop."""
-    keys = measurement.channel * len(measurement.groups) + measurement.group
-    return [keys == key for key in np.unique(keys[np.isfinite(measurement.phase)])]
+    return [rows for rows in groups_of(measurement) if np.isfinite(measurement.phase[rows]).any()]
 
 
 def sizes(measurement: Measurement, whole: bool = False) -> Array:

@@ -132,8 +132,7 @@ def posterior(found: Search) -> Posterior:
         for fewer, odds in beyond.items():  # another form of its laws may do the same
             weight[fewer] = float(np.logaddexp(weight[fewer], own - odds + prior[len(fewer)]))
         like.append(names)
-        if min(beyond.values(), default=inf) > 0.0:
-            weight[names] = own + prior[len(names)]
+        weight[names] = own + prior[len(names)]
     unlisted = _unlisted(found, {names: prior[len(names)] for names in like})
     top = max(*weight.values(), unlisted)
     total = sum(exp(value - top) for value in weight.values()) + exp(unlisted - top)
@@ -229,10 +228,11 @@ def visible(candidates: int) -> float:
 def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     """Return the log odds of a wider set over another form of the plainer set's laws that does the same.
 
-    Of further effects they are at most theirs in what no form of these laws explains. And the share of what the plainer
-    set leaves that the wider one takes is compared with the shares that the best other effect takes of law-form errors
-    of the plainer set, drawn smooth and, as these are physics too, as structured as the catalogue's own effects. Forms
-    that differ by as much as the wider set takes are as rare as among published ones.
+    They are those of what the wider set takes beyond chance, and how rare forms are among published ones that differ by
+    as much. Of further effects the first are at most theirs in what no form of these laws explains. And the share of
+    what the plainer set leaves that the wider one takes is compared with the shares that the best other effect takes of
+    law-form errors of the plainer set, drawn smooth and, as these are physics too, as structured as the catalogue's own
+    effects.
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
@@ -245,13 +245,12 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
     beyond = log(largest_odds(p))
     if fewer < wider:
-        beyond = min(beyond, _outside_forms(found, fewer, wider))
-    size = float(np.linalg.norm(found.discrepancy.covariance.whiten(found.signatures(fewer))))
-    if beyond <= 0.0:  # no more than chance takes; what is larger than all that a law does is no form of it
-        return 0.0 if left <= size**2 else np.inf
-    if left <= size**2:
-        alike = taken_of_effects(found, fewer)
-        beyond = min(beyond, log(largest_odds((np.count_nonzero(alike >= taken) + 1) / (len(alike) + 1))))
+        beyond = max(min(beyond, _outside_forms(found, fewer, wider)), 0.0)
+    size = float(np.linalg.norm(form_changes(found, fewer)))  # as it is seen: what parameters take up is not left
+    if left > size**2:
+        return inf  # what is larger than all that a law does is no form of it
+    alike = taken_of_effects(found, fewer)
+    beyond = min(beyond, log(largest_odds((np.count_nonzero(alike >= taken) + 1) / (len(alike) + 1))))
     forms = law_form_errors() * size
     return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 
@@ -273,13 +272,17 @@ def largest_odds(p: float) -> float:
     return -1.0 / (e * p * log(p)) if p > 0.0 else inf
 
 
+def form_changes(found: Search, names: Names) -> Array:
+    """Return what law-form errors of size one change (M, any), whitened, beyond what a fitted set's parameters can."""
+    rest = basis(found.fits[names].whitened_jacobian)
+    errors = found.fitter.covariance.whiten(found.formed(names))
+    return np.asarray(errors - rest @ (rest.T @ errors))
+
+
 def taken_by_chance(found: Search, names: Names) -> Array:
     """Return the share (DRAWS,) of draws of a set's law-form error that the best further effect takes."""
-    fit = found.fits[names]
-    rest = basis(fit.whitened_jacobian)
-    errors = found.fitter.covariance.whiten(found.formed(names))
+    rest, errors = basis(found.fits[names].whitened_jacobian), form_changes(found, names)
     draws = errors @ np.random.default_rng(SEED).standard_normal((errors.shape[1], DRAWS))
-    draws -= rest @ (rest.T @ draws)
     draws /= np.maximum(np.linalg.norm(draws, axis=0), 1e-300)
     best = np.zeros(DRAWS)
     for start in found.starts:

@@ -5,13 +5,16 @@ Model of a channel at cycle count k, repeat r, sample n (phase)::
     y_krn = (1 + g_kr) m_kn + o_kr + e_krn
 
 with the loop m without its mean, the gain g and the offset o of a repeat, and noise e whose size may depend on the
-phase. All are estimated from the differences between repeats alone, never from the residuals of a fit.
+phase. All are estimated from the differences between repeats alone, never from the residuals of a fit. Few repeats tell
+little of a single phase: by chance alone some would seem far surer than others, and `moderated` holds them together.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import digamma, polygamma
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
@@ -81,13 +84,35 @@ def repeatability(values: Array) -> Repeatability:
         between += np.sum(fits**2, axis=0)
         noise_of_fit += (repeats[k] - 1) / squares
     samples = values.shape[2]
-    noise = rest / freedom * samples / (samples - 2)
+    noise = moderated(rest / freedom * samples / (samples - 2), freedom)
     fitted = np.sqrt(np.maximum(between - noise_of_fit * noise.mean(), 0.0) / freedom)
     repeat_variance = total / freedom
     return Repeatability(mean=mean, repeats=repeats, noise_sd=np.sqrt(noise), gain_sd=float(fitted[0]),
                          offset_sd=float(fitted[1]), repeat_sd=np.sqrt(repeat_variance),
                          cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom,
                          smooth_share=smooth / max(float(rest.sum()), 1e-300))
+
+
+def moderated(variance: Array, freedom: int) -> Array:
+    """Return sample variances (N,) of so many degrees of freedom, moderated by each other.
+
+    The true ones have a scaled inverse chi-squared distribution, whose scale and degrees of freedom the mean and the
+    variance of the logarithms tell; one over what is returned is the expected precision of each. Where they scatter no
+    more than by chance, all are the same.
+
+    Source: G. K. Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) art. 3, sections 3 and 6.2.
+    """
+    if not (variance > 0.0).all():
+        return variance
+    logs, half = np.log(variance), 0.5 * freedom
+    beyond = float(logs.var(ddof=1) - polygamma(1, half))
+    widest, narrowest = 1e-3, 1e6  # half the degrees of freedom of all: from none to as good as no scatter
+    if beyond <= polygamma(1, narrowest):
+        return np.full(len(variance), variance.mean())
+    own = widest if beyond >= polygamma(1, widest) else float(
+        np.exp(brentq(lambda at: float(polygamma(1, np.exp(at))) - beyond, np.log(widest), np.log(narrowest))))
+    scale = np.exp(logs.mean() - digamma(half) + np.log(half) + digamma(own) - np.log(own))
+    return np.asarray((own * scale + half * variance) / (own + half))
 
 
 def is_unsteady(share: float, samples: int) -> bool:
