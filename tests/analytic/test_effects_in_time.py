@@ -97,6 +97,8 @@ CASES = {
     "direction": (DirectionalFriction(difference=0.08), {"friction": lambda x, v, way: 1.0 + 0.08 * way}),
     "direction, the mean at rest": (DirectionalFriction(difference=0.08, rest=0.0), {
         "friction": lambda x, v, way: 1.0 + 0.08 * (way if way * v > 0.0 else 0.0)}),
+    "direction by the speed": (DirectionalFriction(difference=0.08, rest=-1.0, speed_scale="2 mm/s"), {
+        "friction": lambda x, v, way: 1.0 + 0.08 * v / math.hypot(v, 2e-3)}),
     "coupling": (NormalLoadCoupling().changed(slope=1e6), {"friction": lambda x, v, way: 1.0 + 1e6 * x / N}),
     "curved coupling": (NormalLoadCoupling().changed(slope=3e5, curvature=1e4),
                         {"friction": lambda x, v, way: 1.0 + 3e5 * x * (1.0 + 1e4 * x) / N}),
