@@ -122,18 +122,23 @@ def posterior(found: Search) -> Posterior:
                 and any(_plainer(names, one) for one in (*singles, *pairs))]
     found.sign([*singles, *pairs])
     weight: dict[Names, float] = {frozenset(): found.log_evidence(frozenset())}
-    like: list[Names] = []  # what an unlisted effect may be like
+    errors = {size: left_out(found.starts, size, count) for size in (1, 2)}
+    like: dict[Names, float] = {}  # what an unlisted effect may be like, and the evidence for that
     shows = {names: found.shows(names) for names in (*singles, *pairs)}
     for names in sorted(shows, key=lambda one: sum(_plainer(other, one) for other in shows)):
         if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
             continue  # what it says of one effect is that this does nothing: it is the set without it
+        if any(fewer < names and found.chi_squared(names) > found.chi_squared(fewer) for fewer in weight if fewer):
+            continue  # its fit was not ended: a wider set can do all that a plainer one does
         own = found.log_evidence(names)
         beyond = {fewer: beyond_forms(found, fewer, names) for fewer in weight if fewer and _plainer(fewer, names)}
-        for fewer, odds in beyond.items():  # another form of its laws may do the same
-            weight[fewer] = float(np.logaddexp(weight[fewer], own - odds + prior[len(fewer)]))
-        like.append(names)
+        like[names] = found.evidence(names).averaged(found.prior(names, forms=errors[len(names)]))
+        for fewer, odds in beyond.items():  # another form of its laws may do the same, or as what is like the wider set
+            weight[fewer] = float(np.logaddexp(weight[fewer], max(own, like[names]) - odds + prior[len(fewer)]))
         weight[names] = own + prior[len(names)]
-    unlisted = _unlisted(found, {names: prior[len(names)] for names in like})
+    values = [[found.evidence(frozenset(), False).averaged(found.beyond_codes())], *(
+        [prior[size] + own for names, own in like.items() if len(names) == size] for size in errors)]
+    unlisted = float(np.logaddexp.reduce([one for own in values for one in own])) - log(len(values))
     top = max(*weight.values(), unlisted)
     total = sum(exp(value - top) for value in weight.values()) + exp(unlisted - top)
     order = sorted(weight, key=lambda one: -weight[one])
@@ -171,19 +176,6 @@ def _extends(wider: str, plainer: str) -> bool:
     """Tell whether the law of one effect holds that of another."""
     kinds = catalogue()
     return wider != plainer and (issubclass(kinds[wider], kinds[plainer]) or plainer in kinds[wider].extends)
-
-
-def _unlisted(found: Search, priors: dict[Names, float]) -> float:
-    """Return the log weight of an unlisted effect: like nothing listed, or like one effect or two with another error.
-
-    `priors` are the logarithms of how probable the listed sets were beforehand.
-    """
-    values = [[found.evidence(frozenset(), False).averaged(found.beyond_codes())]]
-    for size in (1, 2):
-        forms = left_out(found.starts, size, len(found.experiment.candidates()))
-        values.append([prior + found.evidence(names).averaged(found.prior(names, forms=forms))
-                       for names, prior in priors.items() if len(names) == size])
-    return float(np.logaddexp.reduce([one for own in values for one in own])) - log(len(values))
 
 
 def left_out(starts: list[Start], size: int, candidates: int) -> Array:
