@@ -180,7 +180,9 @@ def test_no_run_is_refused(tmp_path, capsys):
 
 def test_gaps_in_a_curve_are_told(home, capsys):
     assert cli.execute(["response", str(home), "--unworn", "--start", "39 Hz", "--stop", "41 Hz"]) == 0
-    assert "bridged" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "bridged" not in said
+    assert "end of the \nfrequency range\n--start and --stop widen the range" in said  # 39 to 41 Hz hold no peak
     (path,) = (home / stage.FOLDER).glob("*.h5")
     run = read_record(path, stage.RunCurve)
     bridged = np.zeros(len(run.curve.frequency), dtype=bool)
