@@ -140,7 +140,7 @@ def _symmetric(matrix: Matrix, n: int, label: str) -> Matrix:
                          f"{lean.max() / largest:.1e} of its largest entry; give both triangles")
     if label != "C" and np.any(matrix.diagonal() < 0.0):
         row = int(np.argmin(matrix.diagonal()))
-        raise InputError(f"{label}: is not definite, {label}[{row}, {row}] is negative; correct its sign")
+        raise InputError(f"{label}: is not positive definite, {label}[{row}, {row}] is negative; correct its sign")
     whole = 0.5 * (matrix + matrix.T)
     return whole.tocsc() if sparse.issparse(whole) else np.asarray(whole)
 
