@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 
 from pages.effects import write_effects
 from pages.interfaces import commands, keep_bars, public_names
-from pages.keys import case_keys, recording_keys, structure_keys
+from pages.keys import bolted_keys, case_keys, recording_keys, structure_keys
 from pages.links import check_links
 from pages.markdown import DOCS, write
 from pages.verification import copy_trials, scoreboards, verification
@@ -37,6 +37,7 @@ def make_pages(app: Sphinx) -> None:
         shutil.rmtree(DOCS / folder / "runs", ignore_errors=True)
     write("cli.md", commands())
     write("case_keys.md", case_keys())
+    write("bolted_keys.md", bolted_keys())
     write("recording_keys.md", recording_keys())
     write("structure_keys.md", structure_keys())
     write("verification.md", verification())

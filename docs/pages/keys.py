@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import types
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
@@ -35,6 +35,13 @@ def recording_keys() -> str:
                         "### A channel", key_table(ChannelSpec), "### Names of channels", channels]) + "\n"
 
 
+def bolted_keys() -> str:
+    """Return every key of the case file of a bolted structure."""
+    from fretflow.case.bolted import BoltedCase
+
+    return "\n\n".join(key_tables(BoltedCase)) + "\n"
+
+
 def structure_keys() -> str:
     """Return every key of a recording of a structure."""
     from fretflow.recordings.kinds.structures import StructureFile
@@ -57,8 +64,9 @@ def key_tables(model: type[BaseModel], name: str = "", skip: tuple[str, ...] = (
         yield keys
     for key, info in model.model_fields.items():
         if key not in skip and (inner := table_in(info)):
-            double = get_origin(plain_type(info.annotation)) is tuple
-            inside = f"{name}.{key}" if name else key
+            origin = get_origin(plain_type(info.annotation))
+            double, inside = origin is tuple, f"{name}.{key}" if name else key
+            inside += ".NAME" if origin is dict else ""
             yield from key_tables(inner, f"[{inside}]" if double else inside)
 
 
@@ -66,7 +74,7 @@ def key_table(model: type[BaseModel]) -> str:
     """Return the keys of `model` that are no tables, with unit, default and limits."""
     rows = [(f"`{key}`", kind_of(info), default_of(info), limits_of(info), escape(info.description or ""))
             for key, info in model.model_fields.items()
-            if table_in(info) is None and get_origin(plain_type(info.annotation)) is not dict]
+            if table_in(info) is None and (get_origin(plain_type(info.annotation)) is not dict or info.description)]
     return table(("key", "takes", "default", "limits", "meaning"), rows) if rows else ""
 
 
@@ -79,10 +87,10 @@ def plain_type(annotation: Any) -> Any:
 
 
 def table_in(info: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a key that is a table, or an array of tables."""
+    """Return the model of a key that is a table, an array of tables, or tables with names of their own."""
     kind = plain_type(info.annotation)
-    if get_origin(kind) is tuple:
-        kind = get_args(kind)[0]
+    if get_origin(kind) in (tuple, dict):
+        kind = get_args(kind)[get_origin(kind) is dict]
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) and not is_channel(kind) else None
 
 
@@ -100,27 +108,48 @@ def marks_of(info: FieldInfo) -> Iterator[Any]:
 
 def unit_of(info: FieldInfo) -> str:
     """Return the SI unit of a key, if it has one."""
-    from fretflow.core.units import Unit
+    return unit_among(marks_of(info))
 
-    return next((mark.unit for mark in marks_of(info) if isinstance(mark, Unit)), "")
+
+def unit_among(marks: Iterable[Any]) -> str:
+    """Return the SI unit that one of `marks` tells; that of a ratio is none."""
+    from fretflow.core.units import Unit
+    from fretflow.recordings.kinds.structure_columns import Parsed
+
+    return next((mark.unit for mark in marks if isinstance(mark, Unit | Parsed) and mark.unit != "1"), "")
 
 
 def kind_of(info: FieldInfo) -> str:
     """Return in words what a key takes."""
-    if unit := unit_of(info):
+    kind, unit = plain_type(info.annotation), unit_of(info)
+    if get_origin(kind) is tuple:
+        return in_brackets(get_args(kind), unit)
+    if unit:
         return f'text as `"1 {unit}"`'
-    kind = plain_type(info.annotation)
     if is_channel(kind):
         return "a channel"
     if isinstance(kind, type) and issubclass(kind, Enum):
         return " or ".join(f'`"{option.value}"`' for option in kind)
     if get_origin(kind) is Literal:
         return " or ".join(f"`{json.dumps(option)}`" for option in get_args(kind))
-    if get_origin(kind) is tuple:
-        return "whole numbers in brackets"
     if get_origin(kind) in (Union, types.UnionType):
-        return " or ".join(WORDS.get(option, "text") for option in get_args(kind) if option is not type(None))
-    return WORDS.get(kind, "text")
+        return " or ".join(word(option) for option in get_args(kind) if option is not type(None))
+    return word(kind)
+
+
+def in_brackets(elements: tuple[Any, ...], unit: str) -> str:
+    """Return in words what a list of `elements` takes, a range or a place where there are so many."""
+    first = elements[0]
+    unit = unit or unit_among(getattr(first, "__metadata__", ()))
+    count = "" if Ellipsis in elements else f"{('two', 'three')[len(elements) - 2]} "
+    if unit:
+        return f'{count}texts as `"1 {unit}"` in brackets'
+    return f"{count}{word(get_args(first)[0] if hasattr(first, '__metadata__') else first)}s in brackets"
+
+
+def word(kind: Any) -> str:
+    """Return the word for a type."""
+    return "a table" if get_origin(kind) is dict else WORDS.get(kind, "text")
 
 
 WORDS = {int: "whole number", float: "number", bool: "`true` or `false`", str: "text", Path: "path of a file"}

@@ -10,10 +10,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
+from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.store import read_record
 from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers.continuation import checkpoint
 from fretflow.solvers.continuation import follow as continuation
+from fretflow.solvers.continuation.checkpoint import SavedTraces
 from fretflow.solvers.continuation.curve import (
     CHANNELS,
     ResponseCurve,
@@ -28,6 +33,7 @@ from fretflow.solvers.continuation.points import Trail
 from fretflow.solvers.continuation.system import ContinuationSystem
 from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.internal import InternalEquations
+from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.optimize import brentq
@@ -192,6 +198,35 @@ def test_a_curve_that_turns_round_on_itself_is_taken_up_beyond_and_said(monkeypa
     assert np.all(np.diff(found.frequency) > 0.0)
     assert found.frequency[np.flatnonzero(found.bridged) - 1] == pytest.approx(turned)
     np.testing.assert_allclose(found.first_harmonic[:, :2], linear(found.frequency, 2.0), rtol=1e-5)
+
+
+def test_a_curve_in_partial_slip_ends_after_few_periods_and_is_saved_as_it_goes(monkeypatch, tmp_path):
+    """25 nodes on a dome of 0.5 m; derivatives by differences would take a period for each of 31 coefficients."""
+    side = np.linspace(-0.4e-3, 0.4e-3, 5)
+    nodes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    apart = np.linalg.norm(nodes[:, None] - nodes, axis=2)
+    flexibility = 2.0 * (1.0 - 0.29**2) / (np.pi * 193e9) / np.where(apart > 0.0, apart, 0.2e-3 / 3.525)  # Love
+    rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+    slipping = rig_problem(
+        joint=QuasiStaticJoint.from_stiffness(np.linalg.inv(np.kron(flexibility, np.eye(3))), rig),
+        interface=Interface(nodes=nodes, areas=np.full(25, 4e-8), gap=np.sum(nodes**2, axis=1)),
+        friction_coefficient=0.88, frequency=200.0, excitation=45.0, normal_load=60.0)
+    evaluations, sizes, file = [], [], tmp_path / "curve.part"
+    evaluate = ContinuationSystem.evaluate
+    monkeypatch.setattr(ContinuationSystem, "evaluate",
+                        lambda self, *given: evaluations.append(self) or evaluate(self, *given))
+    monkeypatch.setattr(checkpoint, "RARELY", 0.0)
+    sweep = Sweep(start=60.0, stop=200.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64)
+    found = respond(slipping, sweep, lambda direction, frequency: sizes.append(
+        len(read_record(file, SavedTraces).points["bridged"]) if file.exists() else 0), file)
+
+    state = QuasiStaticSolver(Solver(harmonics=15, samples=64)).solve(slipping).state
+    assert found.frequency[[0, -1]] == pytest.approx([60.0, 60.0])
+    assert np.max(found.frequency) == pytest.approx(200.0)
+    assert np.any(np.any(state == ContactState.STICK, axis=1) & np.any(state == ContactState.SLIP, axis=1))
+    assert len(evaluations) < 31 * len(found.frequency)
+    assert np.all(np.diff(sizes) >= 0)
+    assert sizes[-1] >= len(found.frequency) - 2
 
 
 def test_a_gap_too_wide_is_an_error_that_names_the_frequency(monkeypatch):

@@ -216,3 +216,27 @@ def test_secants_lead_across_the_kinks_of_ten_contacts_that_begin_to_slip():
     outputs = given.boundary.observe(internal, system.period(point).displacement, system.period(point).force, loads)
     swings = np.array([np.ptp(history.of_period(history.outputs[str(k)])) for k in range(30)])
     assert [np.ptp(outputs[str(k)]) for k in range(30)] == pytest.approx(swings, abs=0.02 * swings.max())
+
+
+LINK, HOLD = np.diag([20e6, 20e6, 40e6]), np.diag([1e6, 1e6, 1e6])  # of the contributor's guide
+GUIDE = np.block([[LINK + HOLD, -LINK], [-LINK, LINK]]), np.diag([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
+
+
+def guide_problem(stiffness=GUIDE[0], mass=GUIDE[1], contact=(1,), observe=None, frequency=100, force=80, load=60,
+                  mu=0.6, nodes=1):
+    held = Joint.from_matrices(stiffness, mass, contact=contact, observe=observe or {"tip": 0}, modal_damping=0.05)
+    faces = Interface(nodes=np.zeros((nodes, 2)), areas=np.full(nodes, 1e-6), gap=np.zeros(nodes))
+    return PeriodicProblem(held, faces, Coulomb(mu), Harmonic(frequency, {"tip": force}),
+                              preload=NormalLoad(load))
+
+
+@pytest.mark.parametrize(("wrong", "said"), [
+    ({"stiffness": GUIDE[0] * (1.0 + 0.01j)}, "must be real"), ({"mass": -GUIDE[1]}, "M: is not positive definite"),
+    ({"contact": (1.5,)}, "contact: node numbers must be whole"), ({"observe": ["tip"]}, "observe: .* names no places"),
+    ({"frequency": "100 Hz"}, "frequency 100 Hz .* without quotes"), ({"force": "80 N"}, "excitation: tip = '80 N'"),
+    ({"force": np.nan}, "excitation: tip = nan"), ({"load": -60}, "preload: -60"),
+    ({"load": "60 N"}, "preload: '60 N'"),
+    ({"mu": "0.6"}, "friction_coefficient: must be"), ({"nodes": 2}, "interface: has 2 nodes, but")])
+def test_what_python_is_given_wrongly_is_refused_by_name(wrong, said):
+    with pytest.raises(InputError, match=said):
+        solve_periodic(guide_problem(**wrong))

@@ -87,3 +87,25 @@ def test_a_run_keeps_figures_curves_and_pictures(tmp_path):
     ("worn_volume_m3", 7.69058e-10, ("worn volume", "0.7691 mm³"))])
 def test_figures_are_printed_in_words_and_units(name, value, shown):
     assert _figure(name, value) == shown
+
+
+@pytest.mark.fem
+def test_a_mesh_on_which_its_reader_crashes_is_refused(tmp_path, capfd):
+    """A count of no nodes above a list of them aborts some versions of gmsh; others may find words for it."""
+    from fretflow.cli import execute
+    from fretflow_meshes import LapBeam
+
+    mesh = tmp_path / "beam.msh"
+    LapBeam(across=2, stretch=3.0).write(mesh)
+    content = bytearray(mesh.read_bytes())
+    count = content.index(b"$Nodes\n") + 15
+    content[count:count + 8] = bytes(8)
+    mesh.write_bytes(content)
+    lap = next(line for line in EXAMPLE.splitlines() if line.startswith("lap_beam"))
+    case = changed(tmp_path, lap, 'mesh = "beam.msh"')
+    named = case.read_text(encoding="utf-8").replace("{ diameter", '{ head = "head 1", nut = "nut 1", diameter')
+    case.write_text(named, encoding="utf-8")
+    assert execute(["run", str(case), "--out", str(tmp_path / "runs")]) == 2
+    said = capfd.readouterr().err.strip()
+    assert said.startswith(f"fretflow: {mesh}: ")
+    assert "gmsh cannot read" in said or "breaks off in it" in said

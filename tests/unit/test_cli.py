@@ -105,11 +105,14 @@ def test_help_is_wrapped_once_and_offers_nothing_without_use(capsys, monkeypatch
     assert "OUT/NAME" in capsys.readouterr().out  # what looks like a tag is none
 
 
-def test_whatever_finds_numbers_keeps_them_as_json(case, capsys, tmp_path):
-    without = {"init", "render", "export"}
+def test_every_command_keeps_what_it_found_or_wrote_as_json(case, capsys, tmp_path):
     for name in app.resolved_commands():
         if not name.startswith("-"):
-            assert ("json" in signature(app[name].default_command).parameters) == (name not in without), name
+            assert "json" in signature(app[name].default_command).parameters, name
+    (tmp_path / "loop.csv").write_text("x_um,Kraft\n" + "1,2\n" * 20)
+    written = tmp_path / "recording.toml"
+    assert fretflow("init", "--recording", tmp_path / "loop.csv", "--json", tmp_path / "i.json", "--quiet") == 0
+    assert json.loads((tmp_path / "i.json").read_text()) == {"file": str(written), "lacks": ["friction_force"]}
     assert fretflow("show", case, "--quiet", "--json", tmp_path / "deep" / "a.json") == 0
     assert capsys.readouterr().out == ""
     whole = json.loads((tmp_path / "deep" / "a.json").read_text())

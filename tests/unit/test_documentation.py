@@ -35,3 +35,21 @@ def test_every_effect_says_on_its_page_what_would_confirm_it(monkeypatch):
     pairs = [(name, other) for name, kind in known.items() for other in kind.told_from]
     assert pairs
     assert all(f"[{one}]({one}.md)" in pages[other] for pair in pairs for one, other in (pair, pair[::-1]))
+
+
+def test_tables_of_keys_tell_what_a_key_takes(monkeypatch):
+    monkeypatch.syspath_prepend(PROJECT / "docs")
+    pytest.importorskip("sphinx")
+    from pages.keys import bolted_keys, case_keys, structure_keys
+
+    def takes(text, table):
+        rows = text.partition(f"### `{table}`\n")[2].partition("\n###")[0].splitlines()
+        return {row.split("`")[1]: row.split(" | ")[1] for row in rows if row.startswith("| `")}
+
+    assert takes(case_keys(), "[output]")["figures"] == "texts in brackets"
+    assert takes(case_keys(), "[output]")["loop_cycles"] == "whole numbers in brackets"
+    assert takes(bolted_keys(), "[structure.sensors.NAME]") == {
+        "at": 'three texts as `"1 m"` in brackets', "along": "three numbers in brackets"}
+    assert takes(bolted_keys(), "[response]")["forces"] == 'texts as `"1 N"` in brackets'
+    assert takes(structure_keys(), "[structure.unknown]")["bolt_load"] == 'two texts as `"1 N"` in brackets'
+    assert takes(structure_keys(), "[structure]")["bolt_load"] == 'text as `"1 N"`'

@@ -58,7 +58,7 @@ def test_a_file_in_a_folder_takes_part(folder):
     assert "friction-run-in" in catalogue()
     (effect,) = parse_effects({"heavier": {"weight": "7 N"}})
     assert effect.weight == 7.0
-    assert tables([effect]) == {"heavier": {"weight": "7.0 N"}}
+    assert tables([effect]) == {"heavier": {"weight": "7 N"}}
     assert catalogue()["heavier"].priors()["weight"].high == 20.0
 
 

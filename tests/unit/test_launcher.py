@@ -141,13 +141,32 @@ def test_first_call_sets_up_and_hands_over(world):
     assert constraints.splitlines() == ["rich==15", "numpy==1.24.2"]
 
 
-@pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
-def test_help_alone_sets_nothing_up(world, arguments):
+def put_commands(world):
+    """Put the commands' files into the clone of `world`, whose system is none that the program runs on."""
     room = world.clone / "workflow" / "fretflow" / "cli"
     room.mkdir(parents=True)
     for file in (PROJECT / "workflow" / "fretflow" / "cli").glob("*.py"):
         (room / file.name).write_text(file.read_text())
-    world.system("slackware", "15")  # nor does it matter where
+    world.system("slackware", "15")
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("run", "--help"), "until\n    last stage to run: mesh, reduce"),
+    (("init", "-h"), "recording\n    file of loops, CSV"),
+    (("response", "runs/test1", "--help"), "highest frequency")])
+def test_help_on_a_command_sets_nothing_up(world, arguments, words):
+    put_commands(world)
+    code, out, err = world.run(*arguments)
+    assert (code, err, world.journal()) == (0, "", [])
+    assert out.startswith(f"Usage: fretflow {arguments[0]} ")
+    assert words in out
+    assert '"""' not in out
+    assert not (world.clone / ".venv").exists()
+
+
+@pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
+def test_help_alone_sets_nothing_up(world, arguments):
+    put_commands(world)
     code, out, err = world.run(*arguments)
     assert (code, err, world.journal()) == (0, "", [])
     for name in ("calibrate", "diagnose", "effects", "init and show", "loops", "modes", "run", "trial", "verify"):

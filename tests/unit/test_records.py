@@ -72,3 +72,9 @@ def test_units_are_known_by_field():
     assert unit_of(Pair, "count") == ""
     with pytest.raises(KeyError, match="no field mass"):
         unit_of(Pair, "mass")
+
+
+def test_a_record_is_shown_on_a_line_with_the_shape_of_what_is_large():
+    held = Remembering(memory={"layer_m": np.zeros((50, 3)), "few": np.array([1.0, 2.0])})
+    assert repr(held) == "Remembering(memory={'layer_m': <50 x 3>, 'few': array([1., 2.])})"
+    assert repr(Pair(force=np.zeros(20))) == "Pair(force=<20 in N>, count=1)"

@@ -154,7 +154,9 @@ def test_samples_stand_beside_the_harmonics_that_are_compared(cases):
 def test_the_map_says_what_is_left(maker, cases):
     """A coloured map stood under "no missing physics" without a word of how much it was."""
     found = replace(getattr(cases, maker)(), remainder=Remainder(share=0.05, times_noise=5.84, where=""))
-    assert "What the model of the verdict leaves is 5.84 times the noise" in render_report(found)
+    text = render_report(found)
+    assert "What the model of the verdict leaves is 5.84 times the noise and errors of calibration and simul" in text
+    assert "far from 1, a pattern is none of them; near 1, a faint pattern that loops share may be such an" in text
 
 
 def test_loops_that_are_compared_and_not_drawn_are_told(cases):

@@ -21,6 +21,7 @@ from fretflow.core.store import read_record, write_record
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline import response_curves as stage
 from fretflow.pipeline.problem import rig_problem
+from fretflow.pipeline.results import RunResults
 from fretflow.pipeline.stage import CASE_FILE, RUN_FILE, Manifest, write_json
 from fretflow.solvers.continuation import checkpoint
 from fretflow.solvers.continuation.curve import ResponseCurve, SweepDirection, read_peak
@@ -98,6 +99,27 @@ def test_the_command_makes_curves_and_reads_them_off(home, capsys):
     assert stage.kept_peaks({**folders, "wear": home / "wear-other"}) == []
 
 
+def test_python_has_the_curves_asked_for_last_as_labelled_arrays(home, capsys):
+    assert RunResults.of(home).response_curves == {}
+    assert cli.execute(["response", str(home), "--excitation", "60 N", "--start", "38 Hz", "--stop", "40 Hz"]) == 0
+    assert cli.execute(["response", str(home), "--stop", "52 Hz"]) == 0
+    found = RunResults.of(home).response_curves
+    assert list(found) == ["unworn, 75 N", "worn, 75 N"]
+    peaks = {(row["state"], row["direction"]): row for row in rows(home / stage.FOLDER / "peaks.csv")}
+    for name, curve in found.items():
+        up = curve.sel(channel="block").isel(point=curve.direction.values == 1)
+        read = peaks[name.split(",")[0], "up"]
+        top = int(np.argmax(up.amplitude.data))
+        assert float(up.frequency[top]) == pytest.approx(float(read["frequency_Hz"]), rel=0.01)
+        assert float(up.amplitude.max()) == pytest.approx(float(read["amplitude_m"]), rel=0.01)
+        assert up.amplitude.attrs["units"] == "m"
+        assert up.frequency.attrs["units"] == "Hz"
+        assert 0.0 < float(up.phase[0]) < float(up.phase[-1]) < np.pi  # behind the force, more so past resonance
+        assert curve.cycles == (0 if name.startswith("unworn") else CYCLES)
+    write_json(home / RUN_FILE, {"case": "toy", "stages": {"reduce": "reduce"}})  # worn once more, otherwise
+    assert RunResults.of(home).response_curves == {}
+
+
 def test_a_point_of_a_curve_is_the_period_that_the_solver_finds(home):
     assert cli.execute(["response", str(home), "--unworn"]) == 0
     (path,) = (home / stage.FOLDER).glob("*.h5")
@@ -158,7 +180,9 @@ def test_no_run_is_refused(tmp_path, capsys):
 
 def test_gaps_in_a_curve_are_told(home, capsys):
     assert cli.execute(["response", str(home), "--unworn", "--start", "39 Hz", "--stop", "41 Hz"]) == 0
-    assert "bridged" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "bridged" not in said
+    assert "end of the \nfrequency range\n--start and --stop widen the range" in said  # 39 to 41 Hz hold no peak
     (path,) = (home / stage.FOLDER).glob("*.h5")
     run = read_record(path, stage.RunCurve)
     bridged = np.zeros(len(run.curve.frequency), dtype=bool)

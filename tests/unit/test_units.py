@@ -9,6 +9,7 @@ import math
 import pytest
 from fretflow.core.units import (
     _READABLE,
+    exact_quantity,
     format_quantity,
     parse_quantity,
     pretty_number,
@@ -107,6 +108,19 @@ def test_any_text_parses_or_is_refused(text):
 def test_readable_text_parses_back(value, unit):
     text = format_quantity(value, unit, digits=12)
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-11)
+
+
+@given(st.floats(1e-12, 1e12), st.sampled_from(["m", "Pa", "N/m", "N", "Hz", "kg", "s", "m^2/N"]))
+@example(193e9, "Pa")
+def test_what_a_file_holds_reads_back_to_the_last_bit(value, unit):
+    assert parse_quantity(exact_quantity(value, unit), unit) == value
+
+
+@pytest.mark.parametrize(("value", "unit", "text"), [
+    (193e9, "Pa", "193 GPa"), (0.0, "m", "0 m"), (60.0, "N", "60 N"), (1.1e-14, "m^2/N", "1.1e-14 m^2/N"),
+    (1e-3, "m", "1 mm"), (201226162482.7956, "Pa", "201.2261624827956 GPa")])
+def test_what_a_file_holds_is_what_one_would_type(value, unit, text):
+    assert exact_quantity(value, unit) == text
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from fretflow.case.config import FORMAT, Case, validate_case
-from fretflow.core.units import Unit, format_quantity, pretty_number, pretty_quantity
+from fretflow.core.units import Unit, exact_quantity, format_quantity, pretty_number, pretty_quantity
 
 # What a file to start from sets; everything else in it is a commented default.
 _START = {
@@ -58,7 +58,7 @@ class Entry:
     def toml(self) -> str:
         """Return the value as TOML, exactly."""
         if self.unit:
-            return f'"{self.value!r} {self.unit}"'
+            return f'"{exact_quantity(self.value, self.unit)}"'
         if isinstance(self.value, Enum):
             return json.dumps(self.value.value)
         if isinstance(self.value, tuple):
@@ -87,7 +87,7 @@ def entries(model: BaseModel, table: tuple[str, ...] = ()) -> Iterator[Entry]:
 
 
 def dump_case(case: Case) -> str:
-    """Return `case` as a case file in SI units that parses to an equal case."""
+    """Return `case` as a case file that parses to an equal case."""
     lines: list[str] = []
     table: tuple[str, ...] = ()
     for entry in entries(case):

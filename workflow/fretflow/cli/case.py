@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fretflow.case.config import Case
 
 
-def init(path: Path | None = None, /, *, recording: Path | None = None) -> None:
+def init(path: Path | None = None, /, *, recording: Path | None = None, json: Json = None) -> None:
     """Write a commented case file to start from, or a recording.toml that describes a file of loops.
 
     Parameters
@@ -32,6 +32,7 @@ def init(path: Path | None = None, /, *, recording: Path | None = None) -> None:
     if recording is None:
         path = path or Path("case.toml")
         _write_new(path, starting_case())
+        keep_json(json, {"file": str(path), "lacks": []})
         say_line(f"{path} written; `fretflow run {path}` runs it")
         return
     from fretflow.recordings.described import describe_file
@@ -40,6 +41,7 @@ def init(path: Path | None = None, /, *, recording: Path | None = None) -> None:
     path = path or recording.parent / FILE
     text, lacks = describe_file(recording, path.parent)
     _write_new(path, text)
+    keep_json(json, {"file": str(path), "lacks": lacks})
     said = f"{path} written; "
     if lacks:
         said += f"tell the column and unit of {' and '.join(lacks)} in it; then "

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fretflow.cli.terminal import say_line, show_files
+from fretflow.cli.terminal import Json, keep_json, say_line, show_files
 
 
-def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0) -> None:
+def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0, json: Json = None) -> None:
     """Write a run's loops and wear as a recording, which `loops` reads and `diagnose` explains.
 
     Parameters
@@ -24,5 +24,5 @@ def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0) -> None:
 
     folder = run / "recording" if to is None else to
     files = RunResults.of(run).to_recording(folder, noise)
-    show_files(files, "recording")
+    show_files([*files, *keep_json(json, {"recording": str(folder), "files": list(map(str, files))})], "recording")
     say_line(f"`fretflow loops {folder}` reads it, and `fretflow diagnose {folder}` explains it")

@@ -105,5 +105,7 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
             reasons.append(f"no damping for {peak.state}, {peak.excitation:g} N, {peak.direction}: {peak.reason}")
     console = Terminal(highlight=False)
     console.print(view)
+    if any("end of the frequency range" in reason for reason in reasons):
+        reasons.append("--start and --stop widen the range")
     for reason in reasons:
         console.print(reason)

@@ -259,7 +259,7 @@ def _cubic_millimetres(value: float) -> str:
     return f"{value * 1e9:.4g} mm³"
 
 
-def render(run: Path, /, *, figures: Several = (), formats: Several = ()) -> None:
+def render(run: Path, /, *, figures: Several = (), formats: Several = (), json: Json = None) -> None:
     """Draw the pictures of a run again, off-screen, as far as its stages are complete.
 
     Parameters
@@ -273,4 +273,5 @@ def render(run: Path, /, *, figures: Several = (), formats: Several = ()) -> Non
     """
     from fretflow.pipeline.stages import render_run
 
-    show_files(render_run(run, figures, formats), "files")
+    files = render_run(run, figures, formats)
+    show_files([*files, *keep_json(json, {"files": list(map(str, files))})], "files")

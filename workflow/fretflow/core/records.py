@@ -49,9 +49,25 @@ def _frozen(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return value
 
 
+def _in_short(value: Any, unit: str = "") -> str:
+    """Return a value as it is shown: of arrays that fill lines their shape."""
+    if isinstance(value, np.ndarray) and value.size > 8:
+        return f"<{' x '.join(map(str, value.shape))}{f' in {unit}' if unit not in ('', '1') else ''}>"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key!r}: {_in_short(item, unit)}' for key, item in value.items())}}}"
+    if type(value) in (tuple, list):
+        return f"({', '.join(_in_short(item, unit) for item in value)})"
+    return repr(value)
+
+
+def _show(self: Any) -> str:
+    shown = (f"{f.name}={_in_short(getattr(self, f.name), f.metadata.get('unit', ''))}" for f in fields(self) if f.repr)
+    return f"{type(self).__qualname__}({', '.join(shown)})"
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(quantity, field))
 def record(cls: type[T]) -> type[T]:
-    """Make `cls` a keyword-only frozen dataclass with read-only arrays.
+    """Make `cls` a keyword-only frozen dataclass with read-only arrays, of which large ones are shown by their shape.
 
     A class may define ``check(self)`` to validate itself; it runs after construction.
     """
@@ -63,6 +79,8 @@ def record(cls: type[T]) -> type[T]:
             check()
 
     cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    if "__repr__" not in vars(cls):
+        cls.__repr__ = _show  # type: ignore[method-assign]
     return dataclass(frozen=True, kw_only=True)(cls)
 
 

@@ -108,6 +108,17 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
     return f"{value / size:.{digits}g} {name}".rstrip()
 
 
+def exact_quantity(value: float, unit: str) -> str:
+    """Return `value`, in the SI unit `unit`, so that it reads back to the last bit, as typed where that does."""
+    name, size = readable_unit(value, unit)
+    text = f"{_shortest(value / size)} {name}".rstrip()
+    return text if name and parse_quantity(text, unit) == value else f"{_shortest(value)} {unit}"
+
+
+def _shortest(value: float) -> str:
+    return repr(float(value)).removesuffix(".0")
+
+
 def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
     """Return `value`, in the SI unit `unit`, as it is printed for people, like ``"14.2 µm"``."""
     name, size = readable_unit(value, unit)

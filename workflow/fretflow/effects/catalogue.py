@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from fretflow.case.casefile import entries, unit_of
 from fretflow.case.config import explain
 from fretflow.core.errors import ConfigError, InputError, did_you_mean
+from fretflow.core.units import exact_quantity
 from fretflow.effects.effect import Effect
 
 GROUP = "fretflow.effects"
@@ -132,7 +133,7 @@ def check_together(effects: Iterable[Effect], source: str = "effects") -> None:
 
 def tables(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
     """Return `effects` as tables of a case file, exactly; parameters that are not set are left out."""
-    return {effect.id: {entry.key: f"{entry.value!r} {entry.unit}" if entry.unit else entry.value
+    return {effect.id: {entry.key: exact_quantity(entry.value, entry.unit) if entry.unit else entry.value
                         for entry in entries(effect) if entry.value is not None}
             for effect in sorted(effects, key=lambda effect: effect.id)}
 

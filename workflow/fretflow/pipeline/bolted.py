@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from fretflow.case.bolted import BoltedCase
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.static import SEPARATION, SLIP
-from fretflow.core.errors import ConfigError, InputError
+from fretflow.core.errors import ConfigError, InputError, MeshError, PlatformError
 from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.core.store import write_csv
 from fretflow.effects.bolted_cycle import BoltedCycle
 from fretflow.effects.cycle import march_wear
+from fretflow.pipeline.isolated import call_isolated
 from fretflow.pipeline.stage import SUMMARY_FILE, write_json
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
 from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode, follow_mode
@@ -216,9 +217,14 @@ def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], Non
              for pair, one in zip(pairs, tables, strict=True)]
     if case.response is not None and case.response.at not in own.sensors:
         raise ConfigError(f"response.at: {case.response.at!r} is no sensor; there are {', '.join(own.sensors)}")
-    matrices = structure_from_mesh(
-        mesh, Material(**own.material.model_dump()), [(one.upper, one.lower) for one in own.interfaces], bolts,
-        own.clamped, {name: (one.at, one.along) for name, one in own.sensors.items()})
+    try:
+        matrices = call_isolated(  # a damaged file may take gmsh's process with it
+            structure_from_mesh, mesh, Material(**own.material.model_dump()),
+            [(one.upper, one.lower) for one in own.interfaces], bolts, own.clamped,
+            {name: (one.at, one.along) for name, one in own.sensors.items()})
+    except PlatformError as error:
+        raise MeshError(f"{mesh}: is damaged, so that its reader breaks off in it ({error}); write the mesh anew"
+                        ) from error
     asked = case.joint
     joint = BoltedJoint(structure=reduce_structure(matrices, own.modes), law=Coulomb(asked.friction_coefficient),
                         bolt_load=asked.bolt_load, modal_damping=asked.modal_damping)

@@ -11,6 +11,7 @@ import numpy as np
 from fretflow.case.casefile import entries
 from fretflow.core.errors import InputError
 from fretflow.core.store import write_csv, write_whole
+from fretflow.core.units import exact_quantity
 from fretflow.recordings.schema import FILE
 
 REPEATS = 3  # drawn where there is noise: the fewest whose scatter has a scatter of its own
@@ -56,13 +57,14 @@ def export_recording(run: Any, folder: Path, noise: float = 0.0) -> list[Path]:
              *(f"{one.key} = {one.toml}" for one in entries(run.case.test) if one.value is not None)]
     for name, table in (("rig", run.case.rig), ("specimen.upper", upper), ("specimen.lower", lower)):
         lines += ["", f"[{name}]", *(f"{one.key} = {one.toml}" for one in entries(table) if one.value is not None)]
-    lines += ["", "[loops]", 'file = "loops.csv"', f'displacement_of = "{upper.observation_distance!r} m"',
+    lines += ["", "[loops]", 'file = "loops.csv"',
+              f'displacement_of = "{exact_quantity(upper.observation_distance, "m")}"',
               *(f'{name} = {{ column = "{heading}", unit = "{unit}" }}' for name, (heading, unit) in CHANNELS.items()),
               'time = { column = "time_s", unit = "s" }', *(f'{name} = {{ column = "{name}" }}'
                                                             for name in ("cycle", "repeat"))]
     files = [write_csv(folder / "loops.csv", _loops(run, noise))]
     if run.has("wear"):
-        lines += ["", "[wear]", f'worn_volume = "{float(run.history.volume[-1])!r} m^3"', "", "[wear_depth]",
+        lines += ["", "[wear]", f'worn_volume = "{exact_quantity(run.history.volume[-1], "m^3")}"', "", "[wear_depth]",
                   'file = "wear_depth.csv"', *(f'{name} = {{ column = "{name}_um", unit = "um" }}'
                                                for name in ("x", "y", "depth"))]
         places = {"x_um": run.nodes[:, 0], "y_um": run.nodes[:, 1], "depth_um": run.history.depth[-1]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -43,6 +44,8 @@ def _serve() -> None:
     os.dup2(2, 1)
     import_own()
     function, args, kwargs = pickle.load(sys.stdin.buffer)
+    for fatal in (signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGSEGV):
+        signal.signal(fatal, signal.SIG_DFL)  # those of MPI and PETSc, now loaded, may wait for ever in a broken heap
     result: tuple[Any, Exception | None]
     try:
         result = (function(*args, **kwargs), None)

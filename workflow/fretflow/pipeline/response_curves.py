@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -205,8 +206,9 @@ def read_peaks(curves: Sequence[RunCurve]) -> list[FoundPeak]:
     return peaks
 
 
-def write_curves(folder: Path, curves: Sequence[RunCurve], inputs: Mapping[str, Path]) -> list[Path]:
-    """Write ``curves.csv``, ``peaks.csv`` and, with the stages that they belong to, ``peaks.json``.
+def write_curves(folder: Path, curves: Sequence[RunCurve], inputs: Mapping[str, Path], files: Sequence[Path]
+                 ) -> list[Path]:
+    """Write ``curves.csv``, ``peaks.csv`` and, with the stages and `files` of the curves, ``peaks.json``.
 
     Raises
     ------
@@ -220,7 +222,8 @@ def write_curves(folder: Path, curves: Sequence[RunCurve], inputs: Mapping[str, 
     table = {name + units.get(name, ""): ["" if row[name] is None else row[name] for row in rows] for name in rows[0]}
     needed = {"reduce", *(["wear"] if any(run.state == "worn" for run in curves) else [])}
     used = {name: path.name for name, path in inputs.items() if name in needed}
-    write_json(folder / PEAKS, {"stages": used, "peaks": [{"text": peak.text, **vars(peak)} for peak in peaks]})
+    write_json(folder / PEAKS, {"stages": used, "peaks": [{"text": peak.text, **vars(peak)} for peak in peaks],
+                                "curves": [file.name for file in files]})
     return [write_csv(folder / "curves.csv", _columns(curves)), write_csv(folder / "peaks.csv", table),
             folder / PEAKS]
 
@@ -230,15 +233,36 @@ def kept_peaks(folders: Mapping[str, Path]) -> list[tuple[str, float, str]]:
 
     Nothing where no curves were made, or those of other stages.
     """
-    file = folders["reduce"].parent / FOLDER / PEAKS
     try:
-        kept = json.loads(file.read_text(encoding="utf-8"))
-        if any(folders[stage].name != name for stage, name in kept["stages"].items()):
-            return []
         return [(f"{row['state']}, {row['excitation']:g} N, {row['direction']}", float(row["frequency"]),
-                 str(row["text"])) for row in kept["peaks"]]
-    except (OSError, ValueError, KeyError, TypeError):
+                 str(row["text"])) for row in _kept(folders)["peaks"]]
+    except (ValueError, KeyError, TypeError):
         return []
+
+
+def kept_curves(folders: Mapping[str, Path]) -> list[RunCurve]:
+    """Return the curves of a run's present stages that were asked for last; none where there are none.
+
+    Raises
+    ------
+    StoreError
+        If the file of one is missing or damaged.
+    """
+    folder = _folder(folders)
+    return [read_record(folder / Path(name).name, RunCurve) for name in _kept(folders).get("curves", ())]
+
+
+def _folder(folders: Mapping[str, Path]) -> Path:
+    return folders["reduce"].parent / FOLDER
+
+
+def _kept(folders: Mapping[str, Path]) -> dict[str, Any]:
+    """Return ``peaks.json``, empty where there is none of the present stages."""
+    try:
+        kept: dict[str, Any] = json.loads((_folder(folders) / PEAKS).read_text(encoding="utf-8"))
+        return kept if all(folders[stage].name == name for stage, name in kept["stages"].items()) else {}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def _columns(curves: Sequence[RunCurve]) -> dict[str, Sequence[object]]:

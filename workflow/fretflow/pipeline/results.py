@@ -18,6 +18,7 @@ from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.records import Labelled, to_dataset
 from fretflow.core.store import read_record
 from fretflow.pipeline.response import ForcedResponse
+from fretflow.pipeline.response_curves import kept_curves
 from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS
 from fretflow.pipeline.summary import Figure, result_warnings, summarise
 from fretflow.pipeline.trends import Trend
@@ -132,7 +133,7 @@ class RunResults(RunRecords):
     >>> found.wear.volume.isel(cycles=-1).item()  # m^3 at the end of the test  # doctest: +SKIP
     """
 
-    case: Case
+    case: Case = field(repr=False)
     home: Path
 
     @classmethod
@@ -204,6 +205,16 @@ class RunResults(RunRecords):
                                 "phase": (("frequency",), one.phase, "rad")},
                                {"frequency": (("frequency",), one.frequency, "Hz"), "cycles": ((), one.cycles, "1")})
                 for name, one in zip(("unworn", "worn"), self.responses, strict=False)}
+
+    @cached_property
+    def response_curves(self) -> dict[str, xr.Dataset]:
+        """Return the curves that ``fretflow response`` made last, by name such as ``"unworn, 45 N"``.
+
+        Dimensions (point, channel): the points in their order along the curve, up and then down, around folds.
+        ``amplitude`` in m and ``phase`` in rad are of the first harmonic of the motion ``sel(channel="block")``,
+        and of ``arm``, ``relative``, ``upper`` and ``lower``.
+        """
+        return {one.name: one.curve.arrays.assign_coords(cycles=one.cycles) for one in kept_curves(self.folders)}
 
     @property
     def _places(self) -> dict[str, Labelled]:

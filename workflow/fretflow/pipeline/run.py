@@ -203,7 +203,8 @@ def make_curves(case: Case, folders: Mapping[str, Path], home: Path, states: Seq
         curves.append(make_curve(one, lambda share, text, done=done: progress(  # type: ignore[misc]
             (done + share) / len(asked), text)))
         note(f"{one.name}: {len(curves[-1].curve.frequency)} points  {one.file}")
-    files = [*write_curves(folder, curves, folders), *provided(FIGURES, "response")(folder / "curves.png", curves)]
+    files = [*write_curves(folder, curves, folders, [one.file for one in asked]),
+             *provided(FIGURES, "response")(folder / "curves.png", curves)]
     if (home / SUMMARY_FILE).is_file():
         files.append(write_summary(home, case, folders))
     return curves, [*files, *(one.file for one in asked)]

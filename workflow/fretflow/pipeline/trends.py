@@ -7,7 +7,7 @@ They are the facts of ``examples/paper.toml``, which a diagnosis takes as a reco
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -24,7 +24,6 @@ from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
 
 PAPER = "paper.toml"  # in the package; the example of that name
-STEEL = ("youngs_modulus", "poissons_ratio", "density")  # of its specimens: a case's defaults
 
 
 @dataclass(frozen=True)
@@ -44,30 +43,23 @@ def papers_facts() -> FactsFile:
 
 
 def is_papers(case: Case) -> bool:
-    """Return whether `case` is one of the paper's tests as far as the joint goes: load, excitation, steel, friction."""
+    """Return whether `case` is one of the paper's tests as far as the joint goes: load, drive, specimens, friction."""
     test, steel, paper = case.test, Specimen(), papers_facts()
-    stated = [(case.contact.friction_coefficient, paper.contact.friction_coefficient),
-              *((getattr(side, name), getattr(steel, name)) for side in (case.specimen.upper, case.specimen.lower)
-                for name in STEEL)]
-    return any(_same(test, paper.condition_of(fact)) for fact in paper.facts) and all(
-        np.isclose(a, b) for a, b in stated)
+    bodies = [side.model_copy(update={"observation_distance": steel.observation_distance})
+              for side in (case.specimen.upper, case.specimen.lower)]
+    return (any(_same(test, paper.condition_of(fact)) for fact in paper.facts) and bodies == [steel, steel]
+            and case.mesh.upper is None
+            and bool(np.isclose(case.contact.friction_coefficient, paper.contact.friction_coefficient)))
 
 
 def judge_all(test: Test, interface: Interface, unworn: PeriodicSolution, history: WearHistory,
               resonances: tuple[float, float] | None) -> Sequence[Trend]:
-    """Return the paper's claims of a test; `resonances` are the unworn and the worn one (Hz).
-
-    The paper's faces are flat, so that a curved one cannot tell.
-    """
+    """Return the paper's claims of a test; `resonances` are the unworn and the worn one (Hz)."""
     paper = papers_facts()
     worn = WornTest(interface=interface, normal_load=test.normal_load, unworn=unworn, history=history,
                     resonance=lambda cycles: None if resonances is None else resonances[int(cycles > 0)])
-    judged = [judge(fact, paper.cycles_of(fact), worn) for fact in paper.facts
-              if _same(test, paper.condition_of(fact))]
-    if np.ptp(interface.gap) > 0.0:
-        return [replace(trend, met=None, found=f"{trend.found}; these faces are curved, the paper's flat")
-                for trend in judged]
-    return judged
+    return [judge(fact, paper.cycles_of(fact), worn) for fact in paper.facts
+            if _same(test, paper.condition_of(fact))]
 
 
 def judge(fact: Fact, cycles: int, test: WornTest) -> Trend:

@@ -13,6 +13,7 @@ there are the samples themselves, so that smoothing biases neither the stick slo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,7 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: Hys
     >>> round(readings.friction_coefficient, 3), str(readings.regime)
     (0.6, 'gross slip')
     """
-    if normal_load is not None and not normal_load > 0.0:
+    if normal_load is not None and not (isinstance(normal_load, Real) and normal_load > 0.0):
         raise InputError(f"normal_load: must be positive, got {normal_load}")
     guide = loop if guide is None else guide
     if len(guide.force) != len(loop.force):

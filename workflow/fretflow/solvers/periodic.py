@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
+from numbers import Number, Real
 from typing import Protocol
 
 import numpy as np
@@ -45,15 +46,19 @@ class Harmonic:
     overtones: tuple[tuple[int, Amplitudes], ...] = ()
 
     def check(self) -> None:
-        """Check the frequency.
+        """Check frequency and amplitudes.
 
         Raises
         ------
         InputError
-            If it is not positive and finite.
+            If the frequency is not positive and finite, or an amplitude is no finite number.
         """
-        if not 0.0 < self.frequency < np.inf:
-            raise InputError(f"excitation: frequency {self.frequency} Hz must be positive and finite")
+        for name, force in self.amplitudes.items():
+            if not (isinstance(force, Number) and np.isfinite(force)):
+                raise InputError(f"excitation: {name} = {force!r} is no finite number; give it in N, without quotes")
+        if not (isinstance(self.frequency, Real) and 0.0 < self.frequency < np.inf):
+            raise InputError(f"excitation: frequency {self.frequency} Hz must be positive and finite, a number "
+                             "without quotes")
 
     @property
     def amplitude(self) -> float:
@@ -111,6 +116,17 @@ class NormalLoad:
 
     force: float = quantity("N", kw_only=False)
     frictional: bool = False  # whether the faces rub while it is applied, before anything moves
+
+    def check(self) -> None:
+        """Check the load.
+
+        Raises
+        ------
+        InputError
+            If it is negative or no finite number.
+        """
+        if not (isinstance(self.force, Real) and 0.0 <= self.force < np.inf):
+            raise InputError(f"preload: {self.force!r} is no load that presses; give a number of newtons from 0 on")
 
 
 @record

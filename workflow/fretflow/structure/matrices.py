@@ -138,12 +138,17 @@ def _symmetric(matrix: Matrix, n: int, label: str) -> Matrix:
         row, column = divmod(int(lean.argmax()), n)
         raise InputError(f"{label}: is not symmetric, {label}[{row}, {column}] and {label}[{column}, {row}] differ by "
                          f"{lean.max() / largest:.1e} of its largest entry; give both triangles")
+    if label != "C" and np.any(matrix.diagonal() < 0.0):
+        row = int(np.argmin(matrix.diagonal()))
+        raise InputError(f"{label}: is not positive definite, {label}[{row}, {row}] is negative; correct its sign")
     whole = 0.5 * (matrix + matrix.T)
     return whole.tocsc() if sparse.issparse(whole) else np.asarray(whole)
 
 
 def _finite(values: Matrix, label: str) -> None:
     held = values.data if sparse.issparse(values) else values
+    if np.iscomplexobj(held):
+        raise InputError(f"{label}: must be real; give damping as C or modal_damping")
     if not np.all(np.isfinite(held)):
         raise InputError(f"{label}: holds numbers that are not finite")
 

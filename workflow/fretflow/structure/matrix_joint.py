@@ -146,6 +146,9 @@ class Joint:
         springs = np.broadcast_to(np.asarray(contact_compliance, dtype=float), len(rows)).copy()
         if not np.all(springs >= 0.0) or (np.any(springs > 0.0) and not np.all(springs > 0.0)):
             raise InputError("contact_compliance: give springs at all contact DOF, or none")
+        if not isinstance(observe or {}, Mapping):
+            raise InputError(f"observe: {observe!r} names no places; give a DOF or a row for each name, "
+                             'such as {"tip": 0}')
         observed = {name: _row(size, name, where) for name, where in (observe or {}).items()}
         if 3 * (len(rows) // 3) >= size and not springs.any():
             raise InputError("K: all DOF are the contact's, so that a massless contact leaves no inertia; give "
@@ -301,9 +304,10 @@ def _rows(size: int, contact: Sequence[int] | None, contact_map: Array | None) -
             raise InputError(f"contact_map: has the shape {rows.shape}, but three rows a contact point and {size} "
                              "columns are needed")
         return rows
-    nodes: NDArray[np.int64] = np.asarray(contact, dtype=np.int64)
-    if not nodes.size or size % 3 or nodes.min() < 0 or 3 * nodes.max() + 2 >= size:
-        raise InputError(f"contact: node numbers must lie between 0 and {size // 3 - 1}, three of {size} DOF a node")
+    nodes: NDArray[np.int64] = np.asarray(contact)
+    if not nodes.size or nodes.dtype.kind not in "iu" or size % 3 or nodes.min() < 0 or 3 * nodes.max() + 2 >= size:
+        raise InputError(f"contact: node numbers must be whole and lie between 0 and {size // 3 - 1}, three of {size} "
+                         "DOF a node")
     return np.asarray(np.eye(size)[(3 * nodes[:, None] + np.arange(3)).ravel()])
 
 
@@ -321,6 +325,8 @@ def _row(size: int, name: str, where: int | Array) -> Array:
 
 
 def _padded(matrix: Array, extra: int, diagonal: float = 1.0) -> Array:
+    if np.iscomplexobj(matrix):
+        raise InputError("M, K and C: must be real; give damping as C or modal_damping")
     found = np.asarray(matrix, dtype=float)
     if not extra or found.ndim != 2 or found.shape[0] != found.shape[1]:
         return found

@@ -164,6 +164,8 @@ class MasslessBoundary:
         """Return the structure with an input `NORMAL_LOAD`; a new one is a uniform pressure that closes the faces."""
         if NORMAL_LOAD in self.inputs:
             return self
+        if 3 * len(areas) != len(self.flexibility):
+            raise InputError(f"interface: has {len(areas)} nodes, but the structure has {self.nodes} contact nodes")
         push = np.zeros((len(self.flexibility), 1))
         push[2::3, 0] = -areas / areas.sum()
         outputs = {name: replace(one, load=np.hstack([

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
@@ -38,12 +40,19 @@ def parsed(value: object, unit: str) -> float:
         raise ValueError(f'{value!r} is no number; write it as 0.01 or "1 %"') from error
 
 
-def number(unit: str) -> BeforeValidator:
+@dataclass(frozen=True, slots=True)
+class Parsed(BeforeValidator):
+    """What reads a key, in an SI unit that pages of keys can tell."""
+
+    unit: str = "1"
+
+
+def number(unit: str) -> Parsed:
     """Return what reads a number; nothing stays nothing."""
-    return BeforeValidator(lambda value: None if value is None else parsed(value, unit))
+    return Parsed(lambda value: None if value is None else parsed(value, unit), unit=unit)
 
 
-def positive_range(unit: str) -> BeforeValidator:
+def positive_range(unit: str) -> Parsed:
     """Return what reads a range: a pair, or a table of low and high."""
     def parse(value: object) -> tuple[float, float]:
         pair = [value.get("low"), value.get("high")] if isinstance(value, dict) else value
@@ -55,7 +64,7 @@ def positive_range(unit: str) -> BeforeValidator:
             raise ValueError(f"{value!r}: the lower end must be positive and below the upper one")
         return low, high
 
-    return BeforeValidator(parse)
+    return Parsed(parse, unit=unit)
 
 
 def _size(block: str, name: str, unit: str, choices: tuple[str, ...]) -> tuple[float, str]:

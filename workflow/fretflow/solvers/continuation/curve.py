@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
 from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import quantity, record, to_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 CHANNELS = ("block", "arm", "relative", "upper", "lower")
 SUMMIT = 0.99  # of the largest amplitude
@@ -56,6 +60,23 @@ class ResponseCurve:
     samples: NDArray[np.int64] = quantity("1", "(P,), per period")
     sampling_error: float = quantity("1")  # change of the first harmonic near the peak with finer samples; nan: no peak
     channels: tuple[str, ...] = CHANNELS
+
+    @property
+    def arrays(self) -> xr.Dataset:
+        """Return the points as labelled arrays, dimensions (point, channel); units as attributes.
+
+        ``amplitude`` in m and ``phase`` in rad behind the force are of the first harmonic, ``frequency`` in Hz is a
+        coordinate of the points, in their order along the curve.
+        """
+        plane, along = ("point", "channel"), ("point",)
+        return to_dataset(
+            {"amplitude": (plane, np.abs(self.first_harmonic), "m"),
+             "phase": (plane, np.mod(-np.angle(self.first_harmonic), 2.0 * np.pi), "rad"),
+             "peak_to_peak": (plane, self.peak_to_peak, "m"),
+             **{name: (along, getattr(self, name), "1") for name in ("multiplier", "stable", "bridged")}},
+            {"frequency": (along, self.frequency, "Hz"), "direction": (along, self.direction, "1"),
+             "branch": (along, self.branch, "1"), "channel": (("channel",), list(self.channels), ""),
+             "excitation": ((), self.excitation, "N")})
 
     def receptance(self, channel: str = "block") -> NDArray[np.float64]:
         """Return first-harmonic amplitude per unit force (P,) in m/N.
