@@ -43,8 +43,8 @@ def reduction(nodes: int, _harmonics: int, _force: float) -> dict[str, float]:
     case, meshes = load_case(case_file(nodes)), meshed_folder(nodes)
     summary = read_record(meshes / "upper.h5", MeshSummary)
     start = time.process_time()
-    reduced = reduce_specimen(meshes / summary.file, summary, case.specimen.upper, case.reduction, case.mesh.degree,
-                              MPI.COMM_SELF)
+    reduced, _ = reduce_specimen(meshes / summary.file, summary, case.specimen.upper, case.reduction, case.mesh.degree,
+                                 MPI.COMM_SELF)
     return {"seconds": time.process_time() - start, "size": reduced.full_dofs}
 
 

@@ -13,6 +13,8 @@ from fretflow.case.config import PeriodicMethod, Solver
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import AuditError, InputError, NonConvergenceError
 from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers import newton
+from fretflow.solvers.dlft import preconditioner
 from fretflow.solvers.dlft import solver as dlft
 from fretflow.solvers.dlft.equations import DlftEquations
 from fretflow.solvers.newton import _line_search, gmres, solve_newton
@@ -80,6 +82,45 @@ def test_all_routes_lead_to_one_root(equations):
     assert np.ptp(roots[0][:, 0]) > 1e-6  # it slides
     for other in roots[1:]:
         assert np.abs(other - roots[0]).max() < 1e-8 * np.abs(roots[0]).max()
+
+
+@pytest.mark.parametrize("start", ["rest", "sliding"])
+def test_kept_factors_lead_to_the_same_root(equations, monkeypatch, start):
+    """At rest nothing is factored that sliding needs, so that factors are made anew; from sliding on they serve."""
+    made = []
+    factored = preconditioner._factored
+    monkeypatch.setattr(preconditioner, "_factored", lambda *given: made.append(1) or factored(*given))
+    first = np.zeros((7, 3 * NODES)) if start == "rest" else dlft.free_sliding(equations)
+    anew = solve_newton(equations, first, equations.scale, 1e-11, 100)
+    assert len(made) == len(anew.history) - 1
+    made.clear()
+    monkeypatch.setattr(newton, "LARGE", 0)
+    kept = solve_newton(equations, first, equations.scale, 1e-11, 100)
+    assert 0 < len(made) < len(kept.history) - 1
+    assert np.abs(kept.unknowns - anew.unknowns).max() < 1e-8 * np.abs(anew.unknowns).max()
+
+
+def test_factors_that_serve_badly_are_made_anew():
+    """A cubic of many unknowns whose inverse `before` is that of its first iterate, which soon is far from right."""
+    given, target = [], np.linspace(1.0, 30.0, newton.LARGE)
+
+    class At(NamedTuple):
+        u: np.ndarray
+        residual: np.ndarray
+
+    class Cubic:
+        def evaluate(self, u):
+            return At(u, u**3 + u - target)
+
+        def linearise(self, at, before=None):
+            given.append(before)
+            slope = 3.0 * at.u**2 + 1.0
+            return lambda v: slope * v, before or (lambda v: v / slope)
+
+    found = solve_newton(Cubic(), np.zeros(newton.LARGE), float(np.linalg.norm(target)), 1e-12, 60)
+    assert found.unknowns**3 + found.unknowns == pytest.approx(target, rel=1e-10)
+    assert any(given)
+    assert sum(one is None for one in given[1:]) > 0
 
 
 def test_convergence_at_the_end_is_quadratic(equations):

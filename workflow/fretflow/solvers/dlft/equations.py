@@ -137,8 +137,11 @@ class DlftEquations:
         derivative[:, :, 2, :, 2] = (products @ closed).T.reshape(-1, q, q)
         return derivative
 
-    def linearise(self, at: Evaluation) -> tuple[Operator, Operator]:
-        """Return the products with the Jacobian ``Z - D (Z - eps I)`` and with its approximate inverse."""
+    def linearise(self, at: Evaluation, before: Operator | None = None) -> tuple[Operator, Operator]:
+        """Return the products with the Jacobian ``Z - D (Z - eps I)`` and with its approximate inverse.
+
+        The latter keeps the factors of the one `before`, of another iterate, where it is given.
+        """
         derivative = self.force_derivative(at)
         nodes, q = len(derivative), len(self.analysis)
         blocks = derivative.reshape(nodes, 3 * q, 3 * q)
@@ -150,7 +153,8 @@ class DlftEquations:
             force = blocks @ drive.reshape(nodes, 3 * q, 1)
             return np.asarray((zv - force.reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, -1)).ravel())
 
-        return apply, NodePreconditioner(derivative, self._single_stiffness, self.penalty)
+        kept = before if isinstance(before, NodePreconditioner) else None
+        return apply, NodePreconditioner(derivative, self._single_stiffness, self.penalty, kept)
 
 
 class Stiffness(Protocol):

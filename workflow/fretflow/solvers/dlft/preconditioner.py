@@ -6,12 +6,14 @@ Split the stiffness into a part of each node by itself, kappa, and the rest. The
 harmonic is factored. It is exact where nodes stick (S = 0) and where they slide freely or are open (D = 0).
 
 Where S is zero (normal DOFs in contact all the time, stuck nodes) the row is that of the identity, and the DOF is not
-factored. Damping is left out and precision is single; both cost a few iterations.
+factored. Damping is left out and precision is single; both cost a few iterations. So does keeping these matrices where
+states have changed since they were factored, if L is made anew: it holds what changes most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,19 @@ OWN_SHARE = 0.5  # of a node's stiffness with its neighbours held that kappa tak
 HELD = 1e-5  # of S relative to 1 / kappa: below it, in single precision, a DOF is held
 
 Single = NDArray[np.float32]
+
+
+class _Factored(NamedTuple):
+    """DOFs that were factored or held, and for each harmonic the factors and the rows across (free, held)."""
+
+    free: NDArray[np.int64]
+    held: NDArray[np.int64]
+    factors: list[tuple[Single, NDArray[np.int32]]]
+    across: list[Single]
+
+    def cover(self, free: NDArray[np.int64]) -> bool:
+        """Return whether these are the factors of most DOFs that are free now."""
+        return bool(2 * np.isin(free, self.free, assume_unique=True).sum() >= free.size)
 
 
 class NodePreconditioner:
@@ -34,51 +49,68 @@ class NodePreconditioner:
         Real parts of Z, (3 n, 3 n) in N/m for each harmonic 0..H.
     penalty
         eps in N/m.
+    before
+        Another state's, of the same joint, whose factors are kept; else they are made.
     """
 
-    def __init__(self, derivative: NDArray[np.float64], stiffness: Sequence[Single], penalty: float) -> None:
+    def __init__(self, derivative: NDArray[np.float64], stiffness: Sequence[Single], penalty: float,
+                 before: NodePreconditioner | None = None) -> None:
         nodes, q = derivative.shape[:2]
         self._shape = (nodes, q)
         own = OWN_SHARE * stiffness[-1].reshape(nodes, 3, nodes, 3)[np.arange(nodes), :, np.arange(nodes)]
         single = derivative.astype(np.float32)
-        self._inverse, shares = _node_inverses(single, own, np.float32(penalty))
+        self._inverse, sliding = _node_inverses(single, own, np.float32(penalty))
+        shares = _shares(self._inverse, sliding)
         size = np.abs(shares).max(axis=(0, 3)) * np.abs(own).max(axis=(1, 2))[:, None]
-        held = (size <= HELD).ravel()
-        self._free, self._held = np.flatnonzero(~held), np.flatnonzero(held)
-        self._factors, self._across = [], []
-        for share, matrix in zip(shares, stiffness, strict=True) if self._free.size else ():
-            rows = self._rest(share, matrix, own)
-            inner = rows[:, self._free]
-            inner[np.arange(len(inner)), np.arange(len(inner))] += np.float32(1.0)
-            self._factors.append(lu_factor(inner, overwrite_a=True, check_finite=False))
-            self._across.append(rows[:, self._held])
+        free = np.flatnonzero((size > HELD).ravel())
+        self._kept: _Factored = (before._kept if before is not None and before._kept.cover(free)
+                                 else _factored(shares, stiffness, own, free))
 
     def __call__(self, flat: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the approximate solution of ``J x = flat``."""
         nodes, q = self._shape
         right = flat.reshape(q, nodes, 3).transpose(1, 0, 2).reshape(nodes, 3 * q, 1).astype(np.float32)
         v = (self._inverse @ right).reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, 3 * nodes)
-        for k, (factor, across) in enumerate(zip(self._factors, self._across, strict=True)):  # none if all stick
+        free, held = self._kept.free, self._kept.held
+        for k, (factor, across) in enumerate(zip(self._kept.factors, self._kept.across, strict=True)):
             part = slice(max(0, 2 * k - 1), 2 * k + 1)
-            known = v[part, self._free] - v[part, self._held] @ across.T
-            v[part, self._free] = lu_solve(factor, known.T, overwrite_b=True, check_finite=False).T
+            known = v[part, free] - v[part, held] @ across.T
+            v[part, free] = lu_solve(factor, known.T, overwrite_b=True, check_finite=False).T
         return np.asarray(v.ravel(), dtype=float)
 
-    def _rest(self, share: Single, matrix: Single, own: Single) -> Single:
-        """Return the rows of the free DOFs of ``S (Z - kappa)``; `share` is S by node, (nodes, 3, 3)."""
-        nodes = len(own)
-        product = (share @ matrix.reshape(nodes, 3, -1)).reshape(nodes, 3, nodes, 3)
-        product[np.arange(nodes), :, np.arange(nodes)] -= share @ own
-        return np.asarray(product.reshape(3 * nodes, -1)[self._free])
+
+def _factored(shares: Single, stiffness: Sequence[Single], own: Single, free: NDArray[np.int64]) -> _Factored:
+    """Factor the rows of the `free` DOFs, one matrix a harmonic."""
+    held, factors, across = np.setdiff1d(np.arange(3 * len(own)), free), [], []
+    for share, matrix in zip(shares, stiffness, strict=True) if free.size else ():
+        rows = _rest(share, matrix, own, free)
+        inner = rows[:, free]
+        inner[np.arange(len(inner)), np.arange(len(inner))] += np.float32(1.0)
+        factors.append(lu_factor(inner, overwrite_a=True, check_finite=False))
+        across.append(rows[:, held])
+    return _Factored(free, held, factors, across)
+
+
+def _rest(share: Single, matrix: Single, own: Single, free: NDArray[np.int64]) -> Single:
+    """Return the rows of the `free` DOFs of ``S (Z - kappa)``; `share` is S by node, (nodes, 3, 3)."""
+    nodes = len(own)
+    product = (share @ matrix.reshape(nodes, 3, -1)).reshape(nodes, 3, nodes, 3)
+    product[np.arange(nodes), :, np.arange(nodes)] -= share @ own
+    return np.asarray(product.reshape(3 * nodes, -1)[free])
 
 
 def _node_inverses(derivative: Single, own: Single, penalty: np.float32) -> tuple[Single, Single]:
-    """Return L^-1 (nodes, 3 q, 3 q) and the blocks of S on the diagonal, (H + 1, nodes, 3, 3)."""
+    """Return L^-1 and ``I - D``, (nodes, 3 q, 3 q)."""
     nodes, q = derivative.shape[:2]
     contact = derivative.reshape(nodes, 3 * q, 3 * q)
     sliding = np.eye(3 * q, dtype=np.float32) - contact
     local = (sliding.reshape(nodes, 3 * q * q, 3) @ own).reshape(nodes, 3 * q, 3 * q) + penalty * contact
-    inverse: Single = np.linalg.inv(local)  # type: ignore[assignment]  # NumPy's stubs know no single precision here
+    return np.linalg.inv(local), sliding  # type: ignore[return-value]  # NumPy's stubs know no single precision here
+
+
+def _shares(inverse: Single, sliding: Single) -> Single:
+    """Return the blocks of S on the diagonal, (H + 1, nodes, 3, 3)."""
+    nodes, q = len(inverse), inverse.shape[1] // 3
     left, right = inverse.reshape(nodes, q, 3, 3 * q), sliding.reshape(nodes, 3 * q, q, 3)
     shares = left.transpose(1, 0, 2, 3) @ right.transpose(2, 0, 1, 3)
-    return inverse, np.concatenate([shares[:1], np.float32(0.5) * (shares[1::2] + shares[2::2])])
+    return np.concatenate([shares[:1], np.float32(0.5) * (shares[1::2] + shares[2::2])])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -16,11 +16,10 @@ from slepc4py import SLEPc
 
 from fretflow.core.errors import AuditError, NonConvergenceError
 from fretflow.structure.fem.elasticity import ElasticBody
+from fretflow.structure.reduction.condensation import condense
 from fretflow.structure.reduction.craig_bampton import ComponentModes, rigid_motions
 from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS, ModeShapes
 
-# size of the dense blocks worked on at once, of which some five are held; four times as large ones saved no time
-_DENSE_BYTES = 1 << 27
 _MUMPS_COLUMNS = (27, 256)  # ICNTL(27), right-hand sides at a time: half as fast again as MUMPS' own choice
 _EIGEN_TOLERANCE = 1e-13
 _RESIDUAL_LIMIT = 1e-7
@@ -54,12 +53,14 @@ def component_modes(body: ElasticBody, observation: int, count: int) -> Componen
     inner = np.repeat(np.diff(boundary.indptr)[::3] == 0, 3)
     stiffness_across = _times(body.stiffness, boundary)
     mass_across = _times(body.mass, boundary)
+    condensed = _condensed(body, boundary, inner)
     with (_inside(body.stiffness, inner) as stiffness, _inside(body.mass, inner) as mass,
           _factor(stiffness) as factor):
-        rigid = _rigid_parts(body)
-        constraint = _constraint_modes(stiffness, mass, factor, stiffness_across[inner], mass_across[inner], rigid)
+        motions = _boundary_motions(body)
+        moved = _solve(factor, -(stiffness_across[inner] @ motions))
         squares, modes = _lowest_modes(stiffness, mass, factor, count)
-        first = _solve(factor, _product(mass, constraint.rigid) + mass_across[inner] @ rigid)
+        answers = _solve(factor, _product(mass, moved) + mass_across[inner] @ motions)
+        first = answers[:, :-1]
         second = _solve(factor, _product(mass, first))
         more, vectors = _residual_vectors(stiffness, mass, modes, np.hstack([first, second]))
         squares, modes = np.concatenate([squares, more]), np.hstack([modes, vectors])
@@ -67,15 +68,17 @@ def component_modes(body: ElasticBody, observation: int, count: int) -> Componen
         mass_times_modes = _product(mass, modes)
         _check_orthonormal(body.comm, modes, mass_times_modes)
         against_modes = -(stiffness_across[inner].T @ _solve(factor, mass_times_modes))
-    constraint_mass = ((boundary.T @ mass_across).toarray() + constraint.across + constraint.across.T
-                       + constraint.inertia)
-    constraint_stiffness = (boundary.T @ stiffness_across).toarray() + constraint.stiffness
-    coupling = mass_across[inner].T @ modes + against_modes
-    parts = [_sum_on_root(body.comm, part) for part in (constraint_stiffness, constraint_mass, coupling)]
-    if body.comm.rank != 0:
+    whole = sparse.csr_matrix(boundary.T)
+    parts = [_sum_on_root(body.comm, part) for part in (
+        whole @ (stiffness_across @ motions) + stiffness_across[inner].T @ moved,
+        whole @ (mass_across @ motions) + mass_across[inner].T @ moved - stiffness_across[inner].T @ answers,
+        mass_across[inner].T @ modes + against_modes)]
+    if condensed is None:
         return None
-    return ComponentModes(constraint_stiffness=_symmetric(parts[0]), constraint_mass=_symmetric(parts[1]),
-                          coupling=parts[2], modal_frequencies=np.sqrt(squares) / (2.0 * np.pi))
+    for name, matrix, known in zip(("stiffness", "mass"), condensed, parts, strict=False):
+        _check_condensed(matrix @ motions, known, name)
+    return ComponentModes(constraint_stiffness=condensed[0], constraint_mass=condensed[1], coupling=parts[2],
+                          modal_frequencies=np.sqrt(squares) / (2.0 * np.pi))
 
 
 def natural_modes(body: ElasticBody, count: int) -> ModeShapes | None:
@@ -170,11 +173,6 @@ def _dense(comm: Any, local: NDArray[np.float64], rows: int) -> PETSc.Mat:
     return matrix
 
 
-def _blocks(rows: int, columns: int) -> list[slice]:
-    width = max(1, _DENSE_BYTES // (8 * max(rows, 1)))
-    return [slice(start, min(start + width, columns)) for start in range(0, columns, width)]
-
-
 def _solve(factor: PETSc.KSP, loads: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve for all columns of `loads`, of which this rank has the rows here, at once."""
     rows = factor.getOperators()[0].getSize()[0]
@@ -184,83 +182,33 @@ def _solve(factor: PETSc.KSP, loads: NDArray[np.float64]) -> NDArray[np.float64]
         return np.array(solution.getDenseArray(), order="F")
 
 
-def _solve_sparse(factor: PETSc.KSP, loads: sparse.csr_matrix, owned: int) -> NDArray[np.float64]:
-    """Solve for all rows of `loads` (right-hand sides, DOFs), whole on rank 0, of which this rank has `owned` rows.
-
-    MUMPS then leaves out what the zeros of the right-hand sides make zero: half of the work for the few DOFs next to
-    the contact.
-    """
-    comm, rows = factor.comm, factor.getOperators()[0].getSize()[0]
-    count = comm.tompi4py().bcast(loads.shape[0])
-    mine = comm.rank == 0
-    arrays = ((loads.indptr.astype(PETSc.IntType), loads.indices.astype(PETSc.IntType), loads.data) if mine
-              else (np.zeros(1, PETSc.IntType), np.zeros(0, PETSc.IntType), np.zeros(0)))
-    size = ((count if mine else 0, count), (rows if mine else 0, rows))
-    with (_owned(PETSc.Mat().createAIJ(size, csr=arrays, comm=comm)) as transposed,
-          _owned(PETSc.Mat().createTranspose(transposed)) as right,
-          _owned(_dense(comm, np.zeros((owned, count)), rows)) as solution):
-        factor.getPC().getFactorMatrix().matSolve(right, solution)
-        return np.array(solution.getDenseArray(), order="F")
+def _condensed(body: ElasticBody, boundary: sparse.csr_matrix,
+               inner: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return stiffness and mass of the constraint modes (3 n + 9, 3 n + 9) on rank 0, None on the others."""
+    rows = [sparse.csr_matrix(one.getValuesCSR()[::-1], shape=(one.getLocalSize()[0], one.getSize()[1]))
+            for one in (body.stiffness, body.mass)]
+    parts = body.comm.gather((rows, boundary, inner, body.points))
+    if parts is None:
+        return None
+    matrices, motions, insides, points = zip(*parts, strict=True)
+    inside = np.concatenate(insides)
+    motion = sparse.hstack([sparse.identity(len(inside), format="csr")[:, inside], sparse.vstack(motions)]).tocsr()
+    stiffness, mass = (motion.T @ sparse.vstack(part) @ motion for part in zip(*matrices, strict=True))
+    return condense(stiffness.tocsr(), mass.tocsr(), np.concatenate(points)[inside[::3]])
 
 
-def _on_root(comm: Any, local: sparse.csr_matrix) -> sparse.csr_matrix:
-    """Return the transpose of the matrix whose rows here are `local`: whole on rank 0, on the others without rows."""
-    parts = comm.gather(local)
-    return sparse.csr_matrix(sparse.vstack(parts).T if comm.rank == 0 else (0, 0))
-
-
-class _ConstraintModes(NamedTuple):
-    """What is wanted of the constraint modes Psi, of which this rank has the rows here; b boundary coordinates.
-
-    Attributes
-    ----------
-    stiffness, across, inertia : (b, b)
-        This rank's shares of ``K_bi Psi``, ``M_bi Psi`` and ``Psi^T M_ii Psi``.
-    rigid : (owned inner DOFs, 15)
-        The inside's motion in the rigid motions of the boundary's parts.
-    """
-
-    stiffness: NDArray[np.float64]
-    across: NDArray[np.float64]
-    inertia: NDArray[np.float64]
-    rigid: NDArray[np.float64]
-
-
-def _constraint_modes(stiffness: PETSc.Mat, mass: PETSc.Mat, factor: PETSc.KSP, across: Any, mass_across: Any,
-                      rigid: NDArray[np.float64]) -> _ConstraintModes:
-    """Solve for the constraint modes block by block and project each; all of them at once might not fit in memory.
-
-    Their inertia needs the others only as ``Psi^T = -K_bi K_ii^-1``: one more solution of each block.
-    """
-    count, loads = across.shape[1], _on_root(stiffness.comm.tompi4py(), -across)
-    forms = [np.empty((count, count)) for _ in range(3)]
-    moved, weights = np.zeros((across.shape[0], rigid.shape[1])), np.random.default_rng(0).standard_normal(count)
-    mixed = np.zeros((across.shape[0], 1))
-    blocks = _blocks(stiffness.getSize()[0], count)
-    for block in blocks:
-        modes = _solve_sparse(factor, loads[block], len(moved))
-        moved += modes @ rigid[block]
-        mixed += modes @ weights[block, None]
-        inertial = _product(mass, modes)
-        forms[0][:, block], forms[1][:, block] = across.T @ modes, mass_across.T @ modes
-        forms[2][:, block] = (modes.T @ inertial if len(blocks) == 1
-                              else -(across.T @ _solve(factor, inertial)))
-    _check_constraint_modes(stiffness, mixed, across @ weights[:, None])
-    return _ConstraintModes(stiffness=forms[0], across=forms[1], inertia=forms[2], rigid=moved)
-
-
-def _check_constraint_modes(stiffness: PETSc.Mat, mixed: NDArray[np.float64], force: NDArray[np.float64]) -> None:
-    """Check a mixture of all constraint modes against the `force` of the boundary on the inside."""
-    comm, left = stiffness.comm.tompi4py(), _product(stiffness, mixed) + force
-    error = np.sqrt(comm.allreduce(float(np.sum(left**2))) / comm.allreduce(float(np.sum(force**2))))
+def _check_condensed(found: NDArray[np.float64], known: NDArray[np.float64], name: str) -> None:
+    """Check the condensed matrix times some motions of the boundary against the factor's own solutions."""
+    error = float(np.max(np.linalg.norm(found - known, axis=0) / np.linalg.norm(known, axis=0)))
     if not error <= _RESIDUAL_LIMIT:
-        raise AuditError(f"constraint modes: residual {error:.1e} is too large; check the mesh")
+        raise AuditError(f"constraint modes: {name} is off by {error:.1e}; check the mesh")
 
 
-def _rigid_parts(body: ElasticBody) -> NDArray[np.float64]:
-    """Return the rigid motions (3 n + 9, 15) of contact face, clamped face and observation node."""
+def _boundary_motions(body: ElasticBody) -> NDArray[np.float64]:
+    """Return rigid motions of contact face, clamped face and observation node, and a mixture of all (3 n + 9, 16)."""
     contact = rigid_motions(body.contact.points, body.clamped.centroid)
-    return np.asarray(block_diag(contact, np.eye(RIGID_DOFS), np.eye(OBSERVATION_DOFS)))
+    rigid = block_diag(contact, np.eye(RIGID_DOFS), np.eye(OBSERVATION_DOFS))
+    return np.hstack([rigid, np.random.default_rng(0).standard_normal((len(rigid), 1))])
 
 
 def _residual_vectors(stiffness: PETSc.Mat, mass: PETSc.Mat, modes: NDArray[np.float64],
@@ -348,7 +296,3 @@ def _sum_on_root(comm: Any, part: NDArray[np.float64]) -> NDArray[np.float64]:
     total = np.empty_like(part, order="C")
     comm.Reduce(np.ascontiguousarray(part), total, op=MPI.SUM, root=0)
     return total
-
-
-def _symmetric(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    return 0.5 * (matrix + matrix.T)
