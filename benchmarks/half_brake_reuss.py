@@ -22,13 +22,19 @@ from scipy.optimize import least_squares
 RECORDINGS = Path(os.environ["FRETFLOW_RECORDINGS"])
 RATIO = 1.2  # normal over tangential stiffness of asperities (Mindlin)
 BASELINE = {"bolt_load": (500.0, 3e4), "friction": (0.05, 1.0), "damping": (1e-4, 5e-3)}
-HYPOTHESES = {
+SPRINGS, HUMP, EXPONENT = (1e11, 1e14), (1e-6, 60e-6), (0.02, 1.0)
+SPREAD, POWER = (0.02, 0.999), (0.5, 4.0)
+HYPOTHESES = {  # those of more terms begin also from what those of fewer have found
     "plane faces": {},
-    "asperity springs": {"springs": (1e11, 1e14)},
-    "springs, spread of slip limits": {"springs": (1e11, 1e14), "spread": (0.2, 0.999)},
-    "humped faces": {"hump": (1e-6, 60e-6)},
-    "humped faces, springs": {"hump": (1e-6, 60e-6), "springs": (1e11, 1e14)},
+    "asperity springs": {"springs": SPRINGS},
+    "humped faces": {"hump": HUMP},
+    "springs, spread of slip limits": {"springs": SPRINGS, "spread": SPREAD},
+    "springs, power law of slip limits": {"springs": SPRINGS, "spread": SPREAD, "power": POWER},
+    "humped, springs, spread of slip limits": {"hump": HUMP, "springs": SPRINGS, "spread": SPREAD},
+    "springs stiffer under pressure": {"springs": SPRINGS, "exponent": EXPONENT},
+    "humped faces, springs": {"hump": HUMP, "springs": SPRINGS},
 }
+LEAST = {"springs": SPRINGS[1], "spread": SPREAD[0], "hump": HUMP[0], "exponent": EXPONENT[0], "power": 1.0}  # none
 DECAY_FITTED, DECAY_PREDICTED = np.array([2.5, 4.0, 7.0, 12.0, 20.0]), np.array([25.0, 32.0, 40.0, 50.0])
 GRID = np.array([2.0, 4.0, 8.0, 14.0, 22.0, 32.0, 43.0, 55.0, 68.0, 84.0])  # m/s^2
 FREQUENCY_SD, DAMPING_SD, FORCE_SD = 0.02, 0.05, 0.05  # Hz; relative; relative: what readings repeat to
@@ -54,11 +60,17 @@ def joint_of(values):
     joint = ff.BoltedJoint(structure=own, law=ff.Coulomb(values["friction"]), bolt_load=values["bolt_load"],
                            modal_damping=values["damping"])
     known = ff.catalogue()
-    if "springs" in values:
+    if "exponent" in values:
+        faces = known["contact-stiffness"]().changed(
+            stiffness=values["springs"] * float(own.areas.sum()) / RATIO, exponent=values["exponent"], ratio=RATIO,
+            reference_pressure=joint.bolted_pressure)
+        joint = faces.bolted(joint)
+    elif "springs" in values:
         soft = 1.0 / (values["springs"] * own.areas)
         joint = replace(joint, springs=np.column_stack([RATIO * soft, RATIO * soft, soft]).ravel())
     if "spread" in values:
-        joint = known["distributed-micro-slip"]().changed(spread=values["spread"]).bolted(joint)
+        limits = {"spread": values["spread"], "power": values.get("power", 1.0)}
+        joint = known["distributed-micro-slip"]().changed(**limits).bolted(joint)
     if "hump" in values:
         joint = known["bending-gap"]().changed(height=-values["hump"]).bolted(joint)
     return joint
@@ -95,8 +107,8 @@ class Fit:
         """Return the values at coordinates x."""
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
-    def best(self, residual, known=None):
-        """Return values and cost of the best of two starts, and of `known` values."""
+    def best(self, residual, known=()):
+        """Return values and cost of the best of two starts, and of those from `known` values of fewer terms."""
         size = len(residual(self.values(0.5 * (self.low + self.high))))
 
         def safe(x):
@@ -106,8 +118,8 @@ class Fit:
                 return np.full(size, 100.0)
 
         starts = [self.low + share * (self.high - self.low) for share in (0.4, 0.6)]
-        if known is not None:
-            starts.append(np.log([known[name] for name in self.names]))
+        starts += [np.clip(np.log([one.get(name, LEAST.get(name)) for name in self.names]), self.low + 1e-6,
+                           self.high - 1e-6) for one in known]
         found = [least_squares(safe, start, bounds=(self.low, self.high),
                                diff_step=3e-3, max_nfev=12, loss="soft_l1", f_scale=3.0) for start in starts]
         best = min(found, key=lambda one: one.cost)
@@ -144,13 +156,18 @@ def needed(curve, frequency, acceleration):
 def told(values):
     """Return values in words."""
     units = {"bolt_load": (1e-3, "kN"), "friction": (1.0, ""), "damping": (100.0, "%"), "hump": (1e6, "um"),
-             "springs": (1e-12, "N/um/mm2"), "spread": (1.0, "")}
+             "springs": (1e-12, "N/um/mm2"), "spread": (1.0, ""), "exponent": (1.0, ""), "power": (1.0, "")}
     return ", ".join(f"{name.replace('_', ' ')} {value * units[name][0]:.3g} {units[name][1]}".strip()
                      for name, value in values.items())
 
 
-def decay_row(name):
-    """Print what the decay tells of a hypothesis, and return the values."""
+def simpler(name, found):
+    """Return the values found for hypotheses of fewer terms than `name`."""
+    return [values for other, values in found.items() if set(HYPOTHESES[other]) < set(HYPOTHESES[name])]
+
+
+def decay_row(name, known):
+    """Print what the decay tells of a hypothesis, begun also from `known` values, and return what is found."""
     frequency, damping = decay()
     count = len(DECAY_FITTED)
 
@@ -158,7 +175,7 @@ def decay_row(name):
         f, z = backbone(values, DECAY_FITTED)
         return np.r_[(f - frequency[:count]) / FREQUENCY_SD, np.log(z / damping[:count]) / DAMPING_SD]
 
-    values, cost = Fit.of(HYPOTHESES[name]).best(residual)
+    values, cost = Fit.of(HYPOTHESES[name]).best(residual, known)
     f, z = backbone(values, np.r_[DECAY_FITTED, DECAY_PREDICTED])
     miss = 100.0 * (f / frequency - 1.0)
     ratio = z / damping
@@ -170,7 +187,7 @@ def decay_row(name):
 
 
 def forced_row(name, known):
-    """Print what the responses tell of a hypothesis, begun also from what the decay has found."""
+    """Print what the responses tell of a hypothesis, begun also from `known` values, and return what is found."""
     held = responses("force")
 
     def scale(curve):
@@ -192,6 +209,7 @@ def forced_row(name, known):
         forces.append(100.0 * (own[here] / force[there] - 1.0))
     print(f"| {name} | {told(values)} | {cost:.0f} | {np.abs(places).max():.2f} | "
           f"{', '.join(f'{one:+.0f}' for one in forces)} |", flush=True)
+    return values
 
 
 def hammer_row(name):
@@ -221,11 +239,13 @@ def main():
     """Print the three tables."""
     print("| faces | found below 20 m/s^2 | cost of 10 | frequency, fitted, % | predicted, % | damping, predicted over "
           "measured | rises |\n|---|---|---|---|---|---|---|")
-    found = {name: decay_row(name) for name in HYPOTHESES}
+    found, held = {}, {}
+    for name in HYPOTHESES:
+        found[name] = decay_row(name, simpler(name, found))
     print("\n| faces | found with the force held | cost of 164 | resonance, % | force at resonance at 5 to 80 m/s^2, % "
           "|\n|---|---|---|---|---|")
     for name, values in found.items():
-        forced_row(name, values)
+        held[name] = forced_row(name, [values, *simpler(name, held)])
     print("\n| faces | found | mode 1 | mode 2 | mode 3, predicted | mode 4, predicted |\n|---|---|---|---|---|---|")
     for name in ("plane faces", "asperity springs", "humped faces"):
         hammer_row(name)
