@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
+from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, Task, fit_task
@@ -89,9 +90,21 @@ def _looked(found: Search, progress: Progress) -> Detection:
 
 
 def begin_baselines(experiment: StructureExperiment, found: Search) -> None:
-    """Fit the baseline from all over its range, the best of one step on to rest."""
-    begun = found.pool(fit_task, [Task(found.fitter, one, found.baseline.prediction, 1)
-                                  for one in experiment.beginnings()])
+    """Fit the baseline from all over its range, the best of one step on to rest; then along what is told least.
+
+    Where points slide, load times friction is told first; along one product the cost has minima of its own, as what
+    the load alone moves, points that open, moves by steps.
+    """
+    _settle(found, experiment.beginnings())
+    at, (_, covariance) = found.baseline.prediction.point, found.evidence(frozenset()).coordinates(
+        found.prior(frozenset()))
+    axis = np.linalg.eigh(covariance)[1][:, -1]
+    _settle(found, [replace(at, z=at.z + share * HALF * axis) for share in (-1.0, -0.5, 0.5, 1.0)])
+
+
+def _settle(found: Search, starts: Sequence[Point]) -> None:
+    """Fit the baseline from `starts` by one step, and the best of these to rest."""
+    begun = found.pool(fit_task, [Task(found.fitter, one, found.baseline.prediction, 1) for one in starts])
     best = sorted((one for one in begun if one is not None), key=lambda one: one.objective)[:found.effort.bases]
     found.keep(found.pool(fit_task, [Task(found.fitter, one.prediction.point, one.prediction, found.effort.last_steps)
                                      for one in best]))

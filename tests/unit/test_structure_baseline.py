@@ -1,0 +1,61 @@
+"""Property: a baseline held in one minimum of the cost is found in a better one, along what is told least."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pytest
+from fretflow.experiments.structure.run import begin_baselines
+from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
+from fretflow.inference.parameters import Coordinate, Parameters
+from fretflow.inference.search import FAST
+from fretflow.inference.strategy import start_search
+
+ROWS = 24
+PLACE = np.linspace(0.0, 1.0, ROWS)
+APART = 1.6  # of both coordinates, between the minima
+
+
+@dataclass(frozen=True)
+class Ridge(Experiment):
+    """The sum of two coordinates is told well; their difference by a wave, which has minima, and a little by itself."""
+
+    @cached_property
+    def measurement(self) -> Measurement:
+        """Return what the coordinates of `APART` beside zero would show, exactly."""
+        some, none = np.full(ROWS, np.nan), np.zeros(ROWS, dtype=np.int64)
+        return Measurement(
+            values=self._values(np.array([0.5, -0.5]) * APART), variance=np.ones(ROWS), modes=np.zeros((ROWS, 0)),
+            code_error=np.full((ROWS, 1), 1e-6), repeatable=np.ones(ROWS), channel=none, channels=("values",),
+            phase=0.5 * PLACE, group=none, groups=("all",), cycles=some, condition=none, held_out=none == 1)
+
+    def parameters(self, effects: Any, signs: Any = None) -> Parameters:
+        """Return both coordinates, in units of what is known of them beforehand."""
+        return Parameters.of([Coordinate("", name, 0.0, 1.0, False) for name in ("first", "second")], effects, signs)
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the values."""
+        return Prediction(point, self._values(point.z))
+
+    @staticmethod
+    def _values(z: np.ndarray) -> np.ndarray:
+        apart = z[0] - z[1]
+        # of signs that change from row to row, as what is smooth counts as an error of the codes
+        rough, other = (-1.0)**np.arange(ROWS), (-1.0)**(np.arange(ROWS) // 2)
+        return 30.0 * z.sum() * other + rough * np.where(PLACE < 0.5, 3.0 * np.sin(np.pi * apart / APART), apart)
+
+    def beginnings(self) -> list[Point]:
+        """Return the middle alone, where a fit ends in the minimum there."""
+        return [Point(self.parameters(()), np.zeros(2))]
+
+
+def test_a_baseline_is_sought_beyond_the_minimum_in_which_it_begins():
+    experiment: Any = Ridge()
+    search = start_search(experiment, experiment.predict(experiment.beginnings()[0]), FAST,
+                          lambda task, asked: [*map(task, asked)])
+    assert abs(search.baseline.z[0] - search.baseline.z[1]) < 0.2 * APART
+    begin_baselines(experiment, search)
+    assert search.baseline.z[0] - search.baseline.z[1] == pytest.approx(APART, abs=0.1)
