@@ -12,7 +12,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings import readings
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.readings import Source, read_recorded_loops
-from fretflow.recordings.repeatability import moderated, repeatability, smooth_share
+from fretflow.recordings.repeatability import moderated, repeatability, smooth_share, smooth_waves
 
 LOAD, NORMAL_90 = 60.0, 1.6449
 TURNS = (np.arange(160) + 0.37) / 160
@@ -181,6 +181,20 @@ def test_moderated_variances_are_those_that_the_prior_makes_probable():
     assert np.mean(found / true) == pytest.approx(1.0, abs=0.03)
     assert np.std(np.log(found / true)) < 0.75 * np.std(np.log(sample / true))
     assert moderated(np.array([0.0, 1.0]), 5) == pytest.approx([0.0, 1.0])  # what never differs tells no scale
+
+
+def test_the_colour_of_noise_is_told_by_its_first_harmonics():
+    """White noise with waves of thrice its variance in each of the first harmonics; white noise alone has none."""
+    rng = np.random.default_rng(12)
+    loop = np.sin(2.0 * np.pi * np.arange(25) / 25.0)
+
+    def excess(sd: float) -> float:
+        made = [loop + rng.standard_normal((6, 3, 25)) + sd * rng.standard_normal((6, 3, 10)) @ smooth_waves(25).T
+                for _ in range(100)]
+        return float(np.mean([repeatability(one).smooth_excess for one in made]))
+
+    assert excess(np.sqrt(3.0)) == pytest.approx(3.0, rel=0.15)
+    assert excess(0.0) < 0.1  # where one in twenty is taken for coloured
 
 
 def test_noise_alone_is_no_gain(spring_slider):

@@ -23,6 +23,7 @@ from fretflow.inference.experiment import Covariance
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
+from fretflow.recordings.repeatability import smooth_waves
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest, RecordedWear, SweepCondition
 
 SAMPLES, FRICTION, LOAD, STROKE, COUNTS = 400, 0.6, 50.0, 20e-6, (0, 10_000, 30_000)
@@ -167,6 +168,24 @@ def test_noise_falls_with_the_samples_that_are_recorded() -> None:
         return float(np.mean(repeated[found.rows(channel="friction_force")]))
 
     assert variance(8) / variance(1) == pytest.approx(8.0, rel=0.3)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_noise_of_a_colour_weighs_its_own_waves_less(colour: float) -> None:
+    """Whitened waves of the first five harmonics have unit variance; red noise taken as white has several times that."""
+    rng, seen, plain = np.random.default_rng(11), recorded(), observe(recorded())
+    assert seen.loops is not None
+    waves, squares = smooth_waves(plain.samples)[:, [1, 2, 3, 4, 6, 7, 8, 9]], []  # the gain has the fundamental
+    for _ in range(10):
+        white = np.fft.rfft(rng.standard_normal((len(COUNTS), 3, SAMPLES)))
+        made = np.fft.irfft(white / np.abs(1.0 - colour * np.exp(-2j * np.pi * np.arange(white.shape[2]) / SAMPLES)))
+        channels = {name: np.repeat(values, 3, axis=1) for name, values in seen.loops.channels.items()}
+        channels["friction_force"] += 3.0 * made  # far above what digits hide
+        found = observe(replace(seen, loops=replace(seen.loops, channels=channels)))
+        own = found.rows(channel="friction_force")
+        known = Covariance(found.variance * found.noise, found.modes)  # without what timing is off by
+        squares.append(np.mean((known.whiten(found.values - plain.values)[own].reshape(-1, plain.samples) @ waves)**2))
+    assert 0.6 < np.mean(squares) < 1.4
 
 
 def noisy(force: float) -> Recording:

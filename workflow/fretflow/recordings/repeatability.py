@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 
@@ -22,6 +23,7 @@ from fretflow.core.records import quantity, record
 Array = NDArray[np.float64]
 
 SMOOTH = 5  # harmonics, of which white noise of N samples has 10 / N
+COLOURED = 0.05  # p-value of white noise below which noise has a colour
 LEAST_COUNTS = 7  # cycle counts for the scatter about their trend
 
 
@@ -38,6 +40,7 @@ class Repeatability:
     cycle_sd: Array | None = quantity("", "(N,), of a cycle count about its neighbours, beyond the repeats")
     degrees_of_freedom: int  # of the differences between repeats, per phase
     smooth_share: float = quantity("1", default=0.0)  # of what is left of these differences, in `SMOOTH` harmonics
+    smooth_excess: float = quantity("1", default=0.0)  # of these harmonics' variance over that of all others, less one
 
     def covariance(self, k: int) -> Array:
         """Return the covariance (N, N) of the mean loop at cycle count `k` by noise, gain and offset."""
@@ -90,7 +93,14 @@ def repeatability(values: Array) -> Repeatability:
     return Repeatability(mean=mean, repeats=repeats, noise_sd=np.sqrt(noise), gain_sd=float(fitted[0]),
                          offset_sd=float(fitted[1]), repeat_sd=np.sqrt(repeat_variance),
                          cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom,
-                         smooth_share=smooth / max(float(rest.sum()), 1e-300))
+                         smooth_share=smooth / max(float(rest.sum()), 1e-300),
+                         smooth_excess=_excess(smooth, float(rest.sum()), freedom, samples))
+
+
+def smooth_waves(samples: int) -> Array:
+    """Return the waves (N, 2 `SMOOTH`) of the first harmonics over the phase, each of norm one."""
+    angle = 2.0 * np.pi * np.arange(samples)[:, None] / samples * np.arange(1, SMOOTH + 1)
+    return np.asarray(np.sqrt(2.0 / samples) * np.hstack([np.cos(angle), np.sin(angle)]))
 
 
 def moderated(variance: Array, freedom: int) -> Array:
@@ -144,6 +154,18 @@ def smooth_share(values: Array, shapes: Array) -> float:
 def _smooth(left: Array) -> float:
     """Return the squares of differences (R, N) that lie in the first `SMOOTH` harmonics."""
     return 2.0 / left.shape[1] * float(np.sum(np.abs(np.fft.rfft(left, axis=1)[:, 1:SMOOTH + 1])**2))
+
+
+def _excess(smooth: float, rest: float, freedom: int, samples: int) -> float:
+    """Return `Repeatability.smooth_excess`: zero where an F test takes the noise for white.
+
+    The gain took one of the first harmonics' dimensions, the offset the mean.
+    """
+    low, high = freedom * (2 * SMOOTH - 1), freedom * (samples - 1 - 2 * SMOOTH)
+    if high <= 0 or rest <= smooth:
+        return 0.0
+    ratio = (smooth / low) / ((rest - smooth) / high)
+    return ratio - 1.0 if stats.f.sf(ratio, low, high) < COLOURED else 0.0
 
 
 def _about_neighbours(mean: Array, repeats: NDArray[np.int64], repeat_variance: Array) -> Array | None:

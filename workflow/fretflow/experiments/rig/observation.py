@@ -18,7 +18,7 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_share
+from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_share, smooth_waves
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
 
@@ -270,10 +270,14 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
         spread = _spread(values)
         samples, size = spread.mean.shape[1], _size(channel, spread.mean)
         least, known, places = DIGITIZING * size, np.flatnonzero(loops.repeats), []
+        # noise of a colour is white noise and waves of the first harmonics; both have the variance that repeats show
+        excess, waves = spread.smooth_excess, smooth_waves(samples)
+        white = spread.noise_sd**2 / (1.0 + excess * waves.shape[1] / samples)
+        waves = waves * np.sqrt(excess * white.mean()) if excess else waves[:, :0]
         for k in known:
             mean, repeats = spread.mean[k], int(loops.repeats[k])
             moving = 0.5 * samples * (np.roll(mean, -1) - np.roll(mean, 1))  # in a period
-            variance = (spread.noise_sd**2 + least**2) / repeats
+            variance = (white + least**2) / repeats
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
             label = count_label(cycles) if conditions is None else conditions[int(loops.cycles[k])]
@@ -281,6 +285,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
             place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
             places.append(place)
             centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"
+            stack.shared += [(f"{own} wave {j}", place, one / np.sqrt(repeats)) for j, one in enumerate(waves.T)]
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
                                  spread.offset_sd / np.sqrt(repeats), _loop_offset(channel, size)))),
