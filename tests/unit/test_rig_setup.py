@@ -172,7 +172,7 @@ def test_noise_falls_with_the_samples_that_are_recorded() -> None:
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_noise_of_a_colour_weighs_its_own_waves_less(colour: float) -> None:
-    """Whitened waves of the first five harmonics have unit variance; red noise taken as white has several times that."""
+    """Whitened waves of the first harmonics have unit variance; those of red noise taken as white have more."""
     rng, seen, plain = np.random.default_rng(11), recorded(), observe(recorded())
     assert seen.loops is not None
     waves, squares = smooth_waves(plain.samples)[:, [1, 2, 3, 4, 6, 7, 8, 9]], []  # the gain has the fundamental
