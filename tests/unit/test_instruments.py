@@ -211,6 +211,24 @@ def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray]
 
 
 @pytest.mark.real_data
+def test_a_force_in_step_with_the_friction_s_fundamental_is_no_gain_of_it(recordings: Path) -> None:
+    """By its first harmonic the friction force would be a third of what it is; by the others, all of it."""
+    recording = read_recording(recordings / "example_baseline")
+    rig = case_of(recording).rig
+    solved = LumpedRig.from_modes(rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency,
+                                  rig.damping_ratio)
+
+    def drive(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        lines = np.fft.rfft(np.nanmean(loops.channels["friction_force"], axis=1, keepdims=True))
+        lines[..., 0] = lines[..., 2:] = 0.0
+        receptance = np.linalg.inv(solved.impedance(2.0 * np.pi * np.asarray(loops.frequency)))
+        turned = (receptance[:, 1, 1] / receptance[:, 1, 0])[:, None, None] * lines
+        return values + 2.0 * np.fft.irfft(turned, values.shape[-1])
+
+    assert said(altered(recording, "excitation", drive))[0] == ()
+
+
+@pytest.mark.real_data
 @pytest.mark.parametrize(("name", "size", "anew"), [
     ("displacement", 0.4e-6, False), ("friction_force", 2.0, False), ("displacement", 0.4e-6, True),
     ("excitation", 2.0, False), ("excitation", 6.0, True), ("friction_force", 5.0, True)])
