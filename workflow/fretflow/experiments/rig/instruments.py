@@ -91,8 +91,8 @@ def _gains(recording: Recording, case: Case) -> list[str]:
         elif not 1.0 / STATED < abs(gain) < STATED:
             equations = Equations.of(recording, _rig(case))
             if equations is None or not equations.repeated or equations.solve().holds:  # no play or spring besides
-                found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the excitation "
-                             "make of it: check its unit and gain")
+                found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the "
+                             "excitation make of it: check its unit and gain")
     if found and _left(rows[:, [2, 1, 0, 3]], case) < LEFT * _left(rows, case):
         return ["excitation and friction force are swapped: the rig's equations of motion hold the other way round"]
     return found
