@@ -96,8 +96,7 @@ def test_the_contact_grows_to_the_square_by_the_dissipated_energy(crowned):
 
 def test_curved_faces_are_not_judged_by_flat_ones(crowned):
     summary = json.loads((crowned / "summary.json").read_text())
-    assert [trend["met"] for trend in summary["trends"]] == [None]  # of 75 N the paper tells the sliding alone
-    assert all("curved" in trend["found"] for trend in summary["trends"])
+    assert summary["trends"] == []  # the paper's claims are of its own bodies
     _, areas, contact = pressed(crowned)
     mean = 60.0 / areas[contact.force > 0.0].sum()
     load = next(figure["text"] for figure in summary["figures"] if figure["name"] == "static load")

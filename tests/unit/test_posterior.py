@@ -11,11 +11,13 @@ from typing import cast
 import numpy as np
 import pytest
 from fretflow.experiments.wear_series.run import left_to_chance
+from fretflow.inference import posterior as posteriors
 from fretflow.inference.parameters import Array, Parameters
 from fretflow.inference.posterior import (
     Found,
     Posterior,
     beyond_forms,
+    decide,
     detected,
     faint,
     held_to,
@@ -153,3 +155,20 @@ def test_what_is_taken_of_mere_noise_counts_by_wilks_test(left: float, odds: flo
         chi_squared=lambda names: 95.0 if names == fewer else left,
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0)))
     assert beyond_forms(cast(Search, search), fewer, wider) == pytest.approx(odds, abs=0.05)
+
+
+@pytest.mark.parametrize(("shares", "verdict", "named", "probability"), [
+    ((0.3, 0.28, 0.12), Verdict.NAMED, ("viscous",), 0.58),
+    ((0.1, 0.6, 0.1), Verdict.NAMED, ("backlash", "viscous"), 0.6),
+    ((0.4, 0.05, 0.38), Verdict.AMBIGUOUS, ("scar-edge", "viscous"), 0.78)])
+def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...],
+                                                    verdict: Verdict, named: tuple[str, ...],
+                                                    probability: float) -> None:
+    """Of viscous, viscous with backlash, and a scar's edge: the first alone, or with the second, counts for it."""
+    sets = [frozenset({"viscous"}), frozenset({"viscous", "backlash"}), frozenset({"scar-edge"})]
+    known = {**dict(sorted(zip(sets, shares, strict=True), key=lambda one: -one[1])), frozenset(): 0.05}
+    monkeypatch.setattr(posteriors, "posterior", lambda _: Posterior(known, 0.95 - sum(shares), {}))
+    monkeypatch.setattr(posteriors, "_ranking", lambda *_: ())
+    said = decide(cast(Search, SimpleNamespace(explained=lambda _: 1.0)))
+    assert (said.verdict, said.effects) == (verdict, named)
+    assert said.probability == pytest.approx(probability)

@@ -84,8 +84,10 @@ def decide(found: Search) -> Found:
             break
         sets.append(names)
         total += known.sets[names]
-    verdict = Verdict.NAMED if len(sets) == 1 else Verdict.AMBIGUOUS
-    return Found(verdict, tuple(sets), best, found.explained(best), total, ranking, known)
+    if all(best <= names for names in sets):  # whatever acts beside it, it does
+        acts = sum(own for names, own in known.sets.items() if best <= names)
+        return Found(Verdict.NAMED, (best,), best, found.explained(best), acts, ranking, known)
+    return Found(Verdict.AMBIGUOUS, tuple(sets), best, found.explained(best), total, ranking, known)
 
 
 def detected(found: Found, detection: Detection) -> Found:
