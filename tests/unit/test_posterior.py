@@ -17,6 +17,7 @@ from fretflow.inference.posterior import (
     Found,
     Posterior,
     beyond_forms,
+    beyond_noise,
     decide,
     detected,
     faint,
@@ -172,3 +173,12 @@ def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPa
     said = decide(cast(Search, SimpleNamespace(explained=lambda _: 1.0)))
     assert (said.verdict, said.effects) == (verdict, named)
     assert said.probability == pytest.approx(probability)
+
+
+@pytest.mark.parametrize(("left", "verdict", "probability"), [(90.0, Verdict.NONE, 0.5), (130.0, Verdict.NAMED, 0.8)])
+def test_where_no_more_than_noise_is_left_nothing_is_named(left: float, verdict: Verdict, probability: float) -> None:
+    """Of 100 that repeats explain 90 are left: their p-value of 0.75 is worth no odds against nothing."""
+    search = SimpleNamespace(chi_squared=lambda _: left,
+                             experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0)))
+    said = beyond_noise(replace(found(Verdict.NAMED), probability=0.8), cast(Search, search))
+    assert (said.verdict, said.probability) == (verdict, probability)

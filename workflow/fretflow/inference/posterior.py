@@ -96,11 +96,21 @@ def detected(found: Found, detection: Detection) -> Found:
     The reverse does not hold: the test's null knows the errors of the measurement and not what codes differ by, so that
     a small p-value alone is no physics.
     """
-    if detection.p_value < detection.false_alarm_rate or found.verdict is Verdict.NONE:
+    return found if detection.p_value < detection.false_alarm_rate else _nothing(found, detection.p_value)
+
+
+def beyond_noise(found: Found, search: Search) -> Found:
+    """Return a verdict held to what repeats explain: where the baseline leaves no more, there is nothing to explain."""
+    left, expected = search.chi_squared(frozenset()), search.experiment.measurement.expected
+    return found if left > expected else _nothing(found, float(chi2.sf(left, expected)))
+
+
+def _nothing(found: Found, p: float) -> Found:
+    """Return that nothing is left out, at least as probable as the p-value alone of a test of that leaves it."""
+    if found.verdict is Verdict.NONE:
         return found
-    least = 1.0 / (1.0 + largest_odds(detection.p_value))  # probability of nothing, by the test alone
     return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
-                   probability=max(found.posterior.none, least))
+                   probability=max(found.posterior.none, 1.0 / (1.0 + largest_odds(p))))
 
 
 def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:

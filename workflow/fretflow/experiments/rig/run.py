@@ -41,7 +41,7 @@ from fretflow.experiments.rig.views import comparisons, evolved, held_out_error,
 from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.posterior import Found, decide, detected, held_to, smallest_visible
+from fretflow.inference.posterior import Found, beyond_noise, decide, detected, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Search
 from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
@@ -97,7 +97,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
     before = _plainly(experiment, hypotheses.baseline)
     detection = detect(experiment.rig.observation, before)
-    found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)
+    found = beyond_noise(detected(plausible(decide(hypotheses), hypotheses, experiment), detection), hypotheses)
     progress(0.85, "held-out loops")
     unseen = held_out(hypotheses, experiment, found.after)
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
