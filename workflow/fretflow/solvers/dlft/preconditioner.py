@@ -25,7 +25,7 @@ HELD = 1e-5  # of S relative to 1 / kappa: below it, in single precision, a DOF 
 Single = NDArray[np.float32]
 
 
-class _Factored(NamedTuple):
+class _KeptFactors(NamedTuple):
     """DOFs that were factored or held, and for each harmonic the factors and the rows across (free, held)."""
 
     free: NDArray[np.int64]
@@ -63,7 +63,7 @@ class NodePreconditioner:
         shares = _shares(self._inverse, sliding)
         size = np.abs(shares).max(axis=(0, 3)) * np.abs(own).max(axis=(1, 2))[:, None]
         free = np.flatnonzero((size > HELD).ravel())
-        self._kept: _Factored = (before._kept if before is not None and before._kept.cover(free)
+        self._kept: _KeptFactors = (before._kept if before is not None and before._kept.cover(free)
                                  else _factored(shares, stiffness, own, free))
 
     def __call__(self, flat: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -79,7 +79,7 @@ class NodePreconditioner:
         return np.asarray(v.ravel(), dtype=float)
 
 
-def _factored(shares: Single, stiffness: Sequence[Single], own: Single, free: NDArray[np.int64]) -> _Factored:
+def _factored(shares: Single, stiffness: Sequence[Single], own: Single, free: NDArray[np.int64]) -> _KeptFactors:
     """Factor the rows of the `free` DOFs, one matrix a harmonic."""
     held, factors, across = np.setdiff1d(np.arange(3 * len(own)), free), [], []
     for share, matrix in zip(shares, stiffness, strict=True) if free.size else ():
@@ -88,7 +88,7 @@ def _factored(shares: Single, stiffness: Sequence[Single], own: Single, free: ND
         inner[np.arange(len(inner)), np.arange(len(inner))] += np.float32(1.0)
         factors.append(lu_factor(inner, overwrite_a=True, check_finite=False))
         across.append(rows[:, held])
-    return _Factored(free, held, factors, across)
+    return _KeptFactors(free, held, factors, across)
 
 
 def _rest(share: Single, matrix: Single, own: Single, free: NDArray[np.int64]) -> Single:

@@ -27,11 +27,11 @@ LEAF = 50  # nodes eliminated at once without being divided further: 40 to 100 t
 SAME = 1e-9  # of a set's extent, below which nodes lie in one plane
 
 
-class _Part(NamedTuple):
+class _Front(NamedTuple):
     """Nodes of a leaf, or of the separator between two parts that are eliminated before it."""
 
     own: Nodes
-    parts: tuple[_Part, ...]
+    parts: tuple[_Front, ...]
 
 
 class _Condensed(NamedTuple):
@@ -78,7 +78,7 @@ def condense(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, points: Arra
     return whole[0], whole[1]
 
 
-def _divided(nodes: Nodes, graph: sparse.csr_matrix, points: Array) -> _Part:
+def _divided(nodes: Nodes, graph: sparse.csr_matrix, points: Array) -> _Front:
     """Divide `nodes` again and again at the median of the axis where fewest of them separate the halves."""
     best = None
     for axis in range(3) if len(nodes) > LEAF else ():
@@ -95,17 +95,17 @@ def _divided(nodes: Nodes, graph: sparse.csr_matrix, points: Array) -> _Part:
         if best is None or between.sum() < best[1].sum():
             best = low, between
     if best is None:
-        return _Part(nodes, ())
+        return _Front(nodes, ())
     low, between = best
     halves = (nodes[low & ~between], nodes[~low])
-    return _Part(nodes[between], tuple(_divided(half, graph, points) for half in halves if half.size))
+    return _Front(nodes[between], tuple(_divided(half, graph, points) for half in halves if half.size))
 
 
-def _own(tree: _Part) -> list[Nodes]:
+def _own(tree: _Front) -> list[Nodes]:
     return [nodes for part in tree.parts for nodes in _own(part)] + [tree.own]
 
 
-def _eliminated(tree: _Part, pencil: tuple[sparse.csr_matrix, ...], start: int) -> _Condensed:
+def _eliminated(tree: _Front, pencil: tuple[sparse.csr_matrix, ...], start: int) -> _Condensed:
     """Eliminate a part whose DOF begin at `start`, those of the parts within first."""
     found = []
     for part in tree.parts:
