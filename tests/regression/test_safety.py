@@ -82,7 +82,7 @@ def test_nor_does_it_when_the_mesh_is_read_for_assembly(mesh):
 
 @pytest.mark.fem
 def test_a_mesh_on_which_gmsh_crashes_is_refused(mesh):
-    """A node of a number far below zero ends gmsh by a signal, or reads what happens to lie in memory: refused by name."""
+    """A node of a number far below zero ends gmsh by a signal, or reads what lies in memory: refused by name."""
     content = bytearray(mesh.read_bytes())
     first_node = content.index(b"$Elements\n") + 70
     content[first_node:first_node + 8] = (-2**20).to_bytes(8, "little", signed=True)
