@@ -13,14 +13,13 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 from scipy.linalg import eigvalsh
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
-from fretflow.experiments.structure.points import BackbonePoints, scatter, with_backbone
+from fretflow.experiments.structure.points import SLIDES, BackbonePoints, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
@@ -55,8 +54,6 @@ LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours 
 OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
-SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
-          "the unit of the amplitude")
 
 
 @dataclass(frozen=True)
@@ -295,7 +292,7 @@ class StructureExperiment(Experiment):
             raise
         curve = self.backbone(joint, mode)
         amplitude = self.points.amplitude
-        values = self._read(amplitude, self._seen(curve), curve.frequency, curve.damping)
+        values = self.points.read(amplitude, self._seen(curve), curve.frequency, curve.damping)
         more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, mode, curve)
         return Prediction(point, (values if more is None else values + more).ravel(), curve)
 
@@ -320,17 +317,6 @@ class StructureExperiment(Experiment):
         change = 0.5 * (np.where(np.isfinite(forth), forth, -back) - np.where(np.isfinite(back), back, -forth))
         moves = np.array([one.z - prediction.point.z for one in points])
         return np.asarray(np.nan_to_num(change) @ (np.sqrt(sharp)[:, None] * axes.T @ moves.T))
-
-    def _read(self, at: Array, seen: Array, frequency: Array, damping: Array) -> Array:
-        """Return frequency and damping (channels, points) at amplitudes from those `seen` at others."""
-        order = np.argsort(seen)
-        place = np.log(seen[order])
-        keep = np.r_[True, np.diff(place) > 1e-9]
-        place, order = place[keep], order[keep]
-        if len(place) < 2:
-            raise NonConvergenceError(SLIDES)
-        channels = (frequency,) if self.points.damping is None else (frequency, damping)
-        return np.array([_along(place, one[order], np.log(at)) for one in channels])
 
     def first(self, count: int) -> StructureExperiment:
         """Return the experiment of the `count` points of the smallest amplitudes."""
@@ -463,12 +449,4 @@ class StructureExperiment(Experiment):
             return None
         periodic = [np.array([getattr(one, name) for one in found]) for name in ("frequency", "damping")]
         at = np.clip(self.points.amplitude, min(moved), max(moved))
-        return self._read(at, np.array(moved), *periodic) - self._read(at, seen, frequency, damping)
-
-
-def _along(place: Array, values: Array, at: Array) -> Array:
-    """Return values (L,) over rising places interpolated at others; outside they go on in a straight line."""
-    inside = PchipInterpolator(place, values)
-    ends = np.clip(at, place[0], place[-1])
-    slope = inside.derivative()(ends)
-    return np.asarray(inside(ends) + slope * (at - ends))
+        return self.points.read(at, np.array(moved), *periodic) - self.points.read(at, seen, frequency, damping)

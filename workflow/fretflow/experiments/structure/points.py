@@ -13,9 +13,10 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.stats import t as student
 
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.experiments.structure.responses import backbone_of
 from fretflow.recordings.kinds.structures import FEWEST, MeasuredBackbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 
 MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighbours tell the same
 ORDERS = (1, 3)  # of polynomials through the neighbours about which values scatter; a curved one needs the higher
+SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
+          "the unit of the amplitude")
 ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
 
 
@@ -69,6 +72,17 @@ class BackbonePoints:
         return BackbonePoints(self.amplitude[:count], self.frequency[:count],
                       None if self.damping is None else self.damping[:count], self.frequency_sd[:count],
                       self.damping_sd[:count])
+
+    def read(self, at: Array, seen: Array, frequency: Array, damping: Array) -> Array:
+        """Return frequency and damping (channels, points) at amplitudes from those `seen` at others."""
+        order = np.argsort(seen)
+        place = np.log(seen[order])
+        keep = np.r_[True, np.diff(place) > 1e-9]
+        place, order = place[keep], order[keep]
+        if len(place) < 2:
+            raise NonConvergenceError(SLIDES)
+        channels = (frequency,) if self.damping is None else (frequency, damping)
+        return np.array([_along(place, one[order], np.log(at)) for one in channels])
 
     def weighed(self, missed: Array) -> BackbonePoints:
         """Return the same with larger errors where a prediction misses values (channels, P) by more than smoothly."""
@@ -170,6 +184,14 @@ def _smoothed(smooth: Array, values: Array, freedom: float) -> tuple[float, Arra
         weight = (freedom + 1.0) / (freedom + (pulled / weight)**2 + unknown)
     width = np.sqrt(1.0 + np.maximum(1.0 / own - 1.0 / weight, 0.0))
     return float(np.sum(student.logpdf(pulled / own / width, freedom) - np.log(width))), weight
+
+
+def _along(place: Array, values: Array, at: Array) -> Array:
+    """Return values (L,) over rising places interpolated at others; outside they go on in a straight line."""
+    inside = PchipInterpolator(place, values)
+    ends = np.clip(at, place[0], place[-1])
+    slope = inside.derivative()(ends)
+    return np.asarray(inside(ends) + slope * (at - ends))
 
 
 def _about_neighbours(place: Array, values: Array, size: Array, order: int) -> Array:
