@@ -49,7 +49,8 @@ class DirectionalFriction(Effect):
     id: ClassVar[str] = "directional-friction"
     title: ClassVar[str] = "friction that differs with the direction of sliding"
     block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "mu (1 + d sign v), at rest mu (1 - r d t_x), t the direction of the friction force"
+    equation: ClassVar[str] = ("mu (1 + d sign v), at rest mu (1 - r d t_x), t the direction of the friction force; in "
+                               "what goes by the motion, sign v is v / sqrt(v^2 + v_0^2)")
     formula: ClassVar[str] = (r"\mu\,(1 + d\,\mathrm{sign}\,v), \quad \text{at rest}\ \mu\,(1 - r\,d\,t_x), "
                               r"\quad \boldsymbol{t} \text{ the direction of the friction force}")
     source: ClassVar[str] = ("A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset "
@@ -61,9 +62,9 @@ class DirectionalFriction(Effect):
     difference: float = parameter(0.05, "d: half the difference between both directions, over their mean", 0.01, 0.1,
                                   gt=-1.0, lt=1.0, logarithmic=False)
     rest: float = parameter(1.0, "r: share of the difference that is left at rest", -1.0, 1.0, ge=-1.0, le=1.0,
-                            logarithmic=False)
+                            logarithmic=False, rig_only=True)
     speed_scale: u.Velocity = parameter(0.1e-3, "v_0: speed by which the motion of the specimen has a way", 0.05e-3,
-                                        5e-3)
+                                        5e-3, rig_only=True)
 
     @classmethod
     def neutral(cls) -> Self:
