@@ -31,7 +31,7 @@ VERDICT_WORDS = {
     Verdict.UNKNOWN: "Not in the catalogue",
 }
 PROBABILITY_OF = {
-    Verdict.NONE: "that nothing is missing", Verdict.NAMED: "of this name, among all explanations tried",
+    Verdict.NONE: "that nothing is missing", Verdict.NAMED: "that this acts, alone or beside others",
     Verdict.AMBIGUOUS: "of the set, taken together", Verdict.UNKNOWN: "that it is something the catalogue lacks",
 }
 
