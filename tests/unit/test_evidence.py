@@ -154,6 +154,18 @@ def test_law_form_errors_have_the_size_that_they_are(where: str) -> None:
     assert 0.08 < float(FORMS[int(np.argmax(found.table[:, 0, 0]))]) < 0.45  # nothing else being wrong
 
 
+def test_an_input_is_off_by_nothing_but_its_time() -> None:
+    """No code and no law gets the drive wrong; it may come early, in all loops alike or in each."""
+    own = replace(measurement(), channels=("force", "drive"), channel=np.arange(len(measurement().values)) % 2,
+                  inputs=frozenset({"drive"}))
+    drive = own.channel == 1
+    for functions in smooth_functions(own):
+        moved = functions[:, np.any(functions[drive], axis=0)]
+        assert moved.any()
+        slopes = np.column_stack([np.where(own.group == one, rates(own), 0.0) for one in range(len(own.groups))])
+        assert np.linalg.matrix_rank(np.hstack([slopes, moved])[drive]) == len(own.groups)
+
+
 def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:
     """At size one the mean variance is that of the channel, one here, once in height and once in time.
 

@@ -11,6 +11,7 @@ import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
+from fretflow.effects.initial_gap import InitialGap
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences, jacobian, put_out
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 
@@ -122,6 +123,16 @@ def test_an_effect_that_is_put_out_is_neutral_in_what_it_is_named_after(name: st
     off = [field for field in kind.model_fields if getattr(neutral, field) != getattr(plain, field)]
     assert off
     assert all(getattr(out, field) == getattr(neutral, field) for field in off)
+
+
+def test_faces_of_which_any_form_is_put_out_are_flat() -> None:
+    """Whatever is zero by default may have been fitted: tilt, crown, cylinder and flat at once."""
+    space = Parameters.of((), ["initial-gap"])
+    (fitted,) = space.built(np.full(space.size, 0.7))
+    x = np.linspace(-1.0, 1.0, 5)
+    assert isinstance(fitted, InitialGap)
+    assert np.ptp(fitted._height(x, x[::-1])) > 1e-6
+    assert put_out(fitted)._height(x, x[::-1]) == pytest.approx(np.zeros(5), abs=1e-15)
 
 
 def test_a_fit_goes_on_on_the_side_of_zero_where_it_is() -> None:

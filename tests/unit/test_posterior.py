@@ -118,7 +118,20 @@ def test_a_law_that_adds_less_than_its_range_begins_is_the_law_it_extends(gain: 
     space = Parameters.of((), [name], {f"{name}.gain": float(np.sign(gain))})
     at = np.array([one.place(gain) if one.field == "gain" else 0.0 for one in space.coordinates])
     search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
-                             evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, None)))
+                             evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, 0.01 * np.eye(len(at)))))
+    assert faint(cast(Search, search), names, name) is weak
+
+
+@pytest.mark.parametrize(("first", "second", "third", "weak"), [
+    (0.0, 1e-3, 0.06, False), (0.0, 0.06, 1e-3, False), (0.05, 1e-3, 1e-3, False), (0.005, 1e-3, 1e-3, True)])
+def test_of_several_sizes_one_may_be_none(first: float, second: float, third: float, weak: bool) -> None:
+    """A drive with a third harmonic and no second one is distorted; with neither, nor another amplitude, it is not."""
+    names = frozenset({"excitation-distortion"})
+    (name,) = names
+    space, sizes = Parameters.of((), [name]), {"fundamental": first, "second": second, "third": third}
+    at = np.array([one.place(sizes[one.field]) if one.field in sizes else 0.0 for one in space.coordinates])
+    search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
+                             evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, 0.01 * np.eye(len(at)))))
     assert faint(cast(Search, search), names, name) is weak
 
 

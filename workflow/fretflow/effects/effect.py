@@ -169,7 +169,7 @@ class Effect(Section):
 
     @classmethod
     def neutral(cls) -> Self:
-        """Return the effect with parameters at which it does nothing."""
+        """Return the effect with parameters at which it does nothing: those that make it act are stated."""
         raise NotImplementedError
 
     @classmethod

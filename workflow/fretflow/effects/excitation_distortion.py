@@ -16,13 +16,14 @@ from fretflow.wear.slow import SlowState
 
 
 class ExcitationDistortion(Effect):
-    """Second and third harmonic of the shaker's force, relative to its fundamental."""
+    """Second and third harmonic of the shaker's force, and what its fundamental is off by, over what it is set to."""
 
     id: ClassVar[str] = "excitation-distortion"
-    title: ClassVar[str] = "second and third harmonic of the drive"
+    title: ClassVar[str] = "a drive that is not the cosine it is set to"
     block: ClassVar[Block] = Block.EXCITATION
-    equation: ClassVar[str] = "F (cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
-    formula: ClassVar[str] = r"F \left[\cos\omega t + a_2 \cos(2 \omega t + b_2) + a_3 \cos(3 \omega t + b_3)\right]"
+    equation: ClassVar[str] = "F ((1 + a_1) cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
+    formula: ClassVar[str] = (r"F \left[(1 + a_1) \cos\omega t + a_2 \cos(2 \omega t + b_2) "
+                              r"+ a_3 \cos(3 \omega t + b_3)\right]")
     source: ClassVar[str] = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
     told_by: ClassVar[str] = "a record of the excitation force"
     told_from: ClassVar[Mapping[str, str]] = {
@@ -33,16 +34,18 @@ class ExcitationDistortion(Effect):
     second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, logarithmic=False)
     third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0)
     third_phase: float = parameter(0.0, "b_3: its phase in rad", -math.pi, math.pi, logarithmic=False)
+    fundamental: float = parameter(0.0, "a_1: what an amplifier that saturates adds to the fundamental", -0.1, 0.1,
+                                   gt=-1.0, logarithmic=False)
 
     @classmethod
     def neutral(cls) -> Self:
         """Return a pure cosine."""
-        return cls(second=0.0, third=0.0)
+        return cls(fundamental=0.0, second=0.0, third=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the harmonics."""
         drive = problem.excitation
-        for order, share in ((2, cmath.rect(self.second, self.second_phase)),
+        for order, share in ((1, complex(self.fundamental)), (2, cmath.rect(self.second, self.second_phase)),
                              (3, cmath.rect(self.third, self.third_phase))):
             drive = drive.with_overtone(order, share) if share else drive
         return replace(problem, excitation=drive)
@@ -51,7 +54,7 @@ class ExcitationDistortion(Effect):
         """Return the force over a period."""
         t = np.linspace(0.0, 2.0 * np.pi, 201)
         pure = np.cos(t)
-        force = (pure + self.second * np.cos(2.0 * t + self.second_phase)
+        force = ((1.0 + self.fundamental) * pure + self.second * np.cos(2.0 * t + self.second_phase)
                  + self.third * np.cos(3.0 * t + self.third_phase))
         return Sketch("share of the period", "force over F", {"baseline": (t / (2.0 * np.pi), pure),
                                                                "effect": (t / (2.0 * np.pi), force)})

@@ -44,7 +44,7 @@ class InitialGap(Effect):
     @classmethod
     def neutral(cls) -> Self:
         """Return flat faces."""
-        return cls().changed(tilt_x=0.0)
+        return cls().changed(tilt_x=0.0, tilt_y=0.0, crown=0.0, cylinder=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Open the gap."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, RecordingKind, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
@@ -16,36 +16,42 @@ from fretflow.wear.slow import SlowState
 
 
 class ParallelStiffness(Effect):
-    """A spring from the moving specimen to the ground, in the force that is measured: ``T_meas = T + k x``.
+    """A spring from the moving specimen to the ground, in the force that is measured: ``T_meas = T + k x + k_3 x^3``.
 
-    A seal, a cable, a leaf that guides the arm, or the part of a joint that never slides.
+    A seal, a cable, a leaf that guides the arm and hardens as it stretches, or the part of a joint that never slides.
     """
 
     id: ClassVar[str] = "parallel-stiffness"
     title: ClassVar[str] = "spring beside the contact"
     block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "force on the arm -k x; T_meas = T + k x"
-    formula: ClassVar[str] = r"F_\mathrm{arm} = -k\,x, \qquad T_\mathrm{meas} = T + k\,x"
+    equation: ClassVar[str] = "force on the arm -k x - k_3 x^3; T_meas = T + k x + k_3 x^3"
+    formula: ClassVar[str] = r"F_\mathrm{arm} = -k\,x - k_3 x^3, \qquad T_\mathrm{meas} = T + k\,x + k_3 x^3"
     source: ClassVar[str] = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), "
-                             "640-643")
+                             "640-643; hardening: G. Duffing, Erzwungene Schwingungen (1918)")
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": "loops of sticking contact at small amplitudes"}
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0)
+    cubic: u.CubicStiffness = parameter(0.0, "k_3: by which it hardens, or yields", -4e15, 4e15, rig_only=True,
+                                        source="as much as the stiffest linear part at 10 µm")
 
     @classmethod
     def neutral(cls) -> Self:
         """Return no spring."""
-        return cls().changed(stiffness=0.0)
+        return cls().changed(stiffness=0.0, cubic=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the spring."""
-        if self.stiffness == 0.0:
+        if self.stiffness == self.cubic == 0.0:
             return problem
-        return replace(problem, structure=change_rig(problem.structure, forces=(ArmSupport(stiffness=self.stiffness),)))
+        spring = ArmSupport(stiffness=self.stiffness, cubic=self.cubic)
+        return replace(problem, structure=change_rig(problem.structure, forces=(spring,)))
 
     def sense(self, signals: Signals) -> Signals:
         """Add the spring's force to the friction force."""
-        return replace(signals, friction_force=signals.friction_force + self.stiffness * signals.arm)
+        return replace(signals, friction_force=signals.friction_force + self._force(signals.arm))
+
+    def _force(self, x: Array) -> Array:
+        return (self.stiffness + self.cubic * x**2) * x

@@ -41,6 +41,30 @@ def is_worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
     return fit.promise < beginning.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
 
 
+def is_untold(found: Search, beginning: Beginning, fit: Fit | None) -> bool:
+    """Tell whether first order is off, where an effect was begun, by more than all that there is to explain."""
+    if beginning.change is None or fit is None:
+        return beginning.change is not None
+    told = beginning.origin.residual - found.fitter.covariance.whiten(np.nan_to_num(beginning.change))
+    return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
+
+
+def elsewhere_task(asked: tuple[Fitter, Beginning, int]) -> list[Fit]:
+    """Return the best of other points of an effect's ranges than the one that it was begun at, at most so many."""
+    fitter, beginning, most = asked
+    point, objectives = beginning.point, []
+    for one in _laid(fitter.experiment, beginning.origin):
+        if one.effects != point.effects or one.parameters.signs != point.parameters.signs or (one.z == point.z).all():
+            continue
+        try:
+            predicted = fitter.experiment.predict(one, beginning.origin.prediction)
+        except NonConvergenceError:
+            continue
+        left = fitter.covariance.whiten(fitter.experiment.measurement.values - predicted.values)
+        objectives.append((float(left @ left + one.z @ one.z), predicted))
+    return [fitter.linearised(predicted) for _, predicted in sorted(objectives, key=lambda one: one[0])[:most]]
+
+
 def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
     """Return a beginning simulated, with the derivatives that are known before; None where it has no solution."""
     fitter, beginning = asked

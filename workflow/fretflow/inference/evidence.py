@@ -137,12 +137,15 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     Each is the sd of a general discrepancy of size one. Over the loops' phase they are harmonics; single loops differ
     by a random walk over the cycles, and each condition has its own; what has no phase is off in proportion to its
     size. A loop may be early or late as well, by angles in radians that are as smooth: of a sine that is a change of
-    the same relative size, and corners, which are not smooth, move.
+    the same relative size, and corners, which are not smooth, move. Of an input the whole loop alone is early or late.
     """
-    found = [np.hstack([
-        _products(measurement, harmonics(measurement.phase, LOOP_HARMONICS), courses, sizes(measurement)),
-        _products(measurement, harmonics(measurement.phase, MODULATING), courses, rates(measurement))])
-        for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
+    inputs = np.isin(measurement.channel, [measurement.channels.index(one) for one in measurement.inputs])
+    size = np.where(inputs, 0.0, sizes(measurement))
+    early = harmonics(measurement.phase, MODULATING)
+    early[inputs, 1:] = 0.0
+    found = [np.hstack([_products(measurement, harmonics(measurement.phase, LOOP_HARMONICS), courses, size),
+                        _products(measurement, early, courses, rates(measurement))])
+             for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
     return found[0], found[1]
 
 

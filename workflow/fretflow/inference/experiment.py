@@ -48,6 +48,7 @@ class Measurement:
     cycles: Array = quantity("1", "(M,), share of the test that had passed; nan where that says nothing")
     condition: NDArray[np.int64] = quantity("1", "(M,), 0 as in the test, others at other conditions")
     held_out: NDArray[np.bool_] = quantity("1", "(M,), rows that judge a prediction; fits for it leave them out")
+    inputs: frozenset[str] = frozenset()  # channels of what drives the joint, which no code and no law gets wrong
 
     @property
     def expected(self) -> float:
@@ -88,9 +89,8 @@ class Point:
 
 def put_out(effect: Effect) -> Effect:
     """Return an effect with what its law is named after at the value that does nothing; the rest is as it was."""
-    plain, neutral = type(effect)(), type(effect).neutral()
-    return effect.changed(**{name: getattr(neutral, name) for name in type(effect).model_fields
-                             if getattr(neutral, name) != getattr(plain, name)})
+    neutral = type(effect).neutral()
+    return effect.changed(**{name: getattr(neutral, name) for name in neutral.model_fields_set})
 
 
 @dataclass(frozen=True, eq=False)

@@ -140,7 +140,8 @@ def posterior(found: Search) -> Posterior:
     for names in sorted(shows, key=lambda one: sum(_plainer(other, one) for other in shows)):
         if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
             continue  # what it says of one effect is that this does nothing: it is the set without it
-        if any(fewer < names and found.chi_squared(names) > found.chi_squared(fewer) for fewer in weight if fewer):
+        left = found.fits[names].chi_squared
+        if any(fewer < names and left > found.fits[fewer].chi_squared for fewer in weight if fewer):
             continue  # its fit was not ended: a wider set can do all that a plainer one does
         own = found.log_evidence(names)
         beyond = {fewer: beyond_forms(found, fewer, names) for fewer in weight if fewer and _plainer(fewer, names)}
@@ -163,17 +164,22 @@ def faint(found: Search, names: Names, effect: str) -> bool:
     So weak an effect is what codes and laws differ by, and not what its name says.
     """
     kind, space = catalogue()[effect], found.fits[names].parameters
-    mean, _ = found.evidence(names).coordinates(found.prior(names))
-    plain = kind()
-    out_of_work = [(own, at, getattr(less, own.field, None)) for less in (kind.neutral(), kind.plainest())
-                   for own, at in zip(space.coordinates, mean, strict=True) if own.effect == effect]
-    for own, at, off in out_of_work:
-        if off is None or off == getattr(plain, own.field):
-            continue
-        ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))
-        if (own.sign * off < ends[0] and at < -HALF) or (own.sign * off > ends[1] and at > HALF):
+    mean, covariance = found.evidence(names).coordinates(found.prior(names))
+    told = list(zip(space.coordinates, mean, np.sqrt(np.diag(covariance)), strict=True))
+    for less in (kind.neutral(), kind.plainest()):
+        sizes = [(own, at, sd, getattr(less, own.field)) for own, at, sd in told
+                 if own.effect == effect and own.field in less.model_fields_set]
+        if sizes and all(_is_off(*one) for one in sizes):  # one of several sizes may be none
             return True
     return False
+
+
+def _is_off(own: Coordinate, at: float, sd: float, off: float) -> bool:
+    """Tell whether a coordinate at `at` is nearer to the value `off` than its range begins, or may be it within one."""
+    ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))
+    if ends[0] <= own.sign * off <= ends[1]:
+        return abs(at - own.place(off)) < HALF * sd
+    return at < -HALF if own.sign * off < ends[0] else at > HALF
 
 
 def _plainer(fewer: Names, names: Names) -> bool:

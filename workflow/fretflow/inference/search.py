@@ -51,16 +51,15 @@ class Pool(Protocol):
 class Effort:
     """How much is fitted."""
 
-    going: int  # effects that are fitted on from their starts, the most promising first
-    first_steps: int  # of each of these
-    starts: int  # of every effect that are gone on with
+    going: int  # effects that are fitted on from their starts, the most promising
+    starts: int  # of every effect that first order does not tell, beside the one that it promises most of
     last_steps: int  # of those that may matter
     bases: int  # sets to which another effect is sought
     partners: int  # effects that are fitted beside each of them
 
 
-FAST = Effort(going=10, first_steps=1, starts=1, last_steps=8, bases=2, partners=3)
-FULL = Effort(going=20, first_steps=2, starts=2, last_steps=12, bases=3, partners=3)
+FAST = Effort(going=10, starts=2, last_steps=8, bases=2, partners=3)
+FULL = Effort(going=20, starts=4, last_steps=12, bases=3, partners=3)
 
 
 @dataclass(frozen=True)

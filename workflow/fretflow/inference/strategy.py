@@ -18,7 +18,9 @@ from fretflow.inference.beginnings import (
     begin_task,
     beginnings_task,
     beside,
+    elsewhere_task,
     is_told,
+    is_untold,
     is_worth,
     started,
     without,
@@ -153,28 +155,35 @@ def begin_all(found: Search) -> None:
     anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), first_fits, strict=True)
             if one.least is not None and (fit is None or not is_worth(found, one, fit))}
     weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
-    best: dict[Hashable, dict[Hashable, list[Fit]]] = {place: {} for place in range(len(origins))}
+    best: dict[Hashable, list[Fit]] = {place: [] for place in range(len(origins))}
     for (key, one), first in zip(laid.items(), first_fits, strict=True):
         fit = min((own for own in (first, weaker.get(key)) if own is not None), key=lambda own: own.promise,
                   default=None)
         if fit is not None:
             found.starts.append(started(found, one.origin, fit))
             if is_worth(found, one, fit) or not is_told(fit.prediction.point, found.baseline):
-                best[key[0]].setdefault(key[:3], []).append(fit)
+                best[key[0]].append(fit)
             found.keep([fit])
-    for at_origin, origin in zip(best.values(), origins, strict=True):
-        starts = [fit for own in at_origin.values()
-                  for fit in sorted(own, key=lambda one: one.promise)[:found.effort.starts]]
-        going = sorted(starts, key=lambda one: one.promise)[:found.effort.going]
-        # what first order tells beside a baseline that fits far less than it may is the direction alone
-        steps = found.effort.first_steps if origin is found.baseline else found.effort.last_steps // 2
-        go_on(found, going, steps)
+    going = [fit for own in best.values() for fit in sorted(own, key=lambda one: one.promise)[:found.effort.going]]
+    untold = [one for one, fit in zip(laid.values(), first_fits, strict=True)
+              if one.origin is origins[-1] and is_untold(found, one, fit)]
+    more = [fit for fits in found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
+            for fit in fits]
+    found.keep(more)
+    go_on(found, [*going, *more], found.effort.last_steps)
 
 
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
-    """Fit some sets on step by step, the better half of them further each time."""
-    for _ in range(steps):
-        fits = [fit for fit in found.pool(fit_task, [found.further(one, 1) for one in going]) if fit is not None]
+    """Fit some sets of a size on step by step, the better half of those further that may become the best of that size.
+
+    These move through their ranges, or fall by factors that would bring them there in the steps that are left.
+    """
+    for left in reversed(range(steps)):
+        fits = found.pool(fit_task, [found.further(one, 1) for one in going])
         found.keep(fits)
-        going = sorted((fit for fit in fits if not fit.converged), key=lambda one: one.promise)
-        going = going[:(len(going) + 1) // 2]
+        best = {size: min(one.objective for names, one in found.fits.items() if len(names) == size)
+                for size in {len(fit.effects) for fit in going}}
+        ends = [(fit.objective * (fit.objective / before.objective)**left, has_moved(fit, before.z), fit)
+                for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged]
+        going = [fit for end, moved, fit in sorted(ends, key=lambda one: one[0])
+                 if moved or end <= best[len(fit.effects)]][:max((len(fits) + 1) // 2, found.effort.bases)]

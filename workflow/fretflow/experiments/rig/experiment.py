@@ -142,4 +142,4 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
         values=observation.values, variance=observation.variance,
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
         channels=channels, groups=labels, phase=phase, cycles=cycles, held_out=np.isin(
-            np.array(labels)[rows["group"]], list(held_out)), **rows)
+            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)), **rows)

@@ -54,7 +54,7 @@ def held_out(hypotheses: Search, experiment: RigExperiment, names: Names) -> Hel
     sets = list(dict.fromkeys((frozenset[str](), names)))
     refits = hypotheses.pool(fit_task, [
         Task(Fitter(hypotheses.fitter_of(one).experiment, hidden), hypotheses.fits[one].prediction.point,
-             hypotheses.fits[one].prediction, hypotheses.effort.first_steps) for one in sets])
+             hypotheses.fits[one].prediction, 1) for one in sets])  # a step: they stand near where all rows put them
     predicted = [fit.predicted if own is None else own.predicted
                  for fit, own in zip([hypotheses.fits[one] for one in sets], refits, strict=True)]
     shared = experiment.measurement.covariance()

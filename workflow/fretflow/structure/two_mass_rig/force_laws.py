@@ -16,16 +16,18 @@ ROUND = 0.1  # of the half play, to either side of its end, over which the hinge
 
 @dataclass(frozen=True)
 class ArmSupport:
-    """A spring of `stiffness` (N/m) and a dashpot of `damping` (N s/m) from the arm to the ground."""
+    """A spring of `stiffness` (N/m) and `cubic` (N/m^3) and a dashpot of `damping` (N s/m) from the arm to ground."""
 
     stiffness: float = 0.0
     damping: float = 0.0
+    cubic: float = 0.0
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
         found = _nothing(len(displacement))
-        found.force[:, ARM] = -self.stiffness * displacement[:, ARM] - self.damping * velocity[:, ARM]
-        found.by_displacement[:, ARM, ARM] = -self.stiffness
+        x = displacement[:, ARM]
+        found.force[:, ARM] = -(self.stiffness + self.cubic * x**2) * x - self.damping * velocity[:, ARM]
+        found.by_displacement[:, ARM, ARM] = -self.stiffness - 3.0 * self.cubic * x**2
         found.by_velocity[:, ARM, ARM] = -self.damping
         return found
 
