@@ -29,7 +29,7 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import decide, left_out
 from fretflow.inference.search import FAST, Search, Start
-from fretflow.inference.strategy import search, start_search
+from fretflow.inference.strategy import begin_all, search, start_search
 from fretflow.inference.verdict import Verdict
 from scipy.stats import multivariate_normal
 
@@ -152,6 +152,34 @@ def test_law_form_errors_have_the_size_that_they_are(where: str) -> None:
     fit = Fitter(experiment, known).fit(Point(space, np.zeros(space.size)), None)
     found = Discrepancy(experiment.measurement, known).evidence(fit, modulations(experiment.measurement, change))
     assert 0.08 < float(FORMS[int(np.argmax(found.table[:, 0, 0]))]) < 0.45  # nothing else being wrong
+
+
+@dataclass(frozen=True)
+class Bent(Waves):
+    """Waves as high as t^3 - t, t the coordinate: first order at the middle tells the wrong sign of the far ends."""
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the sum of the waves."""
+        found = point.parameters.values(point.z)[""]["friction"] * cosine()
+        for name, t in zip(sorted(point.effects - point.neutral), point.z[1:], strict=False):
+            found = found + (t**3 - t) * wave(name)
+        return Prediction(point, found)
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return what the slope in the middle promises."""
+        return np.column_stack([-point.z[-1] * wave(*point.effects) if point.effects else
+                                self.predict(point).values - prediction.values for point in points])
+
+
+def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
+    """The best start by first order ends on the wrong side, at a crest that is too low; another one is right."""
+    experiment = Bent(measurement(cosine() + wave("viscous")), ("viscous",))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    begin_all(found)
+    fit = found.fits[frozenset({"viscous"})]
+    assert fit.z[1] == pytest.approx(1.3247, abs=0.05)  # the real root of t^3 - t = 1
+    assert fit.chi_squared < 0.01 * found.baseline.chi_squared
 
 
 def test_an_input_is_off_by_nothing_but_its_time() -> None:
