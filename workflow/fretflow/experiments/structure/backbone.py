@@ -10,7 +10,8 @@ from scipy.stats import chi2
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
-from fretflow.experiments.structure.experiment import MATRICES, THIRDS, StructureExperiment
+from fretflow.experiments.structure.experiment import THIRDS, StructureExperiment
+from fretflow.experiments.structure.observation import MATRICES
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
 from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, Place, Verdict
@@ -89,7 +90,7 @@ def _notes(experiment: StructureExperiment) -> list[str]:
 
 def outside_of_mode(experiment: StructureExperiment) -> list[str]:
     """Return what contradicts that contact only stiffens: a mode lies between that of the open and the closed joint."""
-    seen, (low, high) = float(experiment.points.frequency[0]), experiment.span(experiment.mode)
+    seen, (low, high) = float(experiment.points.frequency[0]), experiment.observation.span(experiment.mode)
     if low * (1.0 - MATRICES) <= seen <= high * (1.0 + MATRICES):
         return []
     return [f"its smallest amplitude has {seen:.5g} Hz, but M and K give this mode {low:.5g} Hz with the joint open, "

@@ -13,12 +13,12 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigvalsh
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
+from fretflow.experiments.structure.observation import MATRICES, Observation
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
@@ -36,22 +36,14 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import (
     periodic_mode,
 )
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
-from fretflow.structure.reduction.contact_modes import (
-    COMPARED,
-    RIGID_MOTIONS,
-    ReducedStructure,
-    assembled,
-    reduce_structure,
-)
+from fretflow.structure.reduction.contact_modes import COMPARED, RIGID_MOTIONS, ReducedStructure, reduce_structure
 
 Array = NDArray[np.float64]
 
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
-MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
 FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute
 MANY = 40  # contact points, from which on predictions take their time
 LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours are half of its sd apart
-OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
 
@@ -84,7 +76,9 @@ class StructureExperiment(Experiment):
             raise InputError(f"{recording.path}: has none of [backbone], [ring_down] and [[frf]]")
         try:
             bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
-            found = replace(bare, mode=bare._recorded_mode())
+            space = bare.parameters(())
+            modes = bare.joint(Point(space, np.zeros(space.size))).linear_modes(RIGID_MOTIONS + COMPARED)
+            found = replace(bare, mode=bare.observation.number(modes))
         except InputError as error:
             raise InputError(f"{recording.path}: {error}") from error
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
@@ -101,55 +95,17 @@ class StructureExperiment(Experiment):
         """Return whether there are so many contact points that predictions take their time."""
         return self.structure.contacts > MANY
 
-    def _recorded_mode(self) -> int:
-        """Return the mode that is stated, or that whose frequency is nearest with a motion of the named output."""
-        backbone = self.recorded
-        space = self.parameters(())
-        modes = self.joint(Point(space, np.zeros(space.size))).linear_modes(RIGID_MOTIONS + COMPARED)
-        motion = np.array([self._motion(one) for one in modes])
-        still = motion <= np.sqrt(np.finfo(float).eps) * motion.max()  # round-off, as across a plane of symmetry
-        if backbone.mode is not None:
-            if backbone.mode > len(modes):
-                raise InputError(f"backbone.mode: {backbone.mode} is beyond the {len(modes)} first modes")
-            if still[backbone.mode - 1]:
-                raise InputError(f"backbone.amplitude_of: mode {backbone.mode} does not move {backbone.amplitude_of!r};"
-                                 " name another mode by backbone.mode, or another output")
-            return backbone.mode - 1
-        self._check_frequency(modes[-1].frequency)
-        own = float(self.points.frequency[0])
-        distance = np.array([abs(log(one.frequency / own)) for one in modes])
-        found, nearest = int(np.argmin(np.where(still, np.inf, distance))), int(np.argmin(distance))
-        low, high = self.span(found)
-        if found != nearest and not low * (1.0 - MATRICES) <= own <= high * (1.0 + MATRICES):
-            raise InputError(f"backbone.amplitude_of: {own:.4g} Hz is the frequency of mode {nearest + 1}, which does "
-                             f"not move {backbone.amplitude_of!r}, and that of mode {found + 1}, which does, lies "
-                             f"between {low:.4g} and {high:.4g} Hz; name another output, or a mode by backbone.mode")
-        return found
-
-    def span(self, mode: int) -> tuple[float, float]:
-        """Return the frequencies (Hz) of a mode, from 0, with the joint open and glued; contact only stiffens."""
-        stiffness, mass = assembled(self.structure)
-        place = len(mass) - 1 - mode
-        shift = (2.0 * np.pi * float(self.points.frequency[0]))**2  # contact may have no mass, bodies may move freely
-        inverse = float(eigvalsh(mass, stiffness + shift * mass, subset_by_index=[place, place])[0])
-        low, high = (float(np.sqrt(max(one, 0.0))) / (2.0 * np.pi)
-                     for one in (1.0 / inverse - shift, self.structure.eigenvalues[mode]))
-        return low, high
-
-    def _check_frequency(self, highest: float) -> None:
-        """Check that the recorded frequency lies above the open joint's (Rayleigh), and below `highest`."""
-        own, lowest = float(self.points.frequency[0]), self.span(0)[0]
-        if not lowest / OCTAVE < own < highest * OCTAVE:
-            raise InputError(f"backbone.frequency: {own:.4g} Hz is none of the structure's, whose first mode with the "
-                             f"joint open has {lowest:.4g} Hz and whose last that is compared {highest:.4g} Hz; "
-                             "check its unit and those of M and K, or name its number in backbone.mode")
-
     @property
     def recorded(self) -> MeasuredBackbone:
         """Return the backbone as it was recorded."""
         if self.recording.backbone is None:
             raise InputError(f"{self.recording.path}: has no [backbone]")
         return self.recording.backbone
+
+    @cached_property
+    def observation(self) -> Observation:
+        """Return how motions of the structure show in the backbone."""
+        return Observation(self.structure, self.recorded, float(self.points.frequency[0]))
 
     @cached_property
     def measurement(self) -> Measurement:
@@ -263,7 +219,9 @@ class StructureExperiment(Experiment):
     def _scaled(self, effect: str, field: str, prior: Prior) -> Prior:
         """Return a range of the catalogue, which is a rig's, at the size of the structure."""
         most = TYPICAL["modal_damping"][1] if self.points.damping is None else float(self.points.damping[-1])
-        return catalogue()[effect].bolted_range(field, prior, self._bare[0], (self._largest_modal, most))
+        joint, mode = self._bare
+        largest = float(self.points.amplitude[-1]) / self.observation.gain(mode)
+        return catalogue()[effect].bolted_range(field, prior, joint, (largest, most))
 
     def joint(self, point: Point) -> BoltedJoint:
         """Return the joint of a hypothesis."""
@@ -292,7 +250,7 @@ class StructureExperiment(Experiment):
             raise
         curve = self.backbone(joint, mode)
         amplitude = self.points.amplitude
-        values = self.points.read(amplitude, self._seen(curve), curve.frequency, curve.damping)
+        values = self.points.read(amplitude, self.observation.seen(curve), curve.frequency, curve.damping)
         more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, mode, curve)
         return Prediction(point, (values if more is None else values + more).ravel(), curve)
 
@@ -344,8 +302,8 @@ class StructureExperiment(Experiment):
         Where a model is near the recording, its amplitudes are the recorded ones: curves have kinks, where points begin
         to slide, between which nothing may be interpolated over wide steps.
         """
-        power = POWERS.get(self.recorded.amplitude_unit, 0)
-        asked = self.points.amplitude / self._gain(mode) * (self.points.frequency / mode.frequency)**(2 - power)
+        power = 2 - POWERS.get(self.recorded.amplitude_unit, 0)
+        asked = self.points.amplitude / self.observation.gain(mode) * (self.points.frequency / mode.frequency)**power
         first, second = np.unique(asked)[:2]
         asked = np.r_[first**2 / second, asked]  # as softer models move further than they are asked to
         while len(asked) > 1:
@@ -355,44 +313,13 @@ class StructureExperiment(Experiment):
                 asked = asked[:-max(1, len(asked) // 4)]
         raise NonConvergenceError(SLIDES)
 
-    def _gain(self, mode: LinearMode) -> float:
-        """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""
-        return self._motion(mode) * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.recorded.amplitude_unit, 0))
-
-    def _motion(self, mode: LinearMode) -> float:
-        """Return the displacement of the output over the modal amplitude, in 1/kg^0.5; 1 of a modal amplitude."""
-        if self.recorded.amplitude_unit == MODAL_UNIT:
-            return 1.0
-        on_contact, on_modes = self.structure.outputs[self.recorded.amplitude_of]
-        return abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
-
-    def _seen(self, curve: ModalBackbone) -> Array:
-        """Return the amplitudes of a backbone as they were recorded."""
-        return self._seen_of(curve.outputs, curve.frequency, curve.amplitude)
-
-    def _seen_of(self, outputs: Array, frequency: Array, modal: Array) -> Array:
-        """Return the recorded amplitude of motions whose outputs are (A, outputs) in m, at frequencies in Hz."""
-        own = self.recorded
-        if own.amplitude_unit == MODAL_UNIT:
-            return modal
-        moved = np.abs(outputs[:, list(self.structure.outputs).index(own.amplitude_of)])
-        return np.asarray(moved * (2.0 * np.pi * frequency)**POWERS.get(own.amplitude_unit, 0))
-
     @cached_property
     def _bare(self) -> tuple[BoltedJoint, LinearMode]:
-        baseline = Parameters.of([Coordinate("", name, log(value), STATED, True)
-                                  for name, value in self._middles.items()], ())
-        joint = self.joint(Point(baseline, np.zeros(baseline.size)))
+        middles = {name: float(np.sqrt(low * high)) for name, (low, high) in self.recording.unknown.items()}
+        middles |= {name: value for name, value in self.recording.known.items() if value > 0.0}
+        space = Parameters.of([Coordinate("", name, log(value), STATED, True) for name, value in middles.items()], ())
+        joint = self.joint(Point(space, np.zeros(space.size)))
         return joint, joint.linear_modes(self.mode + 1)[self.mode]
-
-    @property
-    def _middles(self) -> dict[str, float]:
-        unknown = {name: float(np.sqrt(low * high)) for name, (low, high) in self.recording.unknown.items()}
-        return unknown | {name: value for name, value in self.recording.known.items() if value > 0.0}
-
-    @cached_property
-    def _largest_modal(self) -> float:
-        return float(self.points.amplitude[-1]) / self._gain(self._bare[1])
 
     def corrected(self, prediction: Prediction) -> StructureExperiment | None:
         """Return the same with what static loads leave out at a prediction put right; None where nothing is left out.
@@ -430,23 +357,23 @@ class StructureExperiment(Experiment):
         difference stays what it is there.
         """
         order = np.argsort(curve.amplitude)
-        seen, frequency, damping = (one[order] for one in (self._seen(curve), curve.frequency, curve.damping))
+        seen = self.observation.seen(curve)[order]
         busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
         onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]
         asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - (2 if self.few else 1), 0):]
         found: list[PeriodicMode] = []
         moved: list[float] = []
         for amplitude in asked[::1 + self.structure.contacts // MANY]:
-            modal = amplitude / (moved[-1] / found[-1].amplitude if found else self._gain(mode))
+            modal = amplitude / (moved[-1] / found[-1].amplitude if found else self.observation.gain(mode))
             try:
                 found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
                                            found[-1] if found else None))
             except NonConvergenceError:
                 break
-            moved.append(float(self._seen_of(found[-1].outputs[None], np.array([found[-1].frequency]),
-                                             np.array([found[-1].amplitude]))[0]))
+            moved.append(float(self.observation.seen(found[-1])))
         if len(found) < 2:
             return None
         periodic = [np.array([getattr(one, name) for one in found]) for name in ("frequency", "damping")]
         at = np.clip(self.points.amplitude, min(moved), max(moved))
-        return self.points.read(at, np.array(moved), *periodic) - self.points.read(at, seen, frequency, damping)
+        return self.points.read(at, np.array(moved), *periodic) - self.points.read(
+            at, seen, curve.frequency[order], curve.damping[order])

@@ -1,0 +1,93 @@
+"""Which mode of a structure a backbone is of, and how motions of it show there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvalsh
+
+from fretflow.core.errors import InputError
+from fretflow.experiments.structure.responses import POWERS
+from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone
+from fretflow.solvers.nonlinear_modes.joint import LinearMode
+from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode
+from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
+from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
+
+Array = NDArray[np.float64]
+
+MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
+OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a backbone shows of the motions of a structure; `frequency` (Hz) is that of its smallest amplitude."""
+
+    structure: ReducedStructure
+    backbone: MeasuredBackbone
+    frequency: float
+
+    def number(self, modes: Sequence[LinearMode]) -> int:
+        """Return which of `modes` is stated, or whose frequency is nearest with a motion of the named output, from 0.
+
+        Raises
+        ------
+        InputError
+            If there is no such mode.
+        """
+        backbone, own = self.backbone, self.frequency
+        motion = np.array([self.motion(one) for one in modes])
+        still = motion <= np.sqrt(np.finfo(float).eps) * motion.max()  # round-off, as across a plane of symmetry
+        if backbone.mode is not None:
+            if backbone.mode > len(modes):
+                raise InputError(f"backbone.mode: {backbone.mode} is beyond the {len(modes)} first modes")
+            if still[backbone.mode - 1]:
+                raise InputError(f"backbone.amplitude_of: mode {backbone.mode} does not move {backbone.amplitude_of!r};"
+                                 " name another mode by backbone.mode, or another output")
+            return backbone.mode - 1
+        highest, lowest = modes[-1].frequency, self.span(0)[0]  # the open joint's is the lowest (Rayleigh)
+        if not lowest / OCTAVE < own < highest * OCTAVE:
+            raise InputError(f"backbone.frequency: {own:.4g} Hz is none of the structure's, whose first mode with the "
+                             f"joint open has {lowest:.4g} Hz and whose last that is compared {highest:.4g} Hz; "
+                             "check its unit and those of M and K, or name its number in backbone.mode")
+        distance = np.array([abs(log(one.frequency / own)) for one in modes])
+        found, nearest = int(np.argmin(np.where(still, np.inf, distance))), int(np.argmin(distance))
+        low, high = self.span(found)
+        if found != nearest and not low * (1.0 - MATRICES) <= own <= high * (1.0 + MATRICES):
+            raise InputError(f"backbone.amplitude_of: {own:.4g} Hz is the frequency of mode {nearest + 1}, which does "
+                             f"not move {backbone.amplitude_of!r}, and that of mode {found + 1}, which does, lies "
+                             f"between {low:.4g} and {high:.4g} Hz; name another output, or a mode by backbone.mode")
+        return found
+
+    def span(self, mode: int) -> tuple[float, float]:
+        """Return the frequencies (Hz) of a mode, from 0, with the joint open and glued; contact only stiffens."""
+        stiffness, mass = assembled(self.structure)
+        place = len(mass) - 1 - mode
+        shift = (2.0 * np.pi * self.frequency)**2  # contact may have no mass, bodies may move freely
+        inverse = float(eigvalsh(mass, stiffness + shift * mass, subset_by_index=[place, place])[0])
+        low, high = (float(np.sqrt(max(one, 0.0))) / (2.0 * np.pi)
+                     for one in (1.0 / inverse - shift, self.structure.eigenvalues[mode]))
+        return low, high
+
+    def gain(self, mode: LinearMode) -> float:
+        """Return the recorded amplitude of a mode over its modal amplitude, at small ones."""
+        return self.motion(mode) * float((2.0 * np.pi * mode.frequency)**POWERS.get(self.backbone.amplitude_unit, 0))
+
+    def motion(self, mode: LinearMode) -> float:
+        """Return the displacement of the output over the modal amplitude, in 1/kg^0.5; 1 of a modal amplitude."""
+        if self.backbone.amplitude_unit == MODAL_UNIT:
+            return 1.0
+        on_contact, on_modes = self.structure.outputs[self.backbone.amplitude_of]
+        return abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
+
+    def seen(self, motion: ModalBackbone | PeriodicMode) -> Array:
+        """Return the amplitudes of motions as they were recorded."""
+        if self.backbone.amplitude_unit == MODAL_UNIT:
+            return np.asarray(motion.amplitude)
+        moved = np.abs(motion.outputs[..., list(self.structure.outputs).index(self.backbone.amplitude_of)])
+        return np.asarray(moved * (2.0 * np.pi * motion.frequency)**POWERS[self.backbone.amplitude_unit])
