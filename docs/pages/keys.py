@@ -44,7 +44,7 @@ def bolted_keys() -> str:
 
 def structure_keys() -> str:
     """Return every key of a recording of a structure."""
-    from fretflow.recordings.kinds.structures import StructureFile
+    from fretflow.recordings.kinds.structure_sections import StructureFile
 
     return "\n\n".join(key_tables(StructureFile)) + "\n"
 

@@ -21,9 +21,9 @@ import numpy as np
 from fretflow.case import config
 from fretflow.case.config import FaceShape, Specimen
 from fretflow.core.errors import MeshError, PlatformError
+from fretflow.core.isolated import call_isolated
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
-from fretflow.pipeline.isolated import call_isolated
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fretflow.core.errors import InputError, MeshError
+from fretflow.core.errors import FretflowError, InputError, MeshError
 from scipy.sparse.linalg import eigsh
 
 pytestmark = pytest.mark.fem
@@ -138,3 +138,74 @@ def test_what_cannot_be_is_one_line(meshed, tmp_path):
         structure_from_mesh(path, steel, [("upper lap", "lower lap")], degree=3)
     with pytest.raises(MeshError, match=r"washer: .* must be wider than the hole"):
         LapBeam(washer=5e-3)
+
+RECORDING = """
+format = "fretflow-recording/1"
+[test]
+kind = "structure"
+[structure]
+mesh = "beam.msh"
+bolts = [
+  { head = "head 1", nut = "nut 1", diameter = "8 mm", grip = "12.7 mm", mass = "30 g" },
+  { head = "head 2", nut = "nut 2", diameter = "8 mm", grip = "12.7 mm", mass = "30 g" },
+  { head = "head 3", nut = "nut 3", diameter = "8 mm", grip = "12.7 mm", mass = "30 g" },
+]
+sensors.tip = { at = ["0 mm", "0 mm", "0 mm"], along = [0.0, 0.0, 1.0] }
+material = { youngs_modulus = "210 GPa", poissons_ratio = 0.29, density = "7800 kg/m^3" }
+friction_coefficient = 0.5
+modal_damping = 1e-3
+[structure.unknown]
+bolt_load = ["4 kN", "16 kN"]
+[backbone]
+file = "backbone.csv"
+amplitude_of = "tip"
+amplitude = { column = "a", unit = "um" }
+frequency = { column = "f", unit = "Hz" }
+"""
+
+
+@pytest.fixture
+def recorded(meshed, tmp_path):
+    """Return a function that writes a recording of the default beam and returns its folder."""
+    beam, _ = meshed()
+    beam.write(tmp_path / "beam.msh")
+    (tmp_path / "backbone.csv").write_text("a,f\n1,86.0\n2,86.0\n4,86.0\n")
+
+    def write(old="", new=""):
+        assert old in RECORDING
+        (tmp_path / "recording.toml").write_text(RECORDING.replace(old, new))
+        return tmp_path
+
+    return write
+
+
+def test_a_recording_names_a_mesh_in_place_of_matrices(recorded, bolted):
+    from fretflow.contact.coulomb import Coulomb
+    from fretflow.experiments.structure.experiment import StructureExperiment
+    from fretflow.recordings.kinds.structures import read_structure_recording
+    from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+    from fretflow.structure.reduction.contact_modes import reduce_structure
+
+    recording, own = read_structure_recording(recorded()), bolted[1]
+    assert recording.matrices.contacts == own.contacts
+    assert recording.matrices.mass.sum() == pytest.approx(own.mass.sum(), rel=1e-9)
+    assert abs(recording.matrices.preload - own.preload).max() < 1e-9
+    joint = BoltedJoint(structure=reduce_structure(own), law=Coulomb(0.5), bolt_load=8e3)  # the middle of the range
+    first = StructureExperiment.of(recording).first_prediction()
+    assert first.values[0] == pytest.approx(joint.linear_modes(1)[0].frequency, rel=1e-4)
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('mesh = "beam.msh"', 'mesh = "none.msh"', "none.msh: no such mesh file"),
+    ('head = "head 2"', 'head = "lid"', "lid"),
+    ('head = "head 3", ', "", "name the faces under its head and nut"),
+    ('"210 GPa"', '"210 mm"', "structure.material.youngs_modulus"),
+    ('material = {', 'material = "steel"\nclamped = ["end"]\n#', "material: of a mesh is a table"),
+    ('mesh = "beam.msh"', 'matrices = "structure.npz"', "bolts, clamped and sensors are of a mesh"),
+])
+def test_what_a_recording_says_wrongly_of_a_mesh_is_named(recorded, old, new, words):
+    from fretflow.recordings.kinds.structures import read_structure_recording
+
+    with pytest.raises(FretflowError, match=words) as caught:
+        read_structure_recording(recorded(old, new))
+    assert "\n" not in str(caught.value)

@@ -10,7 +10,8 @@ from fretflow.core.errors import InputError
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.responses import backbone_of, oscillator
 from fretflow.inference.experiment import Point
-from fretflow.recordings.kinds.structures import Control, ControlledResponse, read_structure_recording
+from fretflow.recordings.kinds.structure_sections import Control
+from fretflow.recordings.kinds.structures import ControlledResponse, read_structure_recording
 
 MASS, GROUND, DAMPING, COUNT = 2.0, 1e6, 1e-3, 40
 HEAD = """format = "fretflow-recording/1"

@@ -15,11 +15,11 @@ import pytest
 from fretflow.case.config import Mesh, Specimen
 from fretflow.cli import execute
 from fretflow.core.errors import InputError, MeshError
+from fretflow.core.isolated import call_isolated
 from fretflow.core.records import quantity, record
 from fretflow.core.store import open_hdf5, read_record, write_record
 from fretflow.pipeline import ranks
 from fretflow.pipeline.ensemble import LocalPool
-from fretflow.pipeline.isolated import call_isolated
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
 from fretflow_meshes.gmsh_files import read_mesh

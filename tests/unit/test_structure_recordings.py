@@ -14,7 +14,8 @@ from fretflow.experiments.structure.points import BackbonePoints, weights_of
 from fretflow.experiments.structure.run import beyond_stated
 from fretflow.inference.evidence import code_size, size_prior
 from fretflow.inference.verdict import Estimate
-from fretflow.recordings.kinds.structures import Control, read_structure_recording
+from fretflow.recordings.kinds.structure_sections import Control
+from fretflow.recordings.kinds.structures import read_structure_recording
 from scipy.linalg import block_diag
 
 TOML = """

@@ -12,8 +12,9 @@ import time
 
 import fretflow as ff
 import pytest
+from fretflow.core.isolated import call_isolated
+from fretflow.effects.catalogue import import_own
 from fretflow.pipeline.ensemble import LocalPool
-from fretflow.pipeline.isolated import call_isolated
 
 PATIENCE = 60.0  # s
 OWN = "examples/own_effects"
@@ -49,7 +50,7 @@ def test_users_effects_travel_to_workers_and_back(own):
     with LocalPool(2) as pool:
         assert pool(operator.attrgetter("height"), [own, own]) == [0.25, 0.25]
         assert pool(operator.methodcaller("model_copy"), [own, own]) == [own, own]
-    assert call_isolated(operator.methodcaller("model_copy"), own) == own
+    assert call_isolated(operator.methodcaller("model_copy"), own, before=import_own) == own
 
 
 @pytest.fixture

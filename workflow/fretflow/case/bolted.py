@@ -46,16 +46,21 @@ class Sensor(Section):
     along: tuple[float, float, float] = Field(description="direction")
 
 
-class Bodies(Section):
+class JoinedBodies(Section):
+    """What holds the bodies of a mesh together, and where they are observed."""
+
+    interfaces: tuple[Pair, ...] = Field((Pair(upper="upper lap", lower="lower lap"),), description="faces that touch")
+    bolts: tuple[BoltTable, ...] = Field((), description="each; of a lap beam one, which stands for all")
+    clamped: tuple[str, ...] = Field((), description="faces that are held still")
+    sensors: dict[str, Sensor] = Field(default_factory=dict)
+
+
+class Bodies(JoinedBodies):
     """Bodies of a mesh, and what holds them together."""
 
     mesh: Path | None = Field(None, description="a .msh file in metres, from the folder of this file")
     lap_beam: dict[str, Any] | None = Field(None, description="or a bolted lap beam, see fretflow_meshes.LapBeam")
     material: Elasticity = Field(default_factory=Elasticity)
-    interfaces: tuple[Pair, ...] = Field((Pair(upper="upper lap", lower="lower lap"),), description="faces that touch")
-    bolts: tuple[BoltTable, ...] = Field((), description="of a lap beam one, which stands for all")
-    clamped: tuple[str, ...] = Field((), description="faces that are held still")
-    sensors: dict[str, Sensor] = Field(default_factory=dict)
     modes: int = Field(20, ge=1, le=500, description="modes of the closed joint that are kept")
 
     @model_validator(mode="after")

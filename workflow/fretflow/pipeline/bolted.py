@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from fretflow.case.bolted import BoltedCase
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.static import SEPARATION, SLIP
-from fretflow.core.errors import ConfigError, InputError, MeshError, PlatformError
+from fretflow.core.errors import ConfigError, InputError
 from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.core.store import write_csv
 from fretflow.effects.bolted_cycle import BoltedCycle
 from fretflow.effects.cycle import march_wear
-from fretflow.pipeline.isolated import call_isolated
 from fretflow.pipeline.stage import SUMMARY_FILE, write_json
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
 from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode, follow_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone, quasi_static_backbone
 from fretflow.solvers.nonlinear_modes.response import ModalResponse, driven_shape, respond_to_force
-from fretflow.structure.bodies import Bolt, Material
+from fretflow.structure.bodies import Bolt
+from fretflow.structure.meshed import assembled_bodies, round_bolts
 from fretflow.structure.reduction.contact_modes import reduce_structure
 from fretflow.wear.archard import Archard
 from fretflow.wear.history import WearHistory
@@ -203,28 +203,18 @@ def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], Non
         If the folder cannot be written.
     """
     from fretflow.recordings.readers.tables import read_table
-    from fretflow.structure.fem.bodies import structure_from_mesh
 
     own, home = case.structure, out / case.name
     home.mkdir(parents=True, exist_ok=True)
     mesh = own.mesh or home / "mesh.msh"
-    pairs = [(bolt.head, bolt.nut) for bolt in own.bolts]
     tables = list(own.bolts)
     if own.lap_beam is not None:
-        pairs = provided(MESHES, "lap-beam")(own.lap_beam, mesh)
-        tables = [*own.bolts] * len(pairs)
-    bolts = [Bolt.round(*pair, diameter=one.diameter, grip=one.grip, mass=one.mass or 0.0)
-             for pair, one in zip(pairs, tables, strict=True)]
+        tables = [own.bolts[0].model_copy(update={"head": head, "nut": nut})
+                  for head, nut in provided(MESHES, "lap-beam")(own.lap_beam, mesh)]
+    bolts = round_bolts(tables)
     if case.response is not None and case.response.at not in own.sensors:
         raise ConfigError(f"response.at: {case.response.at!r} is no sensor; there are {', '.join(own.sensors)}")
-    try:
-        matrices = call_isolated(  # a damaged file may take gmsh's process with it
-            structure_from_mesh, mesh, Material(**own.material.model_dump()),
-            [(one.upper, one.lower) for one in own.interfaces], bolts, own.clamped,
-            {name: (one.at, one.along) for name, one in own.sensors.items()})
-    except PlatformError as error:
-        raise MeshError(f"{mesh}: is damaged, so that its reader breaks off in it ({error}); write the mesh anew"
-                        ) from error
+    matrices = assembled_bodies(mesh, own, own.material, bolts)
     asked = case.joint
     joint = BoltedJoint(structure=reduce_structure(matrices, own.modes), law=Coulomb(asked.friction_coefficient),
                         bolt_load=asked.bolt_load, modal_damping=asked.modal_damping)

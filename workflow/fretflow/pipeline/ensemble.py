@@ -22,8 +22,8 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar, cast
 
 from fretflow.core.errors import InputError, PlatformError
+from fretflow.core.isolated import call_isolated
 from fretflow.effects.catalogue import import_own
-from fretflow.pipeline.isolated import call_isolated
 from fretflow.pipeline.ranks import CLOSED, started_rank, started_size
 
 T = TypeVar("T")
@@ -292,7 +292,7 @@ class _Isolated(Executor):
         self._inner = inner
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        return self._inner.submit(call_isolated, function, *args, **kwargs)
+        return self._inner.submit(call_isolated, function, *args, before=import_own, **kwargs)
 
 
 @contextmanager

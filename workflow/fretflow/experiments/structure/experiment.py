@@ -24,7 +24,8 @@ from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
-from fretflow.recordings.kinds.structures import MODAL_UNIT, TYPICAL, MeasuredBackbone, StructureRecording
+from fretflow.recordings.kinds.structure_sections import TYPICAL
+from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone, StructureRecording
 from fretflow.recordings.notes import Note
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import (

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.inference.verdict import MeasuredCurve
-from fretflow.recordings.kinds.structures import FEWEST, MOTIONS, Control, ControlledResponse, MeasuredBackbone
+from fretflow.recordings.kinds.structure_sections import Control
+from fretflow.recordings.kinds.structures import FEWEST, MOTIONS, ControlledResponse, MeasuredBackbone
 from fretflow.solvers.nonlinear_modes.joint import LinearMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
 from fretflow.solvers.nonlinear_modes.response import force_of_response

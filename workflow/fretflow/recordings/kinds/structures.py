@@ -21,27 +21,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import ValidationError
 
-from fretflow.case.config import Section
-from fretflow.case.sections import Title
+from fretflow.case.bolted import Elasticity
+from fretflow.case.config import explain
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
 from fretflow.core.files import read_toml
 from fretflow.core.records import quantity, record
 from fretflow.recordings.kinds import FILE, RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
-from fretflow.recordings.kinds.structure_columns import StructureColumn, number, positive_range, read_column, stated_sd
+from fretflow.recordings.kinds.structure_columns import StructureColumn, read_column, stated_sd
+from fretflow.recordings.kinds.structure_sections import (
+    TYPICAL,
+    BackboneBlock,
+    Control,
+    FreeBlock,
+    ResponseBlock,
+    StructureFile,
+    StructureSection,
+)
 from fretflow.recordings.kinds.worn_profiles import (
     LineContactSection,
-    ProfileBlock,
-    VolumesBlock,
     WornArea,
     WornProfile,
     read_profile,
@@ -52,6 +58,7 @@ from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.schema import FORMAT, name_of
 from fretflow.structure.matrices import StructureMatrices
+from fretflow.structure.meshed import assembled_bodies, round_bolts
 
 Array = NDArray[np.float64]
 
@@ -59,118 +66,6 @@ MODAL = "modal"  # the amplitude is the mass-normalised one of the mode
 MODAL_UNIT = "m*kg^0.5"
 MOTIONS = ("m", "m/s", "m/s^2")
 FEWEST = 3  # points of a backbone
-TYPICAL = {  # where nothing is said of them
-    "bolt_load": (100.0, 1e5),  # N, from an M3 to an M24 bolt at two thirds of the proof load of class 8.8
-    "friction_coefficient": (0.1, 1.0),  # dry metals
-    "modal_damping": (1e-5, 1e-2),  # from a free-free bar of steel to a bolted assembly
-}
-
-
-class Control(StrEnum):
-    """What was held while a response was recorded."""
-
-    FORCE = "force"
-    RESPONSE = "response"
-
-
-class UnknownRanges(Section):
-    """What is to be found, each within a range."""
-
-    bolt_load: Annotated[tuple[float, float] | None, positive_range("N")] = None
-    modal_damping: Annotated[tuple[float, float] | None, positive_range("1")] = None
-    friction_coefficient: Annotated[tuple[float, float] | None, positive_range("1")] = None
-
-    @field_validator("modal_damping")
-    @classmethod
-    def _below_one(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        if value and value[1] >= 1.0:
-            raise ValueError('is a range of damping ratios below 1, such as [1e-4, "1 %"]')
-        return value
-
-
-class StructureSection(Section):
-    """The structure, and what is known and unknown of its joint."""
-
-    matrices: str | None = Field(None, description="file of its matrices, from the folder of recording.toml")
-    mesh: str | None = Field(None, description="file of its mesh")
-    line_contact: LineContactSection | None = None
-    material: str | dict[str, Any] | None = None
-    bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0)
-    modal_damping: Annotated[float | None, number("1")] = Field(None, ge=0.0, lt=1.0)
-    friction_coefficient: Annotated[float | None, number("1")] = Field(None, gt=0.0)
-    unknown: UnknownRanges = Field(default_factory=UnknownRanges)
-
-    @model_validator(mode="after")
-    def _one_source(self) -> StructureSection:
-        if [self.matrices, self.mesh, self.line_contact].count(None) != 2:
-            raise ValueError('give one of matrices, such as "structure.npz", mesh and line_contact')
-        for name in TYPICAL:
-            if getattr(self, name) is not None and getattr(self.unknown, name) is not None:
-                raise ValueError(f"{name}: is given both a value and, in structure.unknown, a range")
-        return self
-
-
-class BackboneBlock(Section):
-    """Natural frequency and damping over amplitude."""
-
-    file: str
-    amplitude_of: str = Field(description='a named output, or "modal"')
-    mode: int | None = Field(None, ge=1, description="its number among the elastic modes, from 1")
-    amplitude: StructureColumn
-    frequency: StructureColumn
-    damping: StructureColumn | None = None
-
-
-class ResponseBlock(Section):
-    """A frequency response under control."""
-
-    file: str
-    control: Control
-    of: str = Field(description="a named output")
-    at: str | None = Field(None, description="a named input, where it is driven")
-    level: str | float | None = None
-    frequency: StructureColumn
-    force: StructureColumn | None = None
-    amplitude: StructureColumn
-    phase: StructureColumn | None = None
-
-
-class FreeBlock(Section):
-    """A table whose columns are free to choose."""
-
-    file: str | None = None
-    columns: dict[str, Any] = Field(default_factory=dict)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _gather(cls, value: Any) -> Any:
-        if not isinstance(value, dict):
-            return value
-        return {"file": value.get("file"), "columns": {key: entry for key, entry in value.items() if key != "file"}}
-
-
-class StructureTest(Section):
-    """What was done."""
-
-    kind: Literal["structure"]
-    cycles: int | None = Field(None, ge=0)
-
-
-class StructureFile(Section):
-    """A whole ``recording.toml`` of a structure."""
-
-    format: Literal["fretflow-recording/1"]
-    title: Title = ""
-    source: str = ""
-    licence: str = ""
-    test: StructureTest
-    structure: StructureSection
-    backbone: BackboneBlock | None = None
-    frf: tuple[ResponseBlock, ...] = ()
-    ring_down: FreeBlock | None = None
-    profile: tuple[ProfileBlock, ...] = ()
-    wear_depth: FreeBlock | None = None
-    volumes: VolumesBlock | None = None
 
 
 @record
@@ -259,9 +154,7 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     own = file.structure
     if own.line_contact is not None:
         return _worn(path, file, own.line_contact, toml.parent)
-    if own.matrices is None:
-        raise ConfigError(f"{toml}: structure.mesh: meshes are not read yet; assemble them and give structure.matrices")
-    matrices = read_structure(toml.parent / own.matrices)
+    matrices = _matrices(toml, own)
     notes: list[Note] = []
     known = {name: float(value) for name in TYPICAL if (value := getattr(own, name)) is not None}
     if matrices.modal_damping is not None and own.unknown.modal_damping is None:
@@ -287,6 +180,17 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     return StructureRecording(path=path, title=file.title or name_of(path), matrices=matrices, known=known,
                               unknown=unknown, backbone=backbone, responses=responses, ring_down=ring_down,
                               notes=tuple(notes))
+
+
+def _matrices(toml: Path, own: StructureSection) -> StructureMatrices:
+    if own.mesh is None:
+        return read_structure(toml.parent / str(own.matrices))
+    given = own.material if isinstance(own.material, dict) else {}
+    try:
+        material = Elasticity.model_validate(given)
+    except ValidationError as error:
+        raise ConfigError(f"{toml}: structure.material.{explain(error, given, model=Elasticity)}") from error
+    return assembled_bodies(toml.parent / own.mesh, own, material, round_bolts(own.bolts))
 
 
 def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: Path) -> WornRecording:

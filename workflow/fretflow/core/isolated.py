@@ -11,14 +11,13 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from fretflow.core.errors import PlatformError
-from fretflow.effects.catalogue import import_own
 
 R = TypeVar("R")
 LAST_WORDS = 300  # characters of a dead process's stderr that are passed on
 
 
-def call_isolated(function: Callable[..., R], /, *args: Any, **kwargs: Any) -> R:
-    """Return ``function(*args, **kwargs)`` as computed by an interpreter of its own.
+def call_isolated(function: Callable[..., R], /, *args: Any, before: Callable[[], object] = int, **kwargs: Any) -> R:
+    """Return ``function(*args, **kwargs)`` as computed by an interpreter of its own, which calls `before` first.
 
     Raises
     ------
@@ -27,8 +26,8 @@ def call_isolated(function: Callable[..., R], /, *args: Any, **kwargs: Any) -> R
     Exception
         What the function raises.
     """
-    done = subprocess.run([sys.executable, "-P", "-m", __name__], input=pickle.dumps((function, args, kwargs)),
-                          capture_output=True, check=False)
+    asked = pickle.dumps(before) + pickle.dumps((function, args, kwargs))
+    done = subprocess.run([sys.executable, "-P", "-m", __name__], input=asked, capture_output=True, check=False)
     if done.returncode != 0:
         words = " ".join(done.stderr.decode(errors="replace")[-LAST_WORDS:].split())
         raise PlatformError(f"its process ended with code {done.returncode}: {words}")
@@ -42,7 +41,7 @@ def _serve() -> None:
     """Answer one call from stdin on stdout; whatever else is written to stdout goes to stderr."""
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    import_own()
+    pickle.load(sys.stdin.buffer)()
     function, args, kwargs = pickle.load(sys.stdin.buffer)
     for fatal in (signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGSEGV):
         signal.signal(fatal, signal.SIG_DFL)  # those of MPI and PETSc, now loaded, may wait for ever in a broken heap
