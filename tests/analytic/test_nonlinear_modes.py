@@ -219,6 +219,23 @@ def test_backbone_of_sliders_is_that_of_a_decay_by_another_integrator(structures
     assert np.mean(seen.damping[inside] / damping) == pytest.approx(1.0, abs=0.01)
 
 
+def test_a_decay_of_strong_sliders_is_read_as_their_loss_over_the_stiffness(structures):
+    """A closed form: of W. D. Iwan's sliders, a fifth of the stiffness, each takes ``4 f (a - f / k)`` a cycle."""
+    ground, stiffness, limits = 1e6, np.full(40, 5e3), np.linspace(0.02, 1.0, 40) * 5e-4
+    natural = np.sqrt((ground + stiffness.sum()) / MASS) / (2.0 * np.pi)
+    step = 1.0 / (200.0 * natural)
+    decay = structures.newmark(MASS, ground, stiffness, limits, 1.5e-7, step, 200 * 90)
+    seen = instantaneous_mode(step * np.arange(len(decay)), decay, natural)
+    inside = (seen.amplitude > 1.5e-8) & (seen.amplitude < 9e-8)
+    at = seen.amplitude[inside][:, None]
+    free = np.minimum(limits / stiffness, at)
+    turn = np.arccos(1.0 - 2.0 * free / at)
+    whole = ground + np.sum(stiffness / np.pi * (turn - 0.5 * np.sin(2.0 * turn)), axis=1)
+    loss = np.sum(4.0 * limits * (at - free), axis=1) / (2.0 * np.pi * whole * at[:, 0]**2)
+    assert inside.sum() > 4
+    assert np.mean(seen.damping[inside] / loss) == pytest.approx(1.0, abs=0.01)
+
+
 def test_a_decay_is_read_at_its_start_and_its_end():
     """A closed form: a linear decay, of 0.5 % damping, under which another mode rings."""
     time = np.arange(0.0, 1.2, 1e-4)

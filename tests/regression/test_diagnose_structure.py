@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.points import BackbonePoints, noise_of, scatter, with_backbone
+from fretflow.experiments.structure.points import ROUGH, BackbonePoints, averaging, noise_of, scatter, with_backbone
 from fretflow.experiments.structure.run import diagnose_structure
 from fretflow.inference.experiment import Point
 from fretflow.inference.verdict import Verdict
@@ -126,10 +126,29 @@ def test_noise_is_told_in_proportion_or_the_same_for_all():
     rng = np.random.default_rng(3)
     place = np.linspace(0.0, 4.0, 200)
     values = 1e-3 + 8e-3 / (1.0 + np.exp(-8.0 * (place - 2.0)))
-    relative = noise_of(place, values * (1.0 + 0.01 * rng.standard_normal(200)))
+    relative = noise_of(place, values * (1.0 + 0.01 * rng.standard_normal(200)), ROUGH["damping"])
     assert relative[[0, -1]] == pytest.approx(0.01 * values[[0, -1]], rel=0.3)
-    same = noise_of(place, values + 4e-5 * rng.standard_normal(200))
+    same = noise_of(place, values + 4e-5 * rng.standard_normal(200), ROUGH["damping"])
     assert same == pytest.approx(np.full(200, 4e-5), rel=0.3)
+
+
+def test_few_points_seldom_tell_too_little_noise():
+    place, told = np.linspace(0.0, 3.0, 22), []
+    for seed in range(60):
+        values = 1.0 + 0.015 * np.random.default_rng(seed).standard_normal(22)
+        told.append(np.median(noise_of(place, values, ROUGH["damping"])) / 0.015)
+    assert np.percentile(told, 5) > 0.5  # 0.4 where all that the scatter seems to tell is believed
+
+
+def test_a_mean_over_a_kink_is_off_by_as_much_as_is_told():
+    place, missed, told = np.linspace(0.0, 3.0, 22), [], []
+    for kink in np.linspace(1.0, 1.3, 40):
+        fine = place[:, None] + np.linspace(-0.5, 0.5, 401) * (place[1] - place[0])
+        means = np.maximum(fine - kink, 0.0).mean(axis=1)
+        missed.append(means - np.maximum(place - kink, 0.0))
+        told.append(averaging(place, means))
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.sqrt(np.mean(np.square(missed))), rel=0.5)
+    assert np.max(averaging(place, 2.0 + 3.0 * place)) < 1e-12
 
 
 def test_noise_is_told_on_steep_curves_too():

@@ -10,7 +10,7 @@ from math import hypot, log
 import numpy as np
 import pytest
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.points import noise_of
+from fretflow.experiments.structure.points import ROUGH, noise_of
 from fretflow.experiments.structure.run import begin_baselines, diagnose_structure
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
@@ -159,6 +159,6 @@ def test_a_baseline_is_found_from_a_load_at_which_all_stick(seen, tmp_path):
 def test_noise_that_few_points_do_not_tell_apart_counts_both_ways():
     place = np.linspace(0.0, 2.3, 18)
     values = 2e-3 + 1.2e-2 / (1.0 + np.exp(-12.0 * (place - 1.5)))
-    told = [noise_of(place, values * (1.0 + 0.05 * np.random.default_rng(seed).standard_normal(18)))[-1] / values[-1]
-            for seed in range(40)]
+    scattered = [values * (1.0 + 0.05 * np.random.default_rng(seed).standard_normal(18)) for seed in range(40)]
+    told = [noise_of(place, one, ROUGH["damping"])[-1] / values[-1] for one in scattered]
     assert np.min(told) > 0.05 / 3.0  # a seventh where all of it is told from where the values are small

@@ -19,7 +19,7 @@ from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior
 from fretflow.experiments.structure.observation import MATRICES, Observation
-from fretflow.experiments.structure.points import SLIDES, BackbonePoints, scatter, with_backbone
+from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
@@ -125,11 +125,13 @@ class StructureExperiment(Experiment):
         noise = np.concatenate([sd**2 for _, sd in blocks])
         # points of a mesh slide one by one: a model cannot tell the continuum better than its own curve is smooth
         rough = np.repeat([scatter(place, one) for one in fine.reshape(parts, count)], count)
+        rough = np.hypot(rough, np.concatenate([averaging(place, values) for values, _ in blocks]))
+        decrement = np.r_[np.zeros(count), own.of_decay][:rows]  # or a ratio of energies: nothing says which was taken
         last = self.third == len(THIRDS) - 1
         # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
         about = np.concatenate([values - values.mean() for values, _ in blocks])
         return Measurement(
-            values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain]),
+            values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain, decrement]),
             code_error=np.column_stack([self._code_error, MATRICES * about]), repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
             group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),

@@ -19,7 +19,7 @@ from scipy.stats import t as student
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.experiments.structure.responses import backbone_of
 from fretflow.recordings.kinds.structures import FEWEST, MeasuredBackbone, StructureRecording
-from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
+from fretflow.solvers.nonlinear_modes.ring_down import MASING, instantaneous_mode
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class BackbonePoints:
             elif count < 8:
                 one = np.full(len(groups), ROUGH[name] * float(np.mean(values)))
             else:
-                one = averaged(noise_of(place, values))
+                one = averaged(noise_of(place, values, ROUGH[name]))
             return np.maximum(one / size, 1e-6 * np.abs(averaged(values)))
 
         damping = backbone.damping
@@ -72,6 +72,13 @@ class BackbonePoints:
         return BackbonePoints(self.amplitude[:count], self.frequency[:count],
                       None if self.damping is None else self.damping[:count], self.frequency_sd[:count],
                       self.damping_sd[:count])
+
+    @property
+    def of_decay(self) -> Array:
+        """Return by how much damping ratios (P,) are less if what was recorded is the decrement of a decay."""
+        place = np.log(self.amplitude)
+        return np.asarray(MASING * np.gradient(np.log(self.frequency), place) * (
+            np.zeros_like(place) if self.damping is None else self.damping))
 
     def read(self, at: Array, seen: Array, frequency: Array, damping: Array) -> Array:
         """Return frequency and damping (channels, points) at amplitudes from those `seen` at others."""
@@ -122,21 +129,35 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
         calibration_sd=0.0))
 
 
-def noise_of(place: Array, values: Array) -> Array:
+def noise_of(place: Array, values: Array, rough: float) -> Array:
     """Return the sd (P,) of values: the same for all, or in proportion to them, each as probable as their scatter says.
 
     Where the scatter does not tell, as with few points where the values are large, both count, in their variances
-    (J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Stat. Sci. 14 (1999) 382-417).
+    (J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Stat. Sci. 14 (1999) 382-417). Few points also tell by
+    chance too small a scatter: the variance is the mean of its posterior, which has n values of these and two of a
+    relative sd `rough` beforehand (conjugate: A. Gelman et al., Bayesian Data Analysis (2014), section 2.6).
     """
     fits = []
-    for size, order in product((np.ones_like(values), np.maximum(np.abs(values), np.finfo(float).tiny)), ORDERS):
-        left = _about_neighbours(place, values, size, order)
+    size, known = np.maximum(np.abs(values), np.finfo(float).tiny), rough * np.abs(values)
+    for scale, order in product((np.ones_like(values), size), ORDERS):
+        left = _about_neighbours(place, values, scale, order)
         if left.size:
-            width, likelihood = _student(left)
-            fits.append((len(values) * (likelihood - float(np.mean(np.log(size)))), width * size))
+            (width, likelihood), n = _student(left), independent(len(values), order)
+            fits.append((n * (likelihood - float(np.mean(np.log(scale)))), (width * scale)**2 + 2.0 / n * known**2))
     top = max(one[0] for one in fits)
     weights = np.exp([one[0] - top for one in fits])
-    return np.asarray(np.sqrt(np.average([one[1]**2 for one in fits], axis=0, weights=weights)))
+    return np.asarray(np.sqrt(np.average([one[1] for one in fits], axis=0, weights=weights)))
+
+
+def independent(count: int, order: int) -> float:
+    """Return how many independent values the differences of `order` of so many are worth for a variance.
+
+    They have neighbours in common: it is their number over the sum of their squared correlations (M. S. Bartlett,
+    J. R. Stat. Soc. 98 (1935) 536), at even spacing.
+    """
+    weight = np.poly(np.ones(order + 1))
+    shared = np.correlate(weight, weight, "full") / float(weight @ weight)
+    return (count - order - 1) / float(shared @ shared)
 
 
 def scatter(place: Array, values: Array) -> float:
@@ -155,6 +176,16 @@ def _student(left: Array) -> tuple[float, float]:
             own = max(float(np.sqrt(np.mean(weight * left**2))), 1e-12)
         fits.append((own, float(np.mean(student.logpdf(left / own, freedom))) - log(own)))
     return max(fits, key=lambda one: one[1])
+
+
+def averaging(place: Array, values: Array) -> Array:
+    """Return the sd (P,) by which values are off that are means up to halfway to their neighbours, as decays tell them.
+
+    A kink anywhere there takes a thirteenth of the second difference off the mean, a parabola half as much.
+    """
+    bend = np.zeros(len(place) + 2)
+    bend[2:-2] = np.diff(np.diff(values) / np.maximum(np.diff(place), 1e-9)) * 0.5 * (place[2:] - place[:-2])
+    return np.asarray(np.sqrt(np.convolve(bend**2, np.full(3, 1.0 / 3.0), "valid")) / 13.0)
 
 
 def weights_of(place: Array, missed: Array, sd: Array) -> Array:

@@ -19,7 +19,7 @@ from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.evidence import drawn
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, detected, estimate, smallest_visible
+from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, Task, fit_task
 from fretflow.inference.strategy import begin_all, correct, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
@@ -66,7 +66,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         for _ in range(AGAIN):
             found.settled.clear()
             correct(found, [0, 1, 2])
-    judged = detected(decide(found), detection)
+    judged = held_to(detected(decide(found), detection), None, 0)
     progress(0.85, "what is held out")
     own, made = room.told(experiment, found, judged), estimates(found, judged.after)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))

@@ -3,6 +3,11 @@
 The dynamic modes are integrated by central differences (Verlet), which keep the energy of what is elastic; the contact
 follows them at every step. A recorded decay is read by its analytic signal (D. Gabor, J. IEE 93 (1946) 429) in a band
 about one mode, by demodulation, which is local: a Hilbert transform would carry the large start into the small end.
+
+A cycle takes its loss from what the joint stores at its turns, ``U(A)``. Sliders that slip store no more as A grows
+(Masing), so that ``dU/dA = k_t A`` with the tangent stiffness there, ``k_t = omega^2 (1 + 2 d ln omega / d ln A)``, and
+an envelope falls faster than a linear oscillator's of the same loss: its decrement is ``1 - 2 d ln omega / d ln A``
+times the damping ratio ``D / (2 pi omega^2 A^2)``, to first order.
 """
 
 from __future__ import annotations
@@ -21,6 +26,7 @@ Array = NDArray[np.float64]
 BAND = 0.25  # half width about the frequency, relative: the next mode of a beam is farther away
 EDGE = 6.0  # periods at each end of a decay that the filter bends
 SMOOTHED = 4.0  # periods over which frequency and decay are taken
+MASING = 2.0  # share of d ln omega / d ln A by which a decrement is more than the damping ratio, see above
 STEPS_A_PERIOD = 200  # of the highest dynamic mode at least a tenth of its own
 
 
@@ -115,8 +121,8 @@ def instantaneous_mode(time: Array, signal: Array, frequency: float) -> Instanta
     scale = float(line @ line) * step
     turning, falling = (np.array([line @ values[k:k + width] for k in at]) / scale for values in (phase, logarithm))
     turning = turning + 2.0 * np.pi * frequency
-    if len(at) > 2:  # the action omega A^2 falls by 2 zeta omega: as the frequency rises in a decay, A falls the faster
-        falling = falling + 0.5 * np.gradient(np.log(turning), width * step)
+    if len(at) > 2:
+        falling = falling + MASING * np.gradient(np.log(turning), width * step)
     natural = np.hypot(turning, falling)
     return InstantaneousMode(amplitude=np.exp([float(logarithm[k:k + width].mean()) for k in at]),
                              frequency=natural / (2.0 * np.pi), damping=-falling / natural)
