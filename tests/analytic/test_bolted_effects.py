@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.effects.catalogue import catalogue
+from fretflow.effects.effect import RecordedSize
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import reduce_structure
 
 ACTING = tuple(name for name, kind in catalogue().items() if "bolted" in vars(kind))
+SIZE = RecordedSize(amplitude=5e-5, damping=0.02, least_damping=1e-3)
 ASKED = np.geomspace(2e-6, 5e-5, 6)
 
 
@@ -36,7 +38,7 @@ def test_a_neutral_effect_changes_nothing_and_a_plain_one_something(joint, name)
     assert neutral.frequency == pytest.approx(plain.frequency, rel=1e-9)
     assert neutral.damping == pytest.approx(plain.damping, rel=1e-6)
     kind = catalogue()[name]
-    ranges = {field: kind.bolted_range(field, prior, joint, (5e-5, 0.02)) for field, prior in kind.priors().items()}
+    ranges = {field: kind.bolted_range(field, prior, joint, SIZE) for field, prior in kind.priors().items()}
     inside = {field: float(np.sqrt(one.low * one.high)) if one.low > 0.0 else one.high
               for field, one in ranges.items()}
     changed = curve(kind().changed(**inside).bolted(joint))
@@ -67,6 +69,12 @@ def test_damping_of_the_rest_grows_in_proportion(joint):
     found = curve(catalogue()["joint-damping"](slope=40.0).bolted(joint))
     plain = curve(joint)
     assert found.damping - plain.damping == pytest.approx(40.0 * plain.amplitude, rel=1e-9)
+
+
+def test_damping_of_the_rest_may_be_little_beside_that_of_the_joint(joint):
+    kind = catalogue()["joint-damping"]
+    own = kind.bolted_range("slope", kind.priors()["slope"], joint, SIZE)
+    assert own.low * SIZE.amplitude < 0.5 * SIZE.least_damping < 0.1 * SIZE.damping < own.high * SIZE.amplitude
 
 
 def test_asperities_soften_the_mode_by_their_closed_form(structures):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fretflow.core import units as u
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
-from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Prior, Sketch, parameter
+from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.march import press_frictionless
@@ -152,7 +152,7 @@ class ContactStiffness(Effect):
         return replace(joint, springs=springs if joint.springs is None else joint.springs + springs)
 
     @classmethod
-    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
         """Return the stiffness of all the faces' area, a reference pressure about the mean one, machined faces' law."""
         if field == "stiffness":
             area = float(joint.structure.areas.sum())

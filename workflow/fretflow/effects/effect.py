@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -134,6 +134,14 @@ def parameter_limits(section: type[Section], field: str) -> tuple[float, float]:
     return low, high
 
 
+class RecordedSize(NamedTuple):
+    """The largest modal amplitude of a backbone (m kg^0.5), the damping ratio there, and the least damping ratio."""
+
+    amplitude: float
+    damping: float
+    least_damping: float
+
+
 class Effect(Section):
     """One effect; subclasses set the class variables and override what they need.
 
@@ -206,7 +214,7 @@ class Effect(Section):
         return joint
 
     @classmethod
-    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
         """Return the range of a parameter at the size of a bolted joint.
 
         Parameters
@@ -215,8 +223,8 @@ class Effect(Section):
             Which parameter, and its range on the rig.
         joint
             The joint without effects, its parameters in the middle of their ranges.
-        largest
-            Largest recorded modal amplitude in m kg^0.5 and the damping ratio there.
+        recorded
+            How large the motions and the damping of the backbone are.
         """
         return prior
 

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.effects.effect import STRUCTURES, Block, Effect, Prior, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Block, Effect, Prior, RecordedSize, RecordingKind, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 
@@ -31,7 +31,7 @@ class JointDamping(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     slope: float = parameter(1.0, "s: damping ratio over modal amplitude in m kg^0.5", 0.1, 10.0, ge=0.0,
-                             source="a tenth of to three times the damping recorded at the largest amplitude")
+                             source="at the largest amplitude a tenth of the least damping to thrice that there")
 
     @classmethod
     def neutral(cls) -> Self:
@@ -39,10 +39,13 @@ class JointDamping(Effect):
         return cls(slope=0.0)
 
     @classmethod
-    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
-        """Return the slope that makes a tenth of to three times the largest amplitude's damping."""
-        slope = largest[1] / largest[0]
-        return replace(prior, low=0.1 * slope, high=3.0 * slope)
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
+        """Return the slope that makes, at the largest amplitude, a tenth of the least damping to thrice that there.
+
+        What the friction of the joint takes at large amplitudes says nothing of how little the rest may.
+        """
+        return replace(prior, low=0.1 * recorded.least_damping / recorded.amplitude,
+                       high=3.0 * recorded.damping / recorded.amplitude)
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Add the damping."""

@@ -9,7 +9,17 @@ import numpy as np
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Prior, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import (
+    OTHER_LOAD,
+    RIG_ONLY,
+    Block,
+    Effect,
+    Prior,
+    RecordedSize,
+    RecordingKind,
+    Sketch,
+    parameter,
+)
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -49,7 +59,7 @@ class LoadDependentFriction(Effect):
                                             reference_pressure=self.reference_pressure))
 
     @classmethod
-    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
         """Return a reference pressure about the mean one."""
         if field == "reference_pressure":
             return replace(prior, low=joint.bolted_pressure / 1.5, high=joint.bolted_pressure * 1.5)

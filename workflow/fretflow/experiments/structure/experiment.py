@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Prior
+from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.observation import MATRICES, Observation
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
@@ -221,10 +221,12 @@ class StructureExperiment(Experiment):
 
     def _scaled(self, effect: str, field: str, prior: Prior) -> Prior:
         """Return a range of the catalogue, which is a rig's, at the size of the structure."""
-        most = TYPICAL["modal_damping"][1] if self.points.damping is None else float(self.points.damping[-1])
-        joint, mode = self._bare
-        largest = float(self.points.amplitude[-1]) / self.observation.gain(mode)
-        return catalogue()[effect].bolted_range(field, prior, joint, (largest, most))
+        own, (joint, mode) = self.points.damping, self._bare
+        least, most = TYPICAL["modal_damping"]
+        if own is not None:
+            least, most = max(least, float(own.min())), float(own[-1])
+        return catalogue()[effect].bolted_range(field, prior, joint, RecordedSize(
+            float(self.points.amplitude[-1]) / self.observation.gain(mode), most, least))
 
     def joint(self, point: Point) -> BoltedJoint:
         """Return the joint of a hypothesis."""
