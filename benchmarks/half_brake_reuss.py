@@ -1,14 +1,16 @@
 """The measured half Brake-Reuss beam: what is found on some rows, and predicted on rows that were never fitted.
 
 Run ``FRETFLOW_RECORDINGS=... python benchmarks/half_brake_reuss.py`` with the packages on the path; prints the tables
-of ``half_brake_reuss.md``. The mesh is made from the drawing's dimensions; bolt load, friction and damping without the
-joint are found, and beside them what a hypothesis adds. Fitted are the decay below 20 m/s^2, the responses with the
-force held, and the first two bending modes of the hammer test; the other rows are predicted.
+of ``half_brake_reuss.md``. With ``draw`` it draws what stands in them: the decay and the force at resonance. The mesh
+is made from the drawing's dimensions; bolt load, friction and damping without the joint are found, and beside them what
+a hypothesis adds. Fitted are the decay below 20 m/s^2, the responses with the force held, and the first two bending
+modes of the hammer test; the other rows are predicted.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,6 +19,8 @@ from pathlib import Path
 import fretflow as ff
 import numpy as np
 from fretflow_meshes import LapBeam
+from fretflow_post import style
+from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 RECORDINGS = Path(os.environ["FRETFLOW_RECORDINGS"])
@@ -39,6 +43,9 @@ DECAY_FITTED, DECAY_PREDICTED = np.array([2.5, 4.0, 7.0, 12.0, 20.0]), np.array(
 GRID = np.array([2.0, 4.0, 8.0, 14.0, 22.0, 32.0, 43.0, 55.0, 68.0, 84.0])  # m/s^2
 FREQUENCY_SD, DAMPING_SD, FORCE_SD = 0.02, 0.05, 0.05  # Hz; relative; relative: what readings repeat to
 HAMMER = np.array([80.47, 297.7, 580.7, 845.7])  # Hz
+UNITS = {"bolt_load": (1e-3, "kN"), "friction": (1.0, ""), "damping": (100.0, "%"), "hump": (1e6, "um"),
+         "springs": (1e-12, "N/um/mm2"), "spread": (1.0, ""), "exponent": (1.0, ""), "power": (1.0, "")}
+DRAWN = ("springs, power law of slip limits", "asperity springs")  # the best fit, and the best that rises again
 
 
 @cache
@@ -126,15 +133,16 @@ class Fit:
         return self.values(best.x), 2.0 * best.cost
 
 
+def decayed(name):
+    """Return measured accelerations, rising, and frequency or damping at them."""
+    table = np.genfromtxt(RECORDINGS / "hbrb_decay" / f"{name}.csv", delimiter=",", skip_header=1)
+    return table[np.argsort(table[:, 0], kind="stable")].T
+
+
 def decay():
     """Return measured frequency and damping at fitted and predicted accelerations."""
     at = np.r_[DECAY_FITTED, DECAY_PREDICTED]
-    found = []
-    for name in ("frequency", "damping"):
-        table = np.genfromtxt(RECORDINGS / "hbrb_decay" / f"{name}.csv", delimiter=",", skip_header=1)
-        order = np.argsort(table[:, 0], kind="stable")
-        found.append(np.interp(at, *table[order].T))
-    return found
+    return [np.interp(at, *decayed(name)) for name in ("frequency", "damping")]
 
 
 def responses(control):
@@ -155,10 +163,21 @@ def needed(curve, frequency, acceleration):
 
 def told(values):
     """Return values in words."""
-    units = {"bolt_load": (1e-3, "kN"), "friction": (1.0, ""), "damping": (100.0, "%"), "hump": (1e6, "um"),
-             "springs": (1e-12, "N/um/mm2"), "spread": (1.0, ""), "exponent": (1.0, ""), "power": (1.0, "")}
-    return ", ".join(f"{name.replace('_', ' ')} {value * units[name][0]:.3g} {units[name][1]}".strip()
+    return ", ".join(f"{name.replace('_', ' ')} {value * UNITS[name][0]:.3g} {UNITS[name][1]}".strip()
                      for name, value in values.items())
+
+
+def tabled(name):
+    """Return the values that the two tables of the page have of a hypothesis: of the decay, of the responses."""
+    rows = [line.split("|") for line in Path(__file__).with_suffix(".md").read_text().splitlines()]
+    found = []
+    for cells in (row for row in rows if len(row) > 2 and row[1].strip() == name):
+        values = {}
+        for key, text in zip(BASELINE | HYPOTHESES[name], cells[2].split(","), strict=False):
+            number = next(float(word) for word in text.split() if word[0].isdigit())
+            values[key] = number / UNITS[key][0]
+        found.append(values)
+    return found[:2]
 
 
 def simpler(name, found):
@@ -186,27 +205,35 @@ def decay_row(name, known):
     return values
 
 
+def scale(curve, held):
+    """Return the logarithm of place of the shaker and gain of the accelerometer that the held forces tell."""
+    return np.mean([np.mean(np.log(needed(curve, f, a) / force)) for f, force, a in held])
+
+
+def resonances(values):
+    """Return level (m/s^2), measured and predicted place (Hz) and force (N) of resonances with the response held."""
+    curve = backbone(values, GRID)
+    gain = np.exp(scale(curve, responses("force")))
+    found = []
+    for frequency, force, acceleration in responses("response"):
+        own = needed(curve, frequency, acceleration) / gain
+        here, there = int(np.argmin(own)), int(np.argmin(force))
+        found.append((acceleration.mean(), frequency[there], frequency[here], force[there], own[here]))
+    return np.array(found).T
+
+
 def forced_row(name, known):
     """Print what the responses tell of a hypothesis, begun also from `known` values, and return what is found."""
     held = responses("force")
 
-    def scale(curve):
-        return np.mean([np.mean(np.log(needed(curve, f, a) / force)) for f, force, a in held])
-
     def residual(values):
         curve = backbone(values, GRID)
-        gain = scale(curve)
+        gain = scale(curve, held)
         return np.concatenate([(np.log(needed(curve, f, a) / force) - gain) / FORCE_SD for f, force, a in held])
 
     values, cost = Fit.of(HYPOTHESES[name]).best(residual, known)
-    curve = backbone(values, GRID)
-    gain = np.exp(scale(curve))
-    places, forces = [], []
-    for frequency, force, acceleration in responses("response"):
-        own = needed(curve, frequency, acceleration) / gain
-        here, there = int(np.argmin(own)), int(np.argmin(force))
-        places.append(100.0 * (frequency[here] / frequency[there] - 1.0))
-        forces.append(100.0 * (own[here] / force[there] - 1.0))
+    _, there, here, measured, own = resonances(values)
+    places, forces = 100.0 * (here / there - 1.0), 100.0 * (own / measured - 1.0)
     print(f"| {name} | {told(values)} | {cost:.0f} | {np.abs(places).max():.2f} | "
           f"{', '.join(f'{one:+.0f}' for one in forces)} |", flush=True)
     return values
@@ -235,6 +262,36 @@ def hammer_row(name):
           flush=True)
 
 
+def draw(folder):
+    """Draw decay and force at resonance, measured and by the tables' values of two hypotheses, into a folder."""
+    tables = [(*style.curve_look(k), name, *tabled(name)) for k, name in enumerate(DRAWN)]
+    at = np.geomspace(2.5, 50.0, 25)
+    curves = [backbone(values, at) for *_, values, _ in tables]
+    with style.styled():
+        figure = Figure(figsize=(12.0, 8.0), layout="constrained")
+        parts = (("frequency", 1.0, "natural frequency in Hz"), ("damping", 100.0, "damping ratio in %"))
+        for k, (axes, (name, per, label)) in enumerate(zip(figure.subplots(2, 1, sharex=True), parts, strict=True)):
+            where, measured = decayed(name)
+            axes.plot(where, per * measured, ".", color=style.BLACK, markersize=4, label="measured")
+            axes.axvspan(0.0, DECAY_FITTED[-1], color="0.93", zorder=0, label="fitted here")
+            for (colour, line, hypothesis, *_), curve in zip(tables, curves, strict=True):
+                axes.plot(at, per * curve[k], line, color=colour, label=hypothesis)
+            axes.set(xlim=(0.0, at[-1]), ylabel=label)
+        axes.set_xlabel("acceleration of the end in m/s²")
+        axes.legend()
+        style.save_figure(figure, folder / "half_brake_reuss_decay.png")
+        figure = Figure(figsize=(12.0, 6.0), layout="constrained")
+        axes = figure.subplots()
+        for colour, line, hypothesis, _, values in tables:
+            level, _, _, measured, own = resonances(values)
+            axes.plot(level, own, line, color=colour, label=f"predicted: {hypothesis}")
+        axes.plot(level, measured, "o", color=style.BLACK, label="measured")
+        axes.set(xlabel="acceleration held, in m/s²", ylabel="force at resonance in N", xlim=(0.0, None),
+                 ylim=(0.0, None))
+        axes.legend()
+        style.save_figure(figure, folder / "half_brake_reuss_force.png")
+
+
 def main():
     """Print the three tables."""
     print("| faces | found below 20 m/s^2 | cost of 10 | frequency, fitted, % | predicted, % | damping, predicted over "
@@ -252,4 +309,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:] == ["draw"]:
+        draw(Path(__file__).parents[1] / "docs" / "pictures")
+    else:
+        main()
