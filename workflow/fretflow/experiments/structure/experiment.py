@@ -161,19 +161,14 @@ class StructureExperiment(Experiment):
             return self.predict(Point(space, HALF * tight))
 
     @cached_property
-    def _coarse(self) -> Array:
-        """Return what static loads predict of the baseline whose numerical errors are told, (M,)."""
-        return replace(self, correction=None).first_prediction().values
-
-    @cached_property
     def _fine(self) -> Array:
-        """Return the same with twice the steps of load."""
-        return replace(self, steps=2 * self.steps)._coarse
+        """Return what static loads predict, with twice the steps, of the baseline whose numerical errors are told."""
+        return replace(self, correction=None, steps=2 * self.steps).first_prediction().values
 
     @property
     def _code_error(self) -> Array:
         """Return what more steps of load, and more harmonics of periodic motions change, (M, any)."""
-        modes = [self._fine - self._coarse]
+        modes = [self._fine - replace(self, correction=None).first_prediction().values]
         return np.column_stack(modes if self.truncation is None else [*modes, self.truncation.ravel()])
 
     def candidates(self) -> tuple[str, ...]:
