@@ -174,17 +174,16 @@ def begin_all(found: Search) -> None:
 
 
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
-    """Fit some sets of a size on step by step, the better half of those further that may become the best of that size.
+    """Fit some sets of a size on step by step, those that may become the best of that size.
 
-    Those that move through their ranges come first, as nobody knows where they will end; others go on if they fall by
-    factors that would make them the best in the steps that are left.
+    They still move through their ranges, so that nobody knows where they will end, or fall by factors that would bring
+    them there in the steps that are left.
     """
     for left in reversed(range(steps)):
         fits = found.pool(fit_task, [found.further(one, 1) for one in going])
         found.keep(fits)
         best = {size: min(one.objective for names, one in found.fits.items() if len(names) == size)
                 for size in {len(fit.effects) for fit in going}}
-        ends = [(not has_moved(fit, before.z), fit.objective * (fit.objective / before.objective)**left, fit)
-                for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged]
-        going = [fit for rests, end, fit in sorted(ends, key=lambda one: one[:2])
-                 if not rests or end <= best[len(fit.effects)]][:max((len(fits) + 1) // 2, found.effort.bases)]
+        going = [fit for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged and (
+            has_moved(fit, before.z)
+            or fit.objective * (fit.objective / before.objective)**left <= best[len(fit.effects)])]
