@@ -6,6 +6,7 @@ the command line start at once. Everything is in SI. ``docs/architecture.md`` te
 """
 
 from importlib import import_module
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -96,6 +97,10 @@ _PUBLIC = {
     "structure.sensors": ("HysteresisLoop",),
     "wear.archard": ("Archard",),
 }
+# Classes whose objects users make; those of the others come from functions.
+_MADE = frozenset({
+    "Archard", "Bolt", "BoltedCycle", "BoltedJoint", "Coulomb", "Harmonic", "HysteresisLoop", "Interface", "Joint",
+    "Material", "Motion", "NormalLoad", "PeriodicProblem", "StructureMatrices"})
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [
@@ -115,8 +120,13 @@ def __getattr__(name: str) -> Any:
 
         value: Any = own_version()
     elif name in _ROOM_OF:
-        room = f"{__name__}.{_ROOM_OF[name]}"
-        value = import_module(f"{room}.{name}") if name == "units" else getattr(import_module(room), name)
+        room = import_module(f"{__name__}.{_ROOM_OF[name]}")
+        value = import_module(f"{room.__name__}.{name}") if name == "units" else getattr(room, name)
+        if name in _MADE or isinstance(value, FunctionType):
+            from fretflow.core.arguments import checked
+
+            value = checked(value)
+            setattr(room, name, value)  # one object by either name, also in another process
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value
