@@ -60,6 +60,23 @@ def test_a_file_in_a_folder_takes_part(folder):
     assert effect.weight == 7.0
     assert tables([effect]) == {"heavier": {"weight": "7 N"}}
     assert catalogue()["heavier"].priors()["weight"].high == 20.0
+    assert catalogue()["heavier"].priors()["weight"].source == "stated in heavier.py"
+    assert "SS304" in catalogue()["viscous"].priors()["damping"].source
+
+
+def test_a_parameter_that_is_taken_over_keeps_whose_range_it_has(folder):
+    (folder / "mine.py").write_text("""
+from fretflow.effects.viscous import Viscous as Theirs
+from fretflow.effects.effect import parameter
+
+
+class Mine(Theirs):
+    id = "mine"
+    more: float = parameter(1.0, "m: more", 0.5, 2.0)
+""")
+    priors = catalogue()["mine"].priors()
+    assert priors["more"].source == "stated in mine.py"
+    assert "SS304" in priors["damping"].source
 
 
 def test_an_id_may_come_once(folder):

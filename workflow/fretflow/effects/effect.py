@@ -16,9 +16,13 @@ Derivatives by parameters need not be written: `model` differentiates the data o
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -90,10 +94,11 @@ UNLOADED = "the channels at rest and with the specimens apart, before and after 
 ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm², 100 Hz"
 
 
-def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,
+def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = "",
               logarithmic: bool | None = None, rig_only: bool = False, held: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
+    A `source` of the range that is not given is the catalogue's estimate, or for users' effects the file they are in.
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
     One that acts in the fretting rig only is not fitted where a measured motion drives the joint, nor is one that is
     `held` there, as the force tells only its ratio to another one.
@@ -111,11 +116,23 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 
-def declared_priors(section: type[Section]) -> dict[str, Prior]:
+@cache
+def declared_priors(section: type[Section]) -> Mapping[str, Prior]:
     """Return the ranges of the fields of `section` that `parameter` declared."""
     extras = {name: info.json_schema_extra for name, info in section.model_fields.items()}
-    return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
-            if isinstance(extra, dict) and "prior" in extra}
+    found: dict[str, Prior] = {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
+                               if isinstance(extra, dict) and "prior" in extra}
+    return MappingProxyType({name: prior if prior.source else replace(prior, source=_whose_range(section, name))
+                             for name, prior in found.items()})
+
+
+def _whose_range(section: type[Section], field: str) -> str:
+    """Return who says the range of a field that does not say where it is from: the catalogue, or a user's file."""
+    room = next(one for one in section.__mro__ if field in vars(one).get("__annotations__", {})).__module__
+    if room.startswith(f"{__package__}."):
+        return ESTIMATE
+    file = getattr(sys.modules.get(room), "__file__", None)
+    return f"stated in {Path(file).name if file else room}"
 
 
 def parameter_limits(section: type[Section], field: str) -> tuple[float, float]:
@@ -178,7 +195,7 @@ class Effect(Section):
         return cls.neutral()
 
     @classmethod
-    def priors(cls) -> dict[str, Prior]:
+    def priors(cls) -> Mapping[str, Prior]:
         """Return the range of every parameter that has one."""
         return declared_priors(cls)
 
