@@ -11,7 +11,7 @@ from typing import Any
 from fretflow.core.errors import UnitError, UnsupportedRecordingError
 from fretflow.recordings.blocks import columns_of
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
-from fretflow.recordings.headings import NEEDED, columns_told, taken_in_words, unit_example, unit_told
+from fretflow.recordings.headings import NEEDED, columns_told, known_unit, taken_in_words, unit_example, unit_told
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Table, read_table
@@ -120,4 +120,5 @@ def _named(table: Table, channel: str, text: str) -> tuple[str, str]:
     try:
         return table.column(column)[0], unit
     except UnsupportedRecordingError as error:
-        raise UnsupportedRecordingError(f"--{_option(channel)}: {error}") from error
+        brackets = f'; a unit alone stands in brackets, "[{text}]"' if known_unit(channel, text) else ""
+        raise UnsupportedRecordingError(f"--{_option(channel)}: {error}{brackets}") from error

@@ -17,13 +17,10 @@ from pydantic_core import ErrorDetails
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.case.sections import Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, did_you_mean, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.errors import ConfigError, UnitError, did_you_mean, missing_last, reason
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.kinds import FILE as FILE
-from fretflow.recordings.kinds import RecordingKind, kind_called
-
-FORMAT = "fretflow-recording/1"
+from fretflow.recordings.kinds import RecordingKind, kind_called, read_description
 
 
 def name_of(path: Path) -> str:
@@ -261,7 +258,7 @@ def load_recording_file(path: Path) -> RecordingFile:
     ConfigError
         Naming the file, the field and the way out.
     """
-    raw = read_toml(path, CorruptRecordingError, f"a recording is a folder with a {FILE}, or one file of loops")
+    raw = read_description(path)
     sweep, loops = raw.get("sweep"), raw.get("loops")
     if isinstance(sweep, dict) and isinstance(loops, dict) and sweep.get("same_channels_as") == "loops":
         raw["sweep"] = {**{key: entry for key, entry in loops.items() if key not in ("file", "cycle")}, **sweep}

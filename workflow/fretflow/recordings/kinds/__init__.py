@@ -16,8 +16,8 @@ from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, Protocol
 
-from fretflow.core.errors import InputError, did_you_mean
-from fretflow.core.files import read_toml
+from fretflow.core.errors import ConfigError, CorruptRecordingError, InputError, did_you_mean
+from fretflow.core.files import RECORDING, read_toml
 
 GROUP = "fretflow.recordings"
 FILE = "recording.toml"
@@ -104,13 +104,30 @@ def kind_called(name: object) -> RecordingKind:
     raise ValueError(f"must be one of {', '.join(kinds())}, got {name!r}{did_you_mean(str(name), kinds())}")
 
 
+def read_description(toml: Path) -> dict[str, Any]:
+    """Return the content of a ``recording.toml``.
+
+    Raises
+    ------
+    CorruptRecordingError
+        If it cannot be read.
+    ConfigError
+        If it is no recording's.
+    """
+    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}, which `fretflow init "
+                    "--recording FILE` writes for a file of loops", formats=(RECORDING,))
+    if raw.get("format") != RECORDING:
+        raise ConfigError(f"{toml}: format: must be {RECORDING!r}")
+    return raw
+
+
 def kind_at(path: Path) -> RecordingKind:
     """Return the kind of the recording at `path`; of one whose file cannot be read, that whose reader says why."""
     toml = path / FILE if path.is_dir() else path
     if toml.is_file() and toml.suffix.lower() != ".toml":
         return next(kind for kind in kinds().values() if kind.tables)
     try:
-        test = read_toml(toml, InputError, "").get("test")
+        test = read_description(toml).get("test")
         return kind_called(test["kind"] if isinstance(test, dict) else None)
     except (InputError, ValueError, KeyError):
         return next(kind for kind in kinds().values() if kind.full_model)  # the rig's

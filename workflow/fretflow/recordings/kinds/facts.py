@@ -35,10 +35,9 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from fretflow.case.config import ContactSection, Rig, Section, Specimens
 from fretflow.case.sections import MOST_CYCLES, Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, did_you_mean, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.errors import ConfigError, did_you_mean, missing_last, reason
 from fretflow.core.records import record
-from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.kinds import FILE, RecordingKind, read_description
 from fretflow.recordings.kinds.structure_columns import parsed
 from fretflow.recordings.notes import Note
 
@@ -245,7 +244,7 @@ def read_facts(path: Path) -> FactsRecording:
         Naming the file, the field and the way out.
     """
     toml = path / FILE if path.is_dir() else path
-    raw = read_toml(toml, CorruptRecordingError, "facts are a TOML file with a table [[facts]] for each")
+    raw = read_description(toml)
     try:
         file = FactsFile.model_validate(raw)
     except ValidationError as error:

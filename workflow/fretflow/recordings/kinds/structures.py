@@ -32,10 +32,9 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from fretflow.case.config import Section
 from fretflow.case.sections import Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.errors import ConfigError, UnreliableRecordingError, missing_last, reason
 from fretflow.core.records import quantity, record
-from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.kinds import FILE, RecordingKind, read_description
 from fretflow.recordings.kinds.joints import STRUCTURE
 from fretflow.recordings.kinds.structure_columns import StructureColumn, number, positive_range, read_column, stated_sd
 from fretflow.recordings.kinds.worn_profiles import (
@@ -50,7 +49,7 @@ from fretflow.recordings.kinds.worn_profiles import (
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
-from fretflow.recordings.schema import FORMAT, name_of
+from fretflow.recordings.schema import name_of
 from fretflow.structure.matrices import StructureMatrices
 
 Array = NDArray[np.float64]
@@ -303,9 +302,7 @@ def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: 
 
 
 def _load(toml: Path) -> StructureFile:
-    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}")
-    if raw.get("format") != FORMAT:
-        raise ConfigError(f"{toml}: format: must be {FORMAT!r}")
+    raw = read_description(toml)
     for name in ("frf", "profile"):
         if isinstance(raw.get(name), dict):
             raw[name] = [raw[name]]
