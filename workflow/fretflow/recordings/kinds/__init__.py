@@ -16,11 +16,11 @@ from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, Protocol
 
-from fretflow.core.errors import ConfigError, CorruptRecordingError, InputError, did_you_mean
-from fretflow.core.files import RECORDING, read_toml
+from fretflow.core.errors import InputError, did_you_mean
+from fretflow.recordings.description import FILE as FILE
+from fretflow.recordings.description import read_description
 
 GROUP = "fretflow.recordings"
-FILE = "recording.toml"
 
 
 @dataclass(frozen=True, order=True)
@@ -102,23 +102,6 @@ def kind_called(name: object) -> RecordingKind:
     if isinstance(name, str) and name in kinds():
         return kinds()[name]
     raise ValueError(f"must be one of {', '.join(kinds())}, got {name!r}{did_you_mean(str(name), kinds())}")
-
-
-def read_description(toml: Path) -> dict[str, Any]:
-    """Return the content of a ``recording.toml``.
-
-    Raises
-    ------
-    CorruptRecordingError
-        If it cannot be read.
-    ConfigError
-        If it is no recording's.
-    """
-    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}, which `fretflow init "
-                    "--recording FILE` writes for a file of loops", formats=(RECORDING,))
-    if raw.get("format") != RECORDING:
-        raise ConfigError(f"{toml}: format: must be {RECORDING!r}")
-    return raw
 
 
 def kind_at(path: Path) -> RecordingKind:

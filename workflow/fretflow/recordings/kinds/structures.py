@@ -32,9 +32,10 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from fretflow.case.config import Section
 from fretflow.case.sections import Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, UnreliableRecordingError, missing_last, reason
+from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import quantity, record
-from fretflow.recordings.kinds import FILE, RecordingKind, read_description
+from fretflow.recordings.description import FILE, read_description, validated
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
 from fretflow.recordings.kinds.structure_columns import StructureColumn, number, positive_range, read_column, stated_sd
 from fretflow.recordings.kinds.worn_profiles import (
@@ -306,15 +307,7 @@ def _load(toml: Path) -> StructureFile:
     for name in ("frf", "profile"):
         if isinstance(raw.get(name), dict):
             raw[name] = [raw[name]]
-    try:
-        return StructureFile.model_validate(raw)
-    except ValidationError as error:
-        first, *rest = missing_last(error)
-        field = ".".join(str(part) for part in first["loc"])
-        clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
-                   "model_type": "must be a table of keys"}
-        more = f" (and {len(rest)} more)" if rest else ""
-        raise ConfigError(f"{toml}: {field}: {reason(first, clearer, StructureFile)}{more}") from error
+    return validated(StructureFile, raw, toml)
 
 
 def _named(block: str, name: str, there: Mapping[str, Array], what: str) -> None:

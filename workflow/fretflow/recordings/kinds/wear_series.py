@@ -26,7 +26,8 @@ from fretflow.core.errors import (
 )
 from fretflow.core.records import quantity, record
 from fretflow.core.units import parse_quantity, pretty_quantity
-from fretflow.recordings.kinds import FILE, RecordingKind, read_description
+from fretflow.recordings.description import FILE, read_description
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table, read_table
