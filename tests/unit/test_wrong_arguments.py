@@ -15,6 +15,7 @@ import pytest
 
 WRONG = (None, 5, -1.0, float("nan"), float("inf"), True, "x", "", b"x", [], {}, ["a", "b"], {"a": None}, (1, "b"),
          object(), 1j, np.zeros(0), np.zeros((2, 2, 2)), np.array(["a"]), np.full(3, np.nan))
+WAVE = np.cos(np.arange(64) * np.pi / 32), -np.sin(np.arange(64) * np.pi / 32)
 NOT_MADE = {"Case", "Diagnosis", "Effect", "JointStudy", "LoopReadings", "PeriodicSolution", "ResponseCurve",
             "RunResults"}  # by users: others than functions of fretflow, or, as effects, in case files
 
@@ -33,7 +34,7 @@ def right(tmp_path_factory):
     faces = {"nodes": np.zeros((1, 2)), "areas": np.array([1e-6]), "gap": np.zeros(1)}
     force = ff.Harmonic(20.0, {"tip": 8.0})
     problem = ff.PeriodicProblem(joint, ff.Interface(**faces), ff.Coulomb(0.6), force, preload=ff.NormalLoad(60.0))
-    loop = {"displacement": np.cos(np.arange(64) * np.pi / 32), "force": -np.sin(np.arange(64) * np.pi / 32)}
+    loop = dict(zip(("displacement", "force"), WAVE, strict=True))
     rows = np.eye(4)
     bolted = {"mass": np.diag([2.0, 0.0, 0.0, 0.0]), "contact_map": rows[1:], "areas": np.array([1e-6]),
               "stiffness": np.diag([4e4, 1e4, 1e4, 1e4]) - 1e4 * np.eye(4)[[1, 0, 3, 2]] * np.outer(
@@ -101,13 +102,22 @@ def test_wrong_arguments_are_an_error_of_the_project_or_none(name, right, monkey
     (lambda: ff.read_recording(3), "read_recording: path must be a Path or text, got 3"),
     (lambda: ff.solve_periodic("joint"), "solve_periodic: problem must be a PeriodicProblem, got 'joint'"),
     (lambda: ff.Harmonic(100, 53), "Harmonic: amplitudes must be a mapping of text to a finite number, got 53"),
-    (lambda: ff.Archard("1e-14"), "Archard: coefficient must be a finite number, got '1e-14'"),
-    (lambda: ff.Archard(float("nan")), "Archard: coefficient must be a finite number, got nan"),
+    (lambda: ff.Archard("1e-14"), "wear coefficient: '1e-14' m^2/N is no finite number from 0 on"),
+    (lambda: ff.Archard(float("nan")), "wear coefficient: nan m^2/N is no finite number from 0 on"),
+    (lambda: ff.read_loop(ff.HysteresisLoop(displacement=WAVE[0], force=WAVE[1]), float("nan")),
+     "read_loop: normal_load must be a finite number or None, got nan"),
+    (lambda: ff.HysteresisLoop(displacement="x", force=WAVE[1]),
+     "HysteresisLoop: displacement must be an array of finite numbers, got 'x'"),
 ])
 def test_what_is_wrong_is_named(call, said):
     with pytest.raises(ff.InputError) as caught:
         call()
     assert str(caught.value) == said
+
+
+def test_numbers_as_arrays_without_dimensions_are_numbers():
+    assert ff.Coulomb(np.array(0.6)).friction_coefficient == 0.6
+    assert ff.NormalLoad(np.float64(60.0)).force == 60.0
 
 
 def test_a_checked_function_is_one_object_by_either_name_and_in_another_process():

@@ -32,8 +32,9 @@ class Like(NamedTuple):
 def checked(public: F) -> F:
     """Return a public function that refuses arguments of another type than annotated; a class is changed in place.
 
-    Of a class the making of objects is checked, by itself and by its class methods; what these say of an argument
-    themselves goes first. NaN and infinity are no numbers.
+    NaN and infinity are no numbers, and arrays have one or two dimensions. Of a class the making of objects is checked,
+    by itself and by its class methods, afterwards: what these say of an argument themselves goes first, and which
+    values they take is theirs to say.
     """
     if not inspect.isclass(public):
         made: F = _checked(public, public.__qualname__, last=False)
@@ -49,9 +50,9 @@ def _checked(function: Any, name: str, last: bool) -> Any:
     """Return a function whose arguments are checked before it runs, or `last`, where it did not refuse them itself."""
     signature = inspect.signature(function)
 
-    def refuse_wrong(*args: Any, **kwargs: Any) -> None:
+    def refuse_wrong(args: Any, kwargs: Any, strict: bool) -> None:
         for key, value in signature.bind(*args, **kwargs).arguments.items():
-            due = _due(function, key)
+            due = _due(function, key, strict)
             if value is not signature.parameters[key].default and not due.test(value):
                 raise InputError(f"{name}: {key} must be {due.words}, got {_shown(value)}")
 
@@ -62,75 +63,79 @@ def _checked(function: Any, name: str, last: bool) -> Any:
         except TypeError:  # of the call itself, which Python tells
             return function(*args, **kwargs)
         if not last:
-            refuse_wrong(*args, **kwargs)
+            refuse_wrong(args, kwargs, strict=True)
             return function(*args, **kwargs)
         try:
             made = function(*args, **kwargs)
         except FretflowError:
             raise
         except Exception:
-            refuse_wrong(*args, **kwargs)
+            refuse_wrong(args, kwargs, strict=True)
             raise
-        refuse_wrong(*args, **kwargs)
+        refuse_wrong(args, kwargs, strict=False)
         return made
 
     return call
 
 
 @cache
-def _due(function: FunctionType, name: str) -> Like:
-    """Return what an argument is annotated with."""
+def _due(function: FunctionType, name: str, strict: bool) -> Like:
+    """Return what an argument is annotated with; `strict` also of numbers and arrays which they are."""
     parameter = inspect.signature(function).parameters[name]
     if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL) or parameter.annotation is parameter.empty:
         return ANYTHING
     text = parameter.annotation
     try:
-        return _like(eval(text, function.__globals__) if isinstance(text, str) else text)
+        return _like(eval(text, function.__globals__) if isinstance(text, str) else text, strict)
     except (NameError, AttributeError):  # known to type checkers alone
         return ANYTHING
 
 
-def is_array(value: Any, number: Any = np.float64) -> bool:
-    """Return whether a value makes an array of one or two dimensions with finite numbers in it, as of `number`."""
+def is_array(value: Any, number: Any = np.float64, strict: bool = False) -> bool:
+    """Return whether a value makes an array of such numbers; if `strict` of finite ones, in one or two dimensions."""
     try:
         given = np.asarray(value)
     except ValueError:  # rows of several lengths
         return False
-    kinds = "fiu" if not issubclass(number, np.bool_ | np.complexfloating) else "fiucb"
-    return given.ndim in (1, 2) and given.size > 0 and given.dtype.kind in kinds and bool(np.isfinite(given).all())
+    if given.dtype.kind not in ("fiu" if not issubclass(number, np.bool_ | np.complexfloating) else "fiucb"):
+        return False
+    return not strict or (given.ndim in (1, 2) and given.size > 0 and bool(np.isfinite(given).all()))
 
 
-def _is_number(value: Any, kind: Any) -> bool:
-    return isinstance(value, kind) and not isinstance(value, bool) and isfinite(abs(value))
+def _is_number(value: Any, kind: Any, strict: bool) -> bool:
+    value = value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+    return isinstance(value, kind) and not isinstance(value, bool) and (not strict or isfinite(abs(value)))
 
 
 ANYTHING = Like("anything", lambda _: True)
+_NUMBERS = {float: (Real, "a finite number"), int: (Integral, "a whole number"), complex: (Complex, "a finite number")}
 _PLAIN = {
-    float: Like("a finite number", partial(_is_number, kind=Real)), NoneType: Like("None", lambda value: value is None),
-    int: Like("a whole number", partial(_is_number, kind=Integral)), Any: ANYTHING, str: Like(
-        "text", lambda value: isinstance(value, str)),
-    complex: Like("a finite number", partial(_is_number, kind=Complex)),
+    Any: ANYTHING, str: Like("text", lambda value: isinstance(value, str)),
+    NoneType: Like("None", lambda value: value is None),
     bool: Like("True or False", lambda value: isinstance(value, bool | np.bool_)),
 }
 
 
-def _like(kind: Any) -> Like:
+def _like(kind: Any, strict: bool) -> Like:
     """Return what an annotation stands for."""
     origin, inner = get_origin(kind), get_args(kind)
     if origin is Annotated:
-        return next((one for one in inner if isinstance(one, Like)), None) or _like(inner[0])
+        return next((one for one in inner if isinstance(one, Like)), None) or _like(inner[0], strict)
     if origin in (Union, UnionType):
-        choices = [_like(one) for one in inner]
+        choices = [_like(one, strict) for one in inner]
         return Like(" or ".join(dict.fromkeys(one.words for one in choices)),
                     lambda value: any(one.test(value) for one in choices))
     if origin is Literal:
         return Like(" or ".join(map(repr, inner)), lambda value: value in inner)
     if origin is np.ndarray:
-        return Like("an array of finite numbers", partial(is_array, number=get_args(inner[1])[0]))
+        return Like("an array of finite numbers", partial(is_array, number=get_args(inner[1])[0], strict=strict))
     if getattr(origin or kind, "_is_protocol", False):
         return _object_of(origin or kind)
     if origin is not None:
-        return _group_of(origin, inner)
+        return _group_of(origin, inner, strict)
+    if kind in _NUMBERS:
+        number, words = _NUMBERS[kind]
+        return Like(words, partial(_is_number, kind=number, strict=strict))
     return _PLAIN.get(kind) or (_object_of(kind) if isinstance(kind, type) else ANYTHING)
 
 
@@ -144,13 +149,13 @@ def _object_of(kind: Any) -> Like:
         inspect.getattr_static(value, name, None) is not None for name in members))
 
 
-def _group_of(origin: Any, inner: tuple[Any, ...]) -> Like:
+def _group_of(origin: Any, inner: tuple[Any, ...], strict: bool) -> Like:
     """Return what is a function, a class, or a group of values that are of their kinds themselves."""
     if origin is Callable:
         return Like("a function", callable)
     if origin is type:
         return Like("a class", inspect.isclass)
-    parts = [_like(one) for one in inner if one is not ...]
+    parts = [_like(one, strict) for one in inner if one is not ...]
     if issubclass(origin, Mapping):
         key, item = parts
         return Like(f"a mapping of {key.words} to {item.words}", lambda value: isinstance(value, origin) and all(

@@ -16,7 +16,8 @@ from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
 Matrix: TypeAlias = Annotated[Any, Like("a matrix of finite numbers, dense or sparse",
-                                        lambda value: sparse.issparse(value) or is_array(value))]
+                                        lambda value: sparse.issparse(value) or (
+                                            isinstance(value, np.ndarray) and is_array(value) and value.ndim == 2))]
 
 ASYMMETRY = 1e-6  # of the largest entry: single precision and text of seven digits stay below it
 DEPENDENT = 1e-9  # of the largest singular value of a map's rows of unit length
