@@ -32,11 +32,7 @@ class Heavier(Effect):
     source: ClassVar[str] = "the scales"
     observables: ClassVar[tuple[str, ...]] = ("normal force",)
 
-    weight: u.SignedForce = parameter(5.0, "W: the weight", 1.0, 20.0)
-
-    @classmethod
-    def neutral(cls, case=None):
-        return cls().changed(weight=0.0)
+    weight: u.SignedForce = parameter(5.0, "W: the weight", 1.0, 20.0, neutral=0.0)
 
     def period(self, problem, slow):
         return problem.vary(normal_load=problem.normal_load + self.weight)
@@ -77,6 +73,16 @@ class Mine(Theirs):
     priors = catalogue()["mine"].priors()
     assert priors["more"].source == "stated in mine.py"
     assert "SS304" in priors["damping"].source
+
+
+def test_what_does_nothing_is_said_by_the_parameters(folder):
+    (folder / "heavier.py").write_text(OWN.format(id="heavier"))
+    assert catalogue()["heavier"].neutral().weight == 0.0
+    (folder / "heavier.py").unlink()
+    (folder / "unsaid.py").write_text(OWN.format(id="unsaid").replace(", neutral=0.0", ""))
+    catalogue.__globals__["_collect"].cache_clear()
+    with pytest.raises(InputError, match="effect unsaid: no parameter says with what it changes nothing"):
+        catalogue()["unsaid"].neutral()
 
 
 def test_an_id_may_come_once(folder):

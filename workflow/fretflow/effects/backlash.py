@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import INTERFACES, Block, Effect, RecordingKind, parameter
@@ -33,12 +33,7 @@ class Backlash(Effect):
     observables: ClassVar[tuple[str, ...]] = ("flat part of a loop where the force changes its sign",)
     kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
 
-    play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no play."""
-        return cls().changed(play=0.0)
+    play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Free the hinge within the play."""

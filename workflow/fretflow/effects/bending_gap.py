@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,12 +31,8 @@ class BendingGap(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", 1e-6, 60e-6,
-                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return plane faces."""
-        return cls().changed(height=0.0)
+                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form",
+                                       neutral=0.0)
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Open the gap."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,14 +31,10 @@ class BoltLoadSpread(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     ends: float = parameter(0.3, "e: half the difference between the bolts at both ends, over the mean", 0.05, 0.6,
-                            gt=-1.0, lt=1.0, source="VDI 2230-1: tightening factor 1.4 to 1.6 of a torque wrench")
+                            gt=-1.0, lt=1.0, source="VDI 2230-1: tightening factor 1.4 to 1.6 of a torque wrench",
+                            neutral=0.0)
     middle: float = parameter(0.0, "m: excess of the middle bolt over the mean", -0.3, 0.3, gt=-1.0, lt=1.0,
-                              source="VDI 2230-1, and elastic interaction of neighbours")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return bolts that pull alike."""
-        return cls(ends=0.0, middle=0.0)
+                              source="VDI 2230-1, and elastic interaction of neighbours", neutral=0.0)
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Let the bolts pull unevenly."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, RecordingKind, parameter
@@ -33,15 +33,10 @@ class ChannelDelay(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
     sensed_at: ClassVar[int] = 2
 
-    delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6)
+    delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6, neutral=0.0)
     rounding: float = parameter(0.0, "s: one over the number of equal low-passes that delay it, 0 for a mere delay",
                                 0.0, 1.0, ge=0.0, le=1.0, rig_only=True,
                                 source="from a mere delay to a single low-pass, all that there is")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return channels in time."""
-        return cls().changed(delay=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Delay the friction force."""

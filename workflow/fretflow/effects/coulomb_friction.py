@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -30,13 +30,9 @@ class CoulombFriction(Effect):
     observables: ClassVar[tuple[str, ...]] = ("force over the sign of the velocity", "force at standstill")
     kinds: ClassVar[frozenset[RecordingKind]] = frozenset({LUMPED})
 
-    friction_limit: u.SignedForce = parameter(20.0, "F_c: friction force while it slides", 1.0, 200.0, ge=0.0)
+    friction_limit: u.SignedForce = parameter(20.0, "F_c: friction force while it slides", 1.0, 200.0, ge=0.0,
+                                              neutral=0.0)
     reach: u.Length = Field(1e-6, description="d: elastic motion before it slides")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no friction."""
-        return cls().changed(friction_limit=0.0)
 
     def sliders(self, sliders: Sliders) -> Sliders:
         """Add the slider."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -60,16 +60,11 @@ class DirectionalFriction(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
     difference: float = parameter(0.05, "d: half the difference between both directions, over their mean", 0.01, 0.1,
-                                  gt=-1.0, lt=1.0, logarithmic=False)
+                                  gt=-1.0, lt=1.0, logarithmic=False, neutral=0.0)
     rest: float = parameter(1.0, "r: share of the difference that is left at rest", -1.0, 1.0, ge=-1.0, le=1.0,
                             logarithmic=False, rig_only=True)
     speed_scale: u.Velocity = parameter(0.1e-3, "v_0: speed by which the motion of the specimen has a way", 0.05e-3,
                                         5e-3, rig_only=True)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return friction alike in both directions."""
-        return cls(difference=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the direction: of motion and of force with parts that add up in sliding."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,18 +45,13 @@ class DistributedMicroSlip(Effect):
     extends: ClassVar[frozenset[str]] = frozenset({"directional-friction"})  # by c
     kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
 
-    spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)
+    spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0, neutral=0.0)
     power: float = parameter(1.0, "b: 1 for a uniform distribution, more for many small limits", 0.5, 4.0,
                              ge=0.25, le=20.0, logarithmic=True)
     lean: float = parameter(0.0, "c: half the difference between both directions of sliding, over the mean", -0.1, 0.1,
                             gt=-1.0, lt=1.0, rig_only=True)
     rim: float = parameter(0.0, "e: how much more friction the rim has than the middle, over the spread", -0.1, 0.1,
                            gt=-2.0, lt=2.0, rig_only=True)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return one limit for all."""
-        return cls(spread=0.0)
 
     def shares(self, quantile: Array) -> Array:
         """Return the slip limits over their mean at `quantile` (M,)."""

@@ -6,7 +6,7 @@ import cmath
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,15 +29,10 @@ class ExcitationDistortion(Effect):
         "support-nonlinearity": "the excitation force itself, at several amplitudes,"}
     observables: ClassVar[tuple[str, ...]] = ("harmonics of the excitation channel", "harmonics of the displacement")
 
-    second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0)
+    second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
     second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, logarithmic=False)
-    third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0)
+    third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
     third_phase: float = parameter(0.0, "b_3: its phase in rad", -math.pi, math.pi, logarithmic=False)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a pure cosine."""
-        return cls(second=0.0, third=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the harmonics."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, RecordingKind, parameter
@@ -36,12 +36,7 @@ class ForceOffset(Effect):
     observables: ClassVar[tuple[str, ...]] = ("mean of the force",)
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
-    force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no force."""
-        return cls().changed(force_offset=0.0)
+    force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Pull at the block."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,15 +36,10 @@ class FrictionRunIn(Effect):
     observables: ClassVar[tuple[str, ...]] = ("friction force on the plateau over cycles", "sliding over cycles",
                                               "dissipated energy over cycles")
 
-    initial: float = parameter(0.35, "mu_0: coefficient of the new faces", 0.2, 0.5, gt=0.0, le=5.0)
+    initial: float = parameter(0.35, "mu_0: coefficient of the new faces", 0.2, 0.5, gt=0.0, le=5.0, neutral=TYPICAL)
     final: float | None = parameter(None, "mu_inf: coefficient in the end; by default the case's", 0.6, 0.9,
                                     gt=0.0, le=5.0)
     energy: u.Energy = parameter(30.0, "E_0: energy over which it settles", 5.0, 150.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return the coefficient of a case that states none, from the start."""
-        return cls(initial=TYPICAL)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the coefficient at this energy in."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -34,17 +34,12 @@ class InitialGap(Effect):
     told_by: ClassVar[str] = "maps of both faces before the test"
     observables: ClassVar[tuple[str, ...]] = ("wear map", "loops of the first cycles", "approach")
 
-    tilt_x: u.SignedLength = parameter(1e-6, "t_x: height over the width, along the sliding", -4e-6, 4e-6)
+    tilt_x: u.SignedLength = parameter(1e-6, "t_x: height over the width, along the sliding", -4e-6, 4e-6, neutral=0.0)
     tilt_y: u.SignedLength = parameter(0.0, "t_y: height over the width, across", -4e-6, 4e-6)
     crown: u.SignedLength = parameter(0.0, "c: depth of the corners below the middle", 0.0, 4e-6)
     cylinder: u.SignedLength = parameter(0.0, "z: depth of the ends of the stroke below the middle", 0.0, 4e-6)
     flat: float = parameter(0.0, "f: share of the half width that is flat, between rounded edges", 0.0, 0.8,
                             ge=0.0, lt=1.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return flat faces."""
-        return cls().changed(tilt_x=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Open the gap."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,12 +31,8 @@ class JointDamping(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
 
     slope: float = parameter(1.0, "s: damping ratio over modal amplitude in m kg^0.5", 0.1, 10.0, ge=0.0,
-                             source="a tenth of to three times the damping recorded at the largest amplitude")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no further damping."""
-        return cls(slope=0.0)
+                             source="a tenth of to three times the damping recorded at the largest amplitude",
+                             neutral=0.0)
 
     @classmethod
     def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, largest: tuple[float, float]) -> Prior:

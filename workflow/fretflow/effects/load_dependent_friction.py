@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -33,15 +33,11 @@ class LoadDependentFriction(Effect):
     observables: ClassVar[tuple[str, ...]] = ("friction force at other normal loads", "wear map near the edges")
     kinds: ClassVar[frozenset[RecordingKind]] = RIG_ONLY
 
-    exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0)
+    exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0,
+                                neutral=0.0)
     reference_pressure: u.Pressure | None = parameter(
         60e6, "p_0: pressure at which friction is that of the contact table", 10e6, 200e6, gt=0.0,
         source="the load of the paper's test 1 over its area; fixed, so that tests at other loads can be compared")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return friction in proportion to the load."""
-        return cls(exponent=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the pressure."""

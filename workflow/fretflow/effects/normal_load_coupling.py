@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -48,16 +48,11 @@ class NormalLoadCoupling(Effect):
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, opposite in sign", "normal force")
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
-    slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6)
+    slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6, neutral=0.0)
     mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0,
                                   held=True)
     curvature: u.SignedCurvature = parameter(0.0, "k: of the guide, by which its slope differs over a length",
                                              -5e4, 5e4, rig_only=True)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a constant load."""
-        return cls().changed(slope=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let the load follow the arm, and friction a curved guide."""

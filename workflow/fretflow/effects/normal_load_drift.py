@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,13 +26,8 @@ class NormalLoadDrift(Effect):
     observables: ClassVar[tuple[str, ...]] = ("normal force over cycles", "friction force over cycles",
                                               "sliding over cycles")
 
-    loss: float = parameter(0.15, "a: share of the load that is lost in the end", 0.04, 0.3, lt=1.0)
+    loss: float = parameter(0.15, "a: share of the load that is lost in the end", 0.04, 0.3, lt=1.0, neutral=0.0)
     settling: float = parameter(4e4, "n_T: cycles over which it is lost", 1e4, 1.5e5, gt=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a load that stays."""
-        return cls(loss=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the load at this cycle in."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -43,14 +43,10 @@ class OxygenLimitedWear(Effect):
     distance: u.Length = parameter(1e-3, "d_0: distance that oxygen reaches at q_0", 0.1e-3, 5e-3,
                                    source="oxygenated borders of 0.1 mm to a few, Fouvry et al. (2017)")
     adhesive_share: float = parameter(0.2, "k_a: adhesive over abrasive wear coefficient", 0.02, 0.8, ge=0.0, le=1.0,
-                                      source="wear rates of Ti-6Al-4V at the highest over those at the lowest power")
+                                      source="wear rates of Ti-6Al-4V at the highest over those at the lowest power",
+                                      neutral=1.0)
     # No range: it only says where d_0 is stated.
     reference_power: u.PowerDensity = Field(1e5, description="q_0: frictional power density at which d_0 is stated")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return bare metal that wears as its oxides do."""
-        return cls(adhesive_share=1.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the mean coefficient by the oxygen that reaches each node, over K_w."""

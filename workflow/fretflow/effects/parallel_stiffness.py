@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, parameter
@@ -33,12 +33,7 @@ class ParallelStiffness(Effect):
     observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
-    stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no spring."""
-        return cls().changed(stiffness=0.0)
+    stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the spring."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -71,14 +71,9 @@ class ScarEdge(Effect):
     over_cycles: ClassVar[bool] = True
     observables: ClassVar[tuple[str, ...]] = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
 
-    peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of a deep scar", 3.0, 25.0, ge=0.0)
+    peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of a deep scar", 3.0, 25.0, ge=0.0, neutral=0.0)
     width: float = parameter(0.3, "w: length of the rise over the half stroke", 0.1, 0.6, gt=0.0, le=1.0)
     depth_scale: u.Length = parameter(1e-6, "h_s: mean depth of both faces over which it builds up", 0.2e-6, 5e-6)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a scar that does not hold back."""
-        return cls().changed(peak_force=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the force of the scar as it is."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,12 +29,8 @@ class SensorDrift(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
     sensed_at: ClassVar[int] = 2
 
-    drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a channel that stays."""
-        return cls().changed(drift=0.0)
+    drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0,
+                                     neutral=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Add the offset to the friction force."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
@@ -29,12 +29,7 @@ class SensorInertia(Effect):
     kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
     sensed_at: ClassVar[int] = 1
 
-    mass: u.SignedMass = parameter(0.5, "m: mass that moves before the sensor", 0.1, 3.0, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a sensor without mass."""
-        return cls().changed(mass=0.0)
+    mass: u.SignedMass = parameter(0.5, "m: mass that moves before the sensor", 0.1, 3.0, ge=0.0, neutral=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Add the inertia to the friction force."""

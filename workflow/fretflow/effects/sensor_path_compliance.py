@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import Block, Effect, parameter
@@ -26,12 +26,8 @@ class SensorPathCompliance(Effect):
                              "Fouvry, P. Kapsa, L. Vincent, Wear 185 (1995)")
     observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "peak-to-peak displacement")
 
-    compliance: u.SignedCompliance = parameter(2e-8, "c: displacement that a force adds", 6e-9, 6e-8, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a rigid path."""
-        return cls().changed(compliance=0.0)
+    compliance: u.SignedCompliance = parameter(2e-8, "c: displacement that a force adds", 6e-9, 6e-8, ge=0.0,
+                                               neutral=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Add the path's stretch to the displacement."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,12 +41,7 @@ class SupportNonlinearity(Effect):
                                               "odd harmonics of the displacement")
 
     stiffness: u.CubicStiffness = parameter(2e15, "k_3: force over displacement cubed", 2e14, 1e16,
-                                            source="3 to 150 % of the paper's linear support at 10 µm")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a linear support."""
-        return cls().changed(stiffness=0.0)
+                                            source="3 to 150 % of the paper's linear support at 10 µm", neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the spring."""

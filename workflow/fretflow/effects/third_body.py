@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,18 +101,13 @@ class ThirdBody(Effect):
                                               "approach over cycles")
 
     retained_fraction: float = parameter(0.6, "phi: share of the worn metal that enters the layer", 0.3, 0.95,
-                                         ge=0.0, le=1.0)
+                                         ge=0.0, le=1.0, neutral=0.0)
     separating_thickness: u.Length = parameter(2e-6, "h_0: layer at which wear falls to 1/e", 0.5e-6, 5e-6)
     residence: float = parameter(1e5, "n_e: cycles that debris stays from the middle of the contact", 1e3, 1e6, gt=0.0)
     edge_residence: float = parameter(0.1, "eps: residence at the edge over that in the middle", 0.02, 0.5,
                                       gt=0.0, le=1.0)
     # No range: Arnaud and Fouvry (2018) find that it does not matter, so that no recording tells it.
     modulus: u.Pressure = Field(30e9, description="E_d: modulus of the layer, between loose and solid oxide")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return faces that keep no debris."""
-        return cls(retained_fraction=0.0)
 
     def initial_memory(self, interface: Interface) -> dict[str, Array]:
         """Return clean faces, all of them taken for contact."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -59,13 +59,9 @@ class VelocityDependentFriction(Effect):
     observables: ClassVar[tuple[str, ...]] = ("friction force over the plateau of a loop", "loops at other amplitudes")
     kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
 
-    strength: float = parameter(0.2, "a: friction at rest over that at high speed, less one", 0.05, 0.5, gt=-1.0)
+    strength: float = parameter(0.2, "a: friction at rest over that at high speed, less one", 0.05, 0.5, gt=-1.0,
+                                neutral=0.0)
     speed_scale: u.Velocity = parameter(2e-3, "v_s: speed over which friction falls", 0.5e-3, 8e-3)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no dependence."""
-        return cls(strength=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the speed."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
 from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
@@ -31,12 +31,7 @@ class Viscous(Effect):
     observables: ClassVar[tuple[str, ...]] = ("bulge of both plateaus of a loop", "loops at other frequencies")
     kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
 
-    damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no dashpot."""
-        return cls().changed(damping=0.0)
+    damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the dashpot."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,13 +26,9 @@ class WearCoefficientEvolution(Effect):
     told_by: ClassVar[str] = OTHER_LENGTHS
     observables: ClassVar[tuple[str, ...]] = ("approach over cycles", "worn volume of tests of other lengths")
 
-    final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0)
+    final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0,
+                                   neutral=1.0)
     settling: float = parameter(1e5, "n_K: cycles over which it changes", 1e4, 1e6, gt=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a coefficient that stays."""
-        return cls(final_share=1.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return K_w(n) over that at the start."""

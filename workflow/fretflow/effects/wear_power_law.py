@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -44,17 +44,12 @@ class WearPowerLaw(Effect):
     observables: ClassVar[tuple[str, ...]] = ("worn volume of tests at other loads, amplitudes and frequencies",
                                               "wear map near the edges")
 
-    pressure_exponent: float = parameter(0.25, "a: of the pressure", -0.5, 0.5)
-    sliding_exponent: float = parameter(0.25, "b: of the sliding path", -0.5, 0.5)
-    frequency_exponent: float = parameter(-0.25, "c: of the frequency", -0.5, 0.2)
+    pressure_exponent: float = parameter(0.25, "a: of the pressure", -0.5, 0.5, neutral=0.0)
+    sliding_exponent: float = parameter(0.25, "b: of the sliding path", -0.5, 0.5, neutral=0.0)
+    frequency_exponent: float = parameter(-0.25, "c: of the frequency", -0.5, 0.2, neutral=0.0)
     reference_pressure: u.Pressure = parameter(60e6, "p_0: pressure at which the coefficient is K_w", 10e6, 200e6)
     reference_sliding: u.Length = parameter(25e-6, "s_0: path per cycle likewise", 5e-6, 100e-6)
     reference_frequency: u.Frequency = parameter(100.0, "f_0: frequency likewise", 10.0, 500.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return Archard's law."""
-        return cls(pressure_exponent=0.0, sliding_exponent=0.0, frequency_exponent=0.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the three powers at each node."""

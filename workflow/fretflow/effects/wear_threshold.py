@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,12 +41,8 @@ class WearThreshold(Effect):
                                               "approach over cycles")
 
     power_density: u.PowerDensity = parameter(4e4, "q_th: power per area below which nothing wears", 1.3e4, 8e4,
-                                              source="0.1 to 0.6 of 130 kW/m², test 1 in the mean of contact and time")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no threshold."""
-        return cls().changed(power_density=0.0)
+                                              source="0.1 to 0.6 of 130 kW/m², test 1 in the mean of contact and time",
+                                              neutral=0.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the share of the power beyond the threshold."""
