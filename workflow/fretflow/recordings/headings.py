@@ -26,6 +26,7 @@ ALIASES = {
     "repeat": ("repeat", "repetition", "wiederholung"),
 }
 
+LONGEST = 200  # characters of a heading that is taken apart
 BRACKETED = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 # "force in N", "force / N", "force, N", "force N"; with nothing else to part them, "force/N" or "force_N".
 _UNIT_LAST = (re.compile(r"(.+?)(?:\s+in\s+|\s*[/,]\s+|\s+/|\s+)(\S+)"), re.compile(r"([^_/]+)/(\S+)"),
@@ -37,7 +38,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
     ``displacement_um``, ``x [um]``, ``Weg in µm`` and ``Force (kN)`` carry a unit; ``friction_force`` only seems to.
     """
-    for form in (BRACKETED, *_UNIT_LAST):
+    for form in (BRACKETED, *_UNIT_LAST) if len(heading) <= LONGEST else ():
         if match := form.fullmatch(heading.strip()):
             return match[1].strip(), match[2]
     return heading, ""
