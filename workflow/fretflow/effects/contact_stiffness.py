@@ -108,14 +108,14 @@ class ContactStiffness(Effect):
     node's static pressure. Normal stiffness is Mindlin's multiple of the tangential one, or more where faces are hard.
     """
 
-    id: ClassVar[str] = "contact-stiffness"
-    title: ClassVar[str] = "asperity springs in series with the bodies"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "k_t (p / p_0)^m tangential, ratio times as much normal"
-    formula: ClassVar[str] = r"k_{c,t} = k_t \left(\frac{p}{p_0}\right)^m, \qquad k_{c,n} = r\,k_{c,t}"
-    source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
-                             "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
-    acts_at: ClassVar[int] = 1
+    id = "contact-stiffness"
+    title = "asperity springs in series with the bodies"
+    block = Block.CONTACT
+    equation = "k_t (p / p_0)^m tangential, ratio times as much normal"
+    formula = r"k_{c,t} = k_t \left(\frac{p}{p_0}\right)^m, \qquad k_{c,n} = r\,k_{c,t}"
+    source = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
+              "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
+    acts_at = 1
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": OTHER_LOAD + ", with which the contact stiffens and the sensor's path does not,",
         "contact-stiffness-evolution": "more loops in the first tenth of the test",
@@ -124,7 +124,7 @@ class ContactStiffness(Effect):
 
     stiffness: u.Stiffness = parameter(60e6, "k_t: tangential stiffness of the whole contact at p_0", 15e6, 150e6,
                                        source="stick slopes measured on such rigs, Fantetti et al. (2019)",
-                                       neutral=1e+30)
+                                       neutral=1e30)
     exponent: float = parameter(0.5, "m: how the stiffness grows with pressure", 0.0, 1.0, ge=0.0, le=1.0,
                                 source="from springs alike everywhere, W. D. Iwan, J. Appl. Mech. 33 (1966), "
                                        "to m of 0.5-1, Pohrt and Popov (2012)")

@@ -18,16 +18,16 @@ from fretflow.wear.slow import SlowState
 class ExcitationDistortion(Effect):
     """Second and third harmonic of the shaker's force, relative to its fundamental."""
 
-    id: ClassVar[str] = "excitation-distortion"
-    title: ClassVar[str] = "second and third harmonic of the drive"
-    block: ClassVar[Block] = Block.EXCITATION
-    equation: ClassVar[str] = "F (cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
-    formula: ClassVar[str] = r"F \left[\cos\omega t + a_2 \cos(2 \omega t + b_2) + a_3 \cos(3 \omega t + b_3)\right]"
-    source: ClassVar[str] = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
-    told_by: ClassVar[str] = "a record of the excitation force"
+    id = "excitation-distortion"
+    title = "second and third harmonic of the drive"
+    block = Block.EXCITATION
+    equation = "F (cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
+    formula = r"F \left[\cos\omega t + a_2 \cos(2 \omega t + b_2) + a_3 \cos(3 \omega t + b_3)\right]"
+    source = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
+    told_by = "a record of the excitation force"
     told_from: ClassVar[Mapping[str, str]] = {
         "support-nonlinearity": "the excitation force itself, at several amplitudes,"}
-    observables: ClassVar[tuple[str, ...]] = ("harmonics of the excitation channel", "harmonics of the displacement")
+    observables = ("harmonics of the excitation channel", "harmonics of the displacement")
 
     second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
     second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, logarithmic=False)

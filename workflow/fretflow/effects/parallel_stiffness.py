@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import ALL_KINDS, Block, Effect, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
@@ -21,17 +21,16 @@ class ParallelStiffness(Effect):
     A seal, a cable, a leaf that guides the arm, or the part of a joint that never slides.
     """
 
-    id: ClassVar[str] = "parallel-stiffness"
-    title: ClassVar[str] = "spring beside the contact"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "force on the arm -k x; T_meas = T + k x"
-    formula: ClassVar[str] = r"F_\mathrm{arm} = -k\,x, \qquad T_\mathrm{meas} = T + k\,x"
-    source: ClassVar[str] = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), "
-                             "640-643")
+    id = "parallel-stiffness"
+    title = "spring beside the contact"
+    block = Block.RIG
+    equation = "force on the arm -k x; T_meas = T + k x"
+    formula = r"F_\mathrm{arm} = -k\,x, \qquad T_\mathrm{meas} = T + k\,x"
+    source = "second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), 640-643"
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": "loops of sticking contact at small amplitudes"}
-    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
+    observables = ("slope of both plateaus of a loop, alike and positive",)
+    kinds = ALL_KINDS
 
     stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0, neutral=0.0)
 

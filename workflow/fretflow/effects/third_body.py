@@ -78,27 +78,26 @@ class ThirdBody(Effect):
     by exp(-h_d / h_0) where it keeps the metals apart. Friction keeps its coefficient, hence its work per sliding.
     """
 
-    id: ClassVar[str] = "third-body"
-    title: ClassVar[str] = "debris that stays, carries load and is ejected at the edges"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = ("dh_d = phi dh - h_d dn / n_e(xi), n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
-                               "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
-    formula: ClassVar[str] = (r"\begin{gathered} "
-                              r"\mathrm{d}h_d = \varphi\,\mathrm{d}h - \frac{h_d}{n_e(\xi)}\,\mathrm{d}n, \qquad "
-                              r"n_e(\xi) = n_e \left[\varepsilon + (1 - \varepsilon)(1 - \xi^2)\right] \\ "
-                              r"g = g_0 + h - h_d, \qquad \dot h \to \dot h\,e^{-h_d / h_0}, \qquad "
-                              r"\text{compliance } h_d / E_d \text{ per area} \end{gathered}")
-    source: ClassVar[str] = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
-                             "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
-    over_cycles: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_LENGTHS
+    id = "third-body"
+    title = "debris that stays, carries load and is ejected at the edges"
+    block = Block.WEAR
+    equation = ("dh_d = phi dh - h_d dn / n_e(xi), n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
+                "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
+    formula = (r"\begin{gathered} "
+               r"\mathrm{d}h_d = \varphi\,\mathrm{d}h - \frac{h_d}{n_e(\xi)}\,\mathrm{d}n, \qquad "
+               r"n_e(\xi) = n_e \left[\varepsilon + (1 - \varepsilon)(1 - \xi^2)\right] \\ "
+               r"g = g_0 + h - h_d, \qquad \dot h \to \dot h\,e^{-h_d / h_0}, \qquad "
+               r"\text{compliance } h_d / E_d \text{ per area} \end{gathered}")
+    source = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
+              "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
+    over_cycles = True
+    told_by = OTHER_LENGTHS
     told_from: ClassVar[Mapping[str, str]] = {
         "wear-power-law": "the same condition stopped after a tenth and after a third of the cycles, which changes the "
                           "wear per energy only if debris slows it,",
         "wear-coefficient-evolution": "tests of one number of cycles at several amplitudes, which change the worn "
                                       "volume but not the cycles,"}
-    observables: ClassVar[tuple[str, ...]] = ("wear map: U instead of W", "approach against worn volume",
-                                              "approach over cycles")
+    observables = ("wear map: U instead of W", "approach against worn volume", "approach over cycles")
 
     retained_fraction: float = parameter(0.6, "phi: share of the worn metal that enters the layer", 0.3, 0.95,
                                          ge=0.0, le=1.0, neutral=0.0)

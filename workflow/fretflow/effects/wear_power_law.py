@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import ClassVar
 
 import numpy as np
 
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.effects.volume_law import (
-    FREQUENCY,
-    POWER,
-    PRESSURE,
-    SLIDING,
-    LawParameter,
-    VolumeLaw,
-    WornTests,
-)
+from fretflow.effects.volume_law import FREQUENCY, POWER, PRESSURE, SLIDING, LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
@@ -32,17 +23,15 @@ class WearPowerLaw(Effect):
     The pressure of a node is that under which it slides, sum p |du| / sum |du|, its path s = sum |du| per cycle.
     """
 
-    id: ClassVar[str] = "wear-power-law"
-    title: ClassVar[str] = "wear coefficient with powers of pressure, sliding and frequency"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = "K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c"
-    formula: ClassVar[str] = (r"K_w \left(\frac{p}{p_0}\right)^a \left(\frac{s}{s_0}\right)^b "
-                              r"\left(\frac{f}{f_0}\right)^c")
-    source: ClassVar[str] = ("S. Baydoun, S. Fouvry, S. Descartes, P. Arnaud, Wear 426-427 (2019) 676-693, weighted "
-                             "friction energy")
-    told_by: ClassVar[str] = "tests at other amplitudes and normal loads"
-    observables: ClassVar[tuple[str, ...]] = ("worn volume of tests at other loads, amplitudes and frequencies",
-                                              "wear map near the edges")
+    id = "wear-power-law"
+    title = "wear coefficient with powers of pressure, sliding and frequency"
+    block = Block.WEAR
+    equation = "K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c"
+    formula = (r"K_w \left(\frac{p}{p_0}\right)^a \left(\frac{s}{s_0}\right)^b "
+               r"\left(\frac{f}{f_0}\right)^c")
+    source = "S. Baydoun, S. Fouvry, S. Descartes, P. Arnaud, Wear 426-427 (2019) 676-693, weighted friction energy"
+    told_by = "tests at other amplitudes and normal loads"
+    observables = ("worn volume of tests at other loads, amplitudes and frequencies", "wear map near the edges")
 
     pressure_exponent: float = parameter(0.25, "a: of the pressure", -0.5, 0.5, neutral=0.0)
     sliding_exponent: float = parameter(0.25, "b: of the sliding path", -0.5, 0.5, neutral=0.0)
