@@ -1,7 +1,5 @@
 """An effect of one's own: this file is all that it takes."""
 
-from typing import Self
-
 import fretflow as ff
 import numpy as np
 from fretflow import units as u
@@ -19,13 +17,9 @@ class FrictionBump(ff.Effect):
     observables = ("force in the middle of both plateaus of a loop",)
     kinds = ff.ALL_KINDS
 
-    height: float = ff.parameter(0.2, "a: largest friction over that elsewhere, less one", 0.02, 0.5, gt=-1.0)
+    height: float = ff.parameter(0.2, "a: largest friction over that elsewhere, less one", 0.02, 0.5, gt=-1.0,
+                                 neutral=0.0)
     width: u.Length = ff.parameter(1.5e-6, "w: half-width of the patch", 0.5e-6, 4e-6)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return friction without the patch."""
-        return cls(height=0.0)
 
     def limit(self, motion: ff.Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return the factors (N,) on the friction limit, alike for both directions of sliding."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.core.store import write_csv
-from fretflow.pipeline.response import ForcedResponse, stated_error
+from fretflow.pipeline.run_records import ForcedResponse, stated_error
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
 from fretflow.structure.two_mass_rig.lumped import RigModes

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from fretflow.case.config import Output
 from fretflow.core.errors import InputError, did_you_mean
-from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
+from fretflow.core.specimen_mesh import MeshGeometry
 from fretflow.core.store import read_record
-from fretflow.pipeline.results import SIDES, RunRecords
+from fretflow.pipeline.run_records import SIDES, RunRecords
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.archard import split_between_faces
 from fretflow.wear.history import WearHistory
@@ -40,9 +40,8 @@ class DrawnRun(RunRecords):
     @cached_property
     def meshed(self) -> tuple[MeshedSpecimen, ...]:
         """Return the meshed upper and lower specimen."""
-        mesh = self.folders["mesh"]
-        return tuple(MeshedSpecimen(read_record(mesh / f"{side}_geometry.h5", MeshGeometry),
-                                    read_record(mesh / f"{side}.h5", MeshSummary)) for side in SIDES)
+        return tuple(MeshedSpecimen(read_record(self.folders["mesh"] / f"{side}_geometry.h5", MeshGeometry), summary)
+                     for side, summary in zip(SIDES, self.meshes, strict=True))
 
 
 def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = None) -> list[Path]:

@@ -14,8 +14,8 @@ import pytest
 from fretflow import cli
 from fretflow.case.config import load_case
 from fretflow.core.store import read_record
-from fretflow.pipeline.response import ForcedResponse, LoopSeries
 from fretflow.pipeline.results import RunResults
+from fretflow.pipeline.run_records import ForcedResponse, LoopSeries
 from fretflow.pipeline.stages import complete_stages
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.fem.preload import Preload

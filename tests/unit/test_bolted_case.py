@@ -30,7 +30,7 @@ def test_the_example_is_read_in_si():
     assert case.backbone.largest == pytest.approx(600e-6)
     assert case.structure.sensors["tip"].along == (0.0, 0.0, 1.0)
     assert load_bolted_case(EXAMPLES / "quick.toml") is None
-    with pytest.raises(ConfigError, match="format: is a bolted structure's, which `fretflow run` takes"):
+    with pytest.raises(ConfigError, match="format: is a bolted structure, which `fretflow run` takes"):
         load_case(EXAMPLES / "bolted_beam.toml")
 
 

@@ -17,7 +17,7 @@ from fretflow.case.casefile import dump_case
 from fretflow.case.config import load_case, validate_case
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.pipeline import calibrate
+from fretflow.pipeline import calibrate, run_records
 from fretflow.pipeline.calibrate import (
     PRIOR_FACTORS,
     CalibratedRig,
@@ -85,7 +85,7 @@ def test_a_longer_history_is_asked_for_until_the_volume_is_reached(monkeypatch):
         return (closed_form_history(case.wear.coefficient, asked[-1]) if cls is WearHistory
                 else SimpleNamespace(contact_areas=np.array([AREA])))
 
-    monkeypatch.setattr(calibrate, "read_record", read)
+    monkeypatch.setattr(run_records, "read_record", read)
     case = a_case(cycles=10_000, worn_volume="6 mm^3")
     case = case.model_copy(update={"measured": case.measured.model_copy(update={"worn_volume": 6e-12})})
 

@@ -112,7 +112,8 @@ def test_every_command_keeps_what_it_found_or_wrote_as_json(case, capsys, tmp_pa
     (tmp_path / "loop.csv").write_text("x_um,Kraft\n" + "1,2\n" * 20)
     written = tmp_path / "recording.toml"
     assert fretflow("init", "--recording", tmp_path / "loop.csv", "--json", tmp_path / "i.json", "--quiet") == 0
-    assert json.loads((tmp_path / "i.json").read_text()) == {"file": str(written), "lacks": ["friction_force"]}
+    assert json.loads((tmp_path / "i.json").read_text()) == {
+        "file": str(written), "taken": {"displacement": "x_um", "friction_force": "Kraft"}, "lacks": ["friction_force"]}
     assert fretflow("show", case, "--quiet", "--json", tmp_path / "deep" / "a.json") == 0
     assert capsys.readouterr().out == ""
     whole = json.loads((tmp_path / "deep" / "a.json").read_text())

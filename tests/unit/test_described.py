@@ -34,7 +34,9 @@ def test_what_headings_tell_is_enough(series, exact, capsys, sign):
     file = series("time_s,x [um],Ft [N]", sign)
     assert init("--recording", file) == 0
     toml = file.with_name("recording.toml")
-    assert f"fretflow diagnose {toml}" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"fretflow diagnose {toml}" in said
+    assert "displacement from 'x [um]', friction force from 'Ft [N]', time from 'time_s'" in said
     given = tomllib.loads(toml.read_text())
     assert given["test"]["excitation_frequency"] == "100 Hz"
     assert given["series"]["friction_force"] == {"column": "Ft [N]", "unit": "N", "scale": sign}
@@ -59,6 +61,13 @@ def test_what_they_do_not_tell_is_asked_for(series, capsys):
     text = text.replace('displacement = { column = "", unit = ""', 'displacement = { column = "laser", unit = "um"')
     toml.write_text(text.replace('column = "load_cell", unit = ""', 'column = "load_cell", unit = "N"'))
     assert len(read_joint_recording(toml).series.channels) == 2
+
+
+def test_columns_that_may_be_one_channel_are_left_to_the_user(series, capsys):
+    file = series("time_s,A [um],B [um]")
+    assert init("--recording", file) == 0
+    assert "tell the column and unit of displacement and friction_force in it" in capsys.readouterr().out
+    assert "its column: one of A [um], B [um]; its unit, such as um" in file.with_name("recording.toml").read_text()
 
 
 def test_loops_of_several_cycle_counts_and_a_folder_elsewhere(make, tmp_path):

@@ -32,11 +32,7 @@ class Heavier(Effect):
     source: ClassVar[str] = "the scales"
     observables: ClassVar[tuple[str, ...]] = ("normal force",)
 
-    weight: u.SignedForce = parameter(5.0, "W: the weight", 1.0, 20.0)
-
-    @classmethod
-    def neutral(cls, case=None):
-        return cls().changed(weight=0.0)
+    weight: u.SignedForce = parameter(5.0, "W: the weight", 1.0, 20.0, neutral=0.0)
 
     def period(self, problem, slow):
         return problem.vary(normal_load=problem.normal_load + self.weight)
@@ -60,6 +56,33 @@ def test_a_file_in_a_folder_takes_part(folder):
     assert effect.weight == 7.0
     assert tables([effect]) == {"heavier": {"weight": "7 N"}}
     assert catalogue()["heavier"].priors()["weight"].high == 20.0
+    assert catalogue()["heavier"].priors()["weight"].source == "stated in heavier.py"
+    assert "SS304" in catalogue()["viscous"].priors()["damping"].source
+
+
+def test_a_parameter_that_is_taken_over_keeps_whose_range_it_has(folder):
+    (folder / "mine.py").write_text("""
+from fretflow.effects.viscous import Viscous as Theirs
+from fretflow.effects.effect import parameter
+
+
+class Mine(Theirs):
+    id = "mine"
+    more: float = parameter(1.0, "m: more", 0.5, 2.0)
+""")
+    priors = catalogue()["mine"].priors()
+    assert priors["more"].source == "stated in mine.py"
+    assert "SS304" in priors["damping"].source
+
+
+def test_what_does_nothing_is_said_by_the_parameters(folder):
+    (folder / "heavier.py").write_text(OWN.format(id="heavier"))
+    assert catalogue()["heavier"].neutral().weight == 0.0
+    (folder / "heavier.py").unlink()
+    (folder / "unsaid.py").write_text(OWN.format(id="unsaid").replace(", neutral=0.0", ""))
+    catalogue.__globals__["_collect"].cache_clear()
+    with pytest.raises(InputError, match="effect unsaid: no parameter says with what it changes nothing"):
+        catalogue()["unsaid"].neutral()
 
 
 def test_an_id_may_come_once(folder):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fretflow.core.errors import StoreError
 from fretflow.core.store import write_csv
-from fretflow.pipeline.response import ForcedResponse
+from fretflow.pipeline.run_records import ForcedResponse
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.wear.history import WearHistory

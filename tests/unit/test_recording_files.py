@@ -19,7 +19,8 @@ from fretflow.core.errors import (
 )
 from fretflow.core.units import registry
 from fretflow.recordings.bare import Wanted, read_bare
-from fretflow.recordings.channels import CHANNELS, INDICES, unit_in_heading, unit_size
+from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
+from fretflow.recordings.headings import unit_in_heading
 from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.recording import read_joint_recording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt
@@ -54,6 +55,13 @@ def test_dialects_of_text_give_the_same_numbers(tmp_path, text):
     table = read_table(write(tmp_path / "a.csv", text))
     assert np.column_stack(list(table.columns.values())) == pytest.approx(ROWS, rel=1e-8)
     assert next(iter(table.columns)) == "time_s"
+
+
+def test_points_may_part_thousands_where_commas_are_decimal(tmp_path):
+    rows = ROWS * (1.0, 5432.1, 1e3)
+    lines = [";".join(f"{value:,.4f}" for value in row).translate(str.maketrans(",.", ".,")) for row in rows]
+    table = read_table(write(tmp_path / "a.csv", "\n".join(["Zeit;Weg;Kraft", *lines])))
+    assert np.column_stack(list(table.columns.values())) == pytest.approx(rows, rel=1e-3, abs=1e-4)
 
 
 def test_headings_in_a_comment_units_in_a_line_and_none_at_all(tmp_path):
@@ -208,6 +216,39 @@ def test_bare_file_tells_its_units_in_headings(tmp_path, spring_slider):
     assert [n.channel for n in recording.notes if "not used" in n.text] == ["temperature"]
 
 
+@pytest.mark.parametrize(("head", "delimiter", "encoding"), [
+    ("Zeit [s];Weg [µm];Reibkraft [N]", ";", "utf-8"), ("Zeit [s];Weg [µm];Reibkraft [N]", ";", "latin-1"),
+    ("Zeit in s;Schwingweg in µm;Tangentialkraft in N", ";", "utf-8-sig"), ("t/s;s/µm;F/N", ";", "utf-16"),
+    ("t / s\tx / μm\tF_R / N", "\t", "utf-8"), ("Zeit;Verschiebung;Reibungskraft\ns;µm;N", ";", "utf-8"),
+    ("Zeit;Wegaufnehmer (um);Kraftmessdose (N)", ";", "utf-8"),
+    ("Time (s);Relative Displacement (um);Friction Force (N)", ";", "utf-8"),
+    ("time s;displacement µm;tangential-force N", ";", "utf-8"),
+])
+def test_usual_headings_tell_all_in_german_and_english(tmp_path, spring_slider, head, delimiter, encoding):
+    """The closed form comes back from numbers with commas under headings that name channel and unit; a note says so."""
+    turns = np.arange(500) / 100 + 0.6
+    x, force = spring_slider(turns)
+    rows = [delimiter.join(f"{value:.9g}" for value in row) for row in zip(turns, 1e6 * x, force, strict=True)]
+    text = "\n".join(["Prüfstand 3", "", head, *(row.replace(".", ",") for row in rows)])
+    recording = read_bare(write(tmp_path / "a.csv", text, encoding), Wanted())
+    assert np.ptp(recording.series.channels["displacement"]) == pytest.approx(16e-6, rel=1e-3, abs=0.0)
+    assert recording.series.channels["friction_force"].max() == pytest.approx(36.0, rel=1e-6)
+    (taken,) = [note.text for note in recording.notes if "as the headings tell" in note.text]
+    assert all(f"{channel} from " in taken for channel in ("displacement", "friction force"))
+
+
+def test_a_unit_of_several_columns_tells_none_and_a_name_goes_first(tmp_path, spring_slider):
+    turns = np.arange(500) / 100
+    x, force = spring_slider(turns)
+    columns = {"Probe [µm]": 2e6 * x, "Weg [µm]": 1e6 * x, "Kraft X [N]": force, "Normalkraft [N]": 60.0 + 0.0 * x}
+    np.savetxt(tmp_path / "a.csv", np.column_stack(list(columns.values())), delimiter=";", comments="",
+               header=";".join(columns), encoding="utf-8")
+    series = read_bare(tmp_path / "a.csv", Wanted()).series
+    assert np.ptp(series.channels["displacement"]) == pytest.approx(16e-6, rel=1e-3, abs=0.0)
+    assert series.channels["friction_force"].max() == pytest.approx(36.0, rel=1e-6)
+    assert series.channels["normal_force"] == pytest.approx(60.0)
+
+
 @pytest.mark.parametrize("start", [0.0, 0.1, 0.35, 0.8])
 def test_a_single_loop_may_start_anywhere(tmp_path, spring_slider, start):
     x, force = spring_slider(np.arange(60) / 60 + start)
@@ -218,7 +259,9 @@ def test_a_single_loop_may_start_anywhere(tmp_path, spring_slider, start):
 
 
 @pytest.mark.parametrize(("header", "options", "message"), [
-    ("time_s,foo,bar", {}, "no column time_s, foo, bar is known as the displacement; name it: --displacement"),
+    ("time_s,foo,bar", {}, "no column time_s, foo, bar is known as the displacement or the friction_force; name them: "
+     r'--displacement "COLUMN \[um\]" --force "COLUMN \[N\]"'),
+    ("t_s,Sensor A [um],Sensor B [um]", {}, r"Sensor A \[um\] and Sensor B \[um\] may both be the displacement"),
     ("time_s,x,force_N", {}, r'column x has no unit .* --displacement "x \[um\]"'),
     ("time_s,x_um,disp_um", {}, "columns x_um and disp_um may both be the displacement"),
     ("time_s,x_um,force_N", {"displacement": "y [um]"}, "--displacement: .* has no column 'y'"),

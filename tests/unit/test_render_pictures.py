@@ -16,7 +16,7 @@ from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError, StoreError
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
-from fretflow.pipeline.response import ForcedResponse
+from fretflow.pipeline.run_records import ForcedResponse
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 from fretflow.structure.two_mass_rig.lumped import RigModes

@@ -234,6 +234,15 @@ def test_a_length_has_the_range_of_a_rig_on_pages_of_rigs_alone(cases, kind, tol
     assert ('<svg class="range"' in page) == ("plausible 0.500 to 10.0 µm" in page) == told
 
 
+def test_the_page_says_whose_a_plausible_range_is(cases, monkeypatch):
+    monkeypatch.setenv("FRETFLOW_EFFECTS", str(Path(__file__).parents[2] / "examples" / "own_effects"))
+    found = [Estimate(name=name, value=0.3, low=0.2, high=0.4, unit="") for name in (
+        "friction-bump.height", "directional-friction.difference")]
+    text = page_of(replace(cases.named(), parameters=tuple(found))).text
+    assert "stated in friction_bump.py (friction-bump.height)" in text
+    assert "1 mm², 100 Hz (directional-friction.difference)" in text
+
+
 @pytest.mark.parametrize(("maker", "there", "absent"), [
     ("named", {"loops", "where", "parameters", "held-out", "wear", "next", "notes"}, {"law", "visible"}),
     ("none", {"loops", "where", "held-out", "visible"}, {"law", "next", "notes"}),

@@ -13,7 +13,8 @@ from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.pipeline import response, response_curves
 from fretflow.pipeline.problem import rig_problem
-from fretflow.pipeline.response import check_response, first_harmonic, forced_response, read_loops, stated_error
+from fretflow.pipeline.response import check_response, first_harmonic, forced_response, read_loops
+from fretflow.pipeline.run_records import stated_error
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.solvers.quasi_static.backbone import BackboneSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver

@@ -184,4 +184,4 @@ def test_what_cannot_be_checked_is_refused(run, tmp_path, capsys):
     assert cli.execute(["verify", str(home)]) == 2
     assert "no solved period yet" in capsys.readouterr().err
     assert cli.execute(["verify", str(home), "--periods", "0"]) == 2
-    assert "at least 1 period" in capsys.readouterr().err
+    assert "--periods 0: must be at least 1" in capsys.readouterr().err

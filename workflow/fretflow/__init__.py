@@ -5,7 +5,10 @@ the command line start at once. Everything is in SI. ``docs/architecture.md`` te
 ``examples/`` shows them at work.
 """
 
+import ast
 from importlib import import_module
+from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -62,51 +65,14 @@ if TYPE_CHECKING:
 
     __version__ = own_version()
 
-# What is public, by the module that it is in; the imports above tell type checkers and editors the same.
-_PUBLIC = {
-    "case.config": ("Case", "load_case"),
-    "contact.coulomb": ("Coulomb",),
-    "contact.interface": ("Interface",),
-    "core": ("units",),
-    "core.errors": ("AuditError", "FretflowError", "FretflowWarning", "HeavyContactWarning", "InputError",
-                    "NonConvergenceError", "RecordingError", "UnstablePeriodWarning"),
-    "effects.bolted_cycle": ("BoltedCycle",),
-    "effects.catalogue": ("add_effects", "catalogue"),
-    "effects.cycle": ("march_wear",),
-    "effects.effect": ("ALL_KINDS", "Block", "Effect", "Motion", "parameter"),
-    "inference.verdict": ("Diagnosis",),
-    "pipeline.bolted": ("JointStudy", "study_joint"),
-    "pipeline.diagnose": ("diagnose",),
-    "pipeline.results": ("RunResults",),
-    "pipeline.run": ("run",),
-    "recordings.hysteresis": ("LoopReadings", "read_loop"),
-    "recordings.kinds": ("read_recording",),
-    "solvers.continuation.curve": ("ResponseCurve",),
-    "solvers.continuation.follow": ("continue_response",),
-    "solvers.nonlinear_modes.joint": ("BoltedJoint",),
-    "solvers.nonlinear_modes.periodic_mode": ("follow_mode",),
-    "solvers.nonlinear_modes.quasi_static": ("quasi_static_backbone",),
-    "solvers.periodic": ("Harmonic", "NormalLoad", "PeriodicProblem", "PeriodicSolution"),
-    "solvers.solve": ("solve_periodic",),
-    "structure.bodies": ("Bolt", "Material"),
-    "structure.fem.bodies": ("structure_from_mesh",),
-    "structure.matrices": ("StructureMatrices",),
-    "structure.matrix_joint": ("Joint",),
-    "structure.reduction.contact_modes": ("reduce_structure",),
-    "structure.sensors": ("HysteresisLoop",),
-    "wear.archard": ("Archard",),
-}
-_ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
-
-__all__ = [
-    "ALL_KINDS", "Archard", "AuditError", "Block", "Bolt", "BoltedCycle", "BoltedJoint", "Case", "Coulomb", "Diagnosis",
-    "Effect", "FretflowError", "FretflowWarning", "Harmonic", "HeavyContactWarning", "HysteresisLoop", "InputError",
-    "Interface", "Joint", "JointStudy", "LoopReadings", "Material", "Motion", "NonConvergenceError", "NormalLoad",
-    "PeriodicProblem", "PeriodicSolution", "RecordingError", "ResponseCurve", "RunResults", "StructureMatrices",
-    "UnstablePeriodWarning", "add_effects", "catalogue", "continue_response", "diagnose", "follow_mode", "load_case",
-    "march_wear", "parameter", "quasi_static_backbone", "read_loop", "read_recording", "reduce_structure", "run",
-    "solve_periodic", "structure_from_mesh", "study_joint", "units",
-]
+# What is public, and the module that it is in: the imports above, which tell type checkers and editors the same.
+_ROOM_OF = {alias.name: str(node.module) for node in ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom) for alias in node.names if alias.asname}
+__all__ = sorted(_ROOM_OF)
+# Classes whose objects users make; those of the others come from functions.
+_MADE = frozenset({
+    "Archard", "Bolt", "BoltedCycle", "BoltedJoint", "Coulomb", "Harmonic", "HysteresisLoop", "Interface", "Joint",
+    "Material", "Motion", "NormalLoad", "PeriodicProblem", "StructureMatrices"})
 
 
 def __getattr__(name: str) -> Any:
@@ -115,8 +81,13 @@ def __getattr__(name: str) -> Any:
 
         value: Any = own_version()
     elif name in _ROOM_OF:
-        room = f"{__name__}.{_ROOM_OF[name]}"
-        value = import_module(f"{room}.{name}") if name == "units" else getattr(import_module(room), name)
+        room = import_module(_ROOM_OF[name])
+        value = import_module(f"{room.__name__}.{name}") if name == "units" else getattr(room, name)
+        if name in _MADE or isinstance(value, FunctionType):
+            from fretflow.core.arguments import checked
+
+            value = checked(value)
+            setattr(room, name, value)  # one object by either name, also in another process
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

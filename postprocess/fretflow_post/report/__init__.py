@@ -26,7 +26,7 @@ from markupsafe import Markup, escape
 from fretflow_post.diagnosed import FIGURES, drawn_parameters
 from fretflow_post.report.charts import LOOKS, figure_image, script
 from fretflow_post.report.loops import curve_views, evolution_views, loop_views
-from fretflow_post.report.maps import law_view, map_views, plausible_range, tests_view
+from fretflow_post.report.maps import PlausibleRange, law_view, map_views, plausible_range, tests_view
 from fretflow_post.report.wear import wear_views
 
 PAGE = Path(__file__).parent / "page"
@@ -220,7 +220,7 @@ class ParameterRow:
     of: str
     meaning: str
     interval: words.Interval
-    plausible: Markup | None
+    plausible: PlausibleRange | None
 
 
 def _row(one: Estimate, recorded: str) -> ParameterRow:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from fretflow.core.units import pretty_unit, readable_unit
@@ -103,7 +104,14 @@ def law_view(law: ResidualLaw | None) -> Markup | None:
     return chart.markup()
 
 
-def plausible_range(estimate: Estimate, recorded: str) -> Markup | None:
+class PlausibleRange(NamedTuple):
+    """Where a parameter lies in its plausible range, drawn, and who says that range."""
+
+    drawing: Markup
+    source: str
+
+
+def plausible_range(estimate: Estimate, recorded: str) -> PlausibleRange | None:
     """Return where an effect's parameter lies in its plausible range, or None where there is none.
 
     Those of forces and lengths are a rig's: in `recorded` joints that a motion drives they go with the joint.
@@ -118,9 +126,10 @@ def plausible_range(estimate: Estimate, recorded: str) -> Markup | None:
     low, value, high = (8.0 + 124.0 * _share(prior, end) for end in ends)
     unit, size = readable_unit(max(abs(prior.low), abs(prior.high)), estimate.unit)
     words = f"plausible {number(prior.low / size)} to {number(prior.high / size)} {pretty_unit(unit)}".rstrip()
-    return Markup('<svg class="range" viewBox="0 0 140 16" role="img" aria-label="{0}"><title>{0}</title>'
-                  '<path class="rail" d="M8 8H132M8 4V12M132 4V12"/><path class="reach" d="M{1:.1f} 8H{2:.1f}"/>'
-                  '<circle cx="{3:.1f}" cy="8" r="2.4"/></svg>').format(words, low, max(high, low + 1.0), value)
+    drawing = Markup('<svg class="range" viewBox="0 0 140 16" role="img" aria-label="{0}"><title>{0}</title>'
+                     '<path class="rail" d="M8 8H132M8 4V12M132 4V12"/><path class="reach" d="M{1:.1f} 8H{2:.1f}"/>'
+                     '<circle cx="{3:.1f}" cy="8" r="2.4"/></svg>').format(words, low, max(high, low + 1.0), value)
+    return PlausibleRange(drawing, prior.source)
 
 
 def _share(prior: Prior, value: float) -> float:

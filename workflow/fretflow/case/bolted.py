@@ -7,11 +7,11 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from fretflow.case.config import BOLTED_FORMAT, explain
+from fretflow.case.config import WAY_OUT, explain
 from fretflow.case.sections import Section, Title
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
-from fretflow.core.files import read_toml
+from fretflow.core.files import CASE, STRUCTURE, read_toml
 
 
 class Elasticity(Section):
@@ -137,8 +137,8 @@ def load_bolted_case(path: Path) -> BoltedCase | None:
     ConfigError
         Naming the file, the field and the way out.
     """
-    raw = read_toml(path, ConfigError, "examples/bolted_beam.toml is one to start from")
-    if raw.get("format") != BOLTED_FORMAT:
+    raw = read_toml(path, ConfigError, WAY_OUT, formats=(CASE, STRUCTURE))
+    if raw.get("format") != STRUCTURE:
         return None
     try:
         case = BoltedCase.model_validate(raw)

@@ -15,12 +15,13 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from fretflow.case.config import FORMAT, Case, validate_case
+from fretflow.case.config import Case, validate_case
+from fretflow.core.files import CASE
 from fretflow.core.units import Unit, exact_quantity, format_quantity, pretty_number, pretty_quantity
 
 # What a file to start from sets; everything else in it is a commented default.
 _START = {
-    "format": FORMAT,
+    "format": CASE,
     "name": "my-joint",
     "title": "A first case",
     "test": {"excitation_frequency": "100 Hz", "excitation_amplitude": "53 N", "normal_load": "60 N",

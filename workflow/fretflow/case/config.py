@@ -34,16 +34,15 @@ from fretflow.case.sections import (
     WearScheme,
 )
 from fretflow.core.errors import ConfigError, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.files import CASE, read_toml
 
 __all__ = [
-    "FORMAT", "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
+    "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
     "PeriodicMethod", "PreloadContact", "Reduction", "Rig", "Section", "SlidingRegime", "Solver", "Specimen",
     "Specimens", "Test", "Wear", "WearScheme", "explain", "load_case", "slice_hash", "validate_case",
 ]
 
-FORMAT = "fretflow-case/1"
-BOLTED_FORMAT = "fretflow-structure/1"  # of `case.bolted`
+WAY_OUT = "a case is a TOML file, and `fretflow init` writes one to start from"
 
 
 class Case(Section):
@@ -109,9 +108,7 @@ def load_case(path: Path | str) -> Case:
     60.0
     """
     path = Path(path)
-    raw = read_toml(path, ConfigError, "`fretflow init` writes one to start from")
-    if raw.get("format") == BOLTED_FORMAT:
-        raise ConfigError(f"{path}: format: is a bolted structure's, which `fretflow run` takes and nothing else does")
+    raw = read_toml(path, ConfigError, WAY_OUT, formats=(CASE,))
     case = validate_case(raw, source=str(path))
     given = {side: file for side in SIDES if (file := getattr(case.mesh, side)) is not None}
     meshes = {side: (path.parent / file).resolve() for side, file in given.items()}

@@ -36,15 +36,18 @@ def init(path: Path | None = None, /, *, recording: Path | None = None, json: Js
         say_line(f"{path} written; `fretflow run {path}` runs it")
         return
     from fretflow.recordings.described import describe_file
+    from fretflow.recordings.headings import taken_in_words
     from fretflow.recordings.schema import FILE
 
     path = path or recording.parent / FILE
-    text, lacks = describe_file(recording, path.parent)
-    _write_new(path, text)
-    keep_json(json, {"file": str(path), "lacks": lacks})
+    found = describe_file(recording, path.parent)
+    _write_new(path, found.text)
+    keep_json(json, {"file": str(path), "taken": found.taken, "lacks": found.lacks})
     said = f"{path} written; "
-    if lacks:
-        said += f"tell the column and unit of {' and '.join(lacks)} in it; then "
+    if found.taken:
+        said += f"{taken_in_words(found.taken)}; "
+    if found.lacks:
+        said += f"tell the column and unit of {' and '.join(found.lacks)} in it; then "
     say_line(f"{said}`fretflow loops {path}` reads it, and `fretflow diagnose {path}` explains it")
 
 

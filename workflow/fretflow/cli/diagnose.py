@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from fretflow.cli.terminal import Flag, Progress, Terminal, new_table, show_files
+from fretflow.cli.terminal import Flag, NewFile, Progress, Terminal, new_table, show_files
 from fretflow.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,8 +19,7 @@ MOST_RANKED = 5
 
 
 def diagnose(
-    recording: Path, /, *, fast: Flag = False, json: Path | None = None,
-    out: Path | None = None, case: Path | None = None,
+    recording: Path, /, *, fast: Flag = False, json: NewFile = None, out: Path | None = None, case: NewFile = None,
 ) -> None:
     """Say whether the model explains a recording and, if not, where they part and which physics is left out.
 

@@ -37,8 +37,8 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False, json:
     from fretflow.case.config import Output
     from fretflow.core.plugins import FIGURES, provided
     from fretflow.pipeline.problem import make_model
-    from fretflow.pipeline.results import RunRecords
     from fretflow.pipeline.run import leading
+    from fretflow.pipeline.run_records import RunRecords
     from fretflow.structure.two_mass_rig.lumped import RigModes
 
     parsed = load(case)

@@ -15,7 +15,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from cyclopts import CycloptsError, Parameter
+from cyclopts import CycloptsError, Parameter, UnusedCliTokensError
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -42,7 +42,21 @@ Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in
 Force = Annotated[bool, Parameter(negative="", show_default=False, help="compute again what is already there")]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Several = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
-Json = Annotated[Path | None, Parameter(help="file for all numbers")]
+
+
+def _can_be_written(kind: object, path: Path | None) -> None:
+    """Refuse a file that will not be written, before anything is computed for it."""
+    if path is None:
+        return
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder; name a file")
+    above = next(folder for folder in path.absolute().parents if folder.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise ValueError(f"{above} is no folder that may be written in; name another file")
+
+
+NewFile = Annotated[Path | None, Parameter(validator=_can_be_written)]
+Json = Annotated[Path | None, Parameter(help="file for all numbers", validator=_can_be_written)]
 
 
 class Terminal(Console):
@@ -228,7 +242,10 @@ def describe(error: BaseException) -> tuple[str, int]:
     if Interruption.wanted or isinstance(error, KeyboardInterrupt):
         return "interrupted; the same command continues where it stopped", INTERRUPTED
     if isinstance(error, CycloptsError):
-        return f"{shortened(str(error))}; `fretflow --help` lists what there is", BAD_USAGE
+        command = " ".join(("fretflow", *(error.command_chain or ())))
+        said = f"{command} takes no {' '.join(error.unused_tokens or ())!r} there" if isinstance(
+            error, UnusedCliTokensError) else str(error).rstrip(".")
+        return f"{shortened(said)}; `{command} --help` tells what there is", BAD_USAGE
     if isinstance(error, NonConvergenceError):
         history = f"; residual history in {error.history_file}" if error.history_file else ""
         state = f"; last good state in {error.last_good}" if error.last_good else ""

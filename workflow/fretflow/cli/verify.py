@@ -35,8 +35,9 @@ def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out
     from fretflow.pipeline.stages import complete_stages
     from fretflow.pipeline.verify import check_same_case, verdict, verify_run, write_checks
 
-    if periods < 1 or (steps is not None and steps < 8):
-        raise InputError(f"--periods {periods}, --steps {steps}: give at least 1 period and 8 steps")
+    for option, value, least in (("periods", periods, 1), ("steps", steps, 8)):
+        if value is not None and value < least:
+            raise InputError(f"--{option} {value}: must be at least {least}")
     home, given = run, None
     if run.is_file():
         given = load_case(run)

@@ -22,6 +22,7 @@ LONGEST = 1000  # characters of a message
 
 # What makes a terminal do things instead of showing them: control characters, and those that turn text around.
 _CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+_LINES = re.compile(r"\s*\n\s*")
 _QUOTED = re.compile(r"'([^']*)'")  # what may be chosen from, in words of pydantic
 _OWN_WORDS = re.compile(r", (got a|unable to) .*")  # of pydantic, on what was given
 
@@ -42,7 +43,7 @@ class FretflowError(Exception):
     exit_code = 1
 
     def __str__(self) -> str:
-        return shortened(super().__str__())
+        return shortened(_LINES.sub(" ", super().__str__()))  # one line, also where it shows an array
 
 
 class FretflowWarning(UserWarning):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import INTERFACES, Block, Effect, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
 from fretflow.structure.two_mass_rig.force_laws import HingePlay
@@ -22,23 +21,18 @@ class Backlash(Effect):
     sliders has the play for itself.
     """
 
-    id: ClassVar[str] = "backlash"
-    title: ClassVar[str] = "play between arm and holder"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "k (|d| - g / 2) sign(d) where |d| > g / 2, else 0"
-    formula: ClassVar[str] = r"F = k \operatorname{sgn}(d)\,\max\left(|d| - \tfrac{g}{2},\ 0\right)"
-    source: ClassVar[str] = ("dead zone in series with a spring: M. Nordin, P.-O. Gutman, Automatica 38 (2002), "
-                             "controlling mechanical systems with backlash")
-    first_order: ClassVar[bool] = False
-    observables: ClassVar[tuple[str, ...]] = ("flat part of a loop where the force changes its sign",)
-    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
+    id = "backlash"
+    title = "play between arm and holder"
+    block = Block.RIG
+    equation = "k (|d| - g / 2) sign(d) where |d| > g / 2, else 0"
+    formula = r"F = k \operatorname{sgn}(d)\,\max\left(|d| - \tfrac{g}{2},\ 0\right)"
+    source = ("dead zone in series with a spring: M. Nordin, P.-O. Gutman, Automatica 38 (2002), "
+              "controlling mechanical systems with backlash")
+    first_order = False
+    observables = ("flat part of a loop where the force changes its sign",)
+    kinds = INTERFACES
 
-    play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no play."""
-        return cls().changed(play=0.0)
+    play: u.SignedLength = parameter(2e-6, "g: play from end to end", 0.5e-6, 10e-6, ge=0.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Free the hinge within the play."""

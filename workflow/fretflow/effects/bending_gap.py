@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.core import units as u
-from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 
@@ -19,24 +18,20 @@ class BendingGap(Effect):
     and closes what is left, so that the frequency may rise with the amplitude.
     """
 
-    id: ClassVar[str] = "bending-gap"
-    title: ClassVar[str] = "faces that are bent along the joint"
-    block: ClassVar[Block] = Block.GEOMETRY
-    equation: ClassVar[str] = "g_0 = h (1 - x^2), less its smallest value"
-    formula: ClassVar[str] = r"g_0 = h\,(1 - x^2) - \min, \qquad x \in [-1, 1]"
-    source: ClassVar[str] = ("M. R. W. Brake (ed.), The Mechanics of Jointed Structures (Springer 2018): form and "
-                             "pressure of the faces of the Brake-Reuss beam")
-    told_by: ClassVar[str] = "the form of both faces before they were joined, by a profilometer"
-    observables: ClassVar[tuple[str, ...]] = ("frequency over amplitude that rises again", "contact pressure")
-    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
+    id = "bending-gap"
+    title = "faces that are bent along the joint"
+    block = Block.GEOMETRY
+    equation = "g_0 = h (1 - x^2), less its smallest value"
+    formula = r"g_0 = h\,(1 - x^2) - \min, \qquad x \in [-1, 1]"
+    source = ("M. R. W. Brake (ed.), The Mechanics of Jointed Structures (Springer 2018): form and "
+              "pressure of the faces of the Brake-Reuss beam")
+    told_by = "the form of both faces before they were joined, by a profilometer"
+    observables = ("frequency over amplitude that rises again", "contact pressure")
+    kinds = STRUCTURES
 
     height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", 1e-6, 60e-6,
-                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return plane faces."""
-        return cls().changed(height=0.0)
+                                       source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form",
+                                       neutral=0.0)
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Open the gap."""

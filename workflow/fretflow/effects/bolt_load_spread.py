@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
-
 import numpy as np
 
-from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 LEAST = 0.02  # of a bolt's force that is left
@@ -19,26 +17,22 @@ class BoltLoadSpread(Effect):
     beside it.
     """
 
-    id: ClassVar[str] = "bolt-load-spread"
-    title: ClassVar[str] = "bolts that pull unevenly"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "P (1 + e x + m (1 - 2 |x|)), x in [-1, 1], sum P"
-    formula: ClassVar[str] = r"P(x) \propto 1 + e\,x + m\,(1 - 2 |x|), \qquad x \in [-1, 1]"
-    source: ClassVar[str] = ("VDI 2230-1 (2015), table A8: scatter of tightening by torque; M. R. W. Brake (ed.), "
-                             "The Mechanics of Jointed Structures (Springer 2018)")
-    told_by: ClassVar[str] = "the force of each bolt, by its elongation or a washer that measures it"
-    observables: ClassVar[tuple[str, ...]] = ("damping over amplitude", "contact pressure")
-    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
+    id = "bolt-load-spread"
+    title = "bolts that pull unevenly"
+    block = Block.CONTACT
+    equation = "P (1 + e x + m (1 - 2 |x|)), x in [-1, 1], sum P"
+    formula = r"P(x) \propto 1 + e\,x + m\,(1 - 2 |x|), \qquad x \in [-1, 1]"
+    source = ("VDI 2230-1 (2015), table A8: scatter of tightening by torque; M. R. W. Brake (ed.), "
+              "The Mechanics of Jointed Structures (Springer 2018)")
+    told_by = "the force of each bolt, by its elongation or a washer that measures it"
+    observables = ("damping over amplitude", "contact pressure")
+    kinds = STRUCTURES
 
     ends: float = parameter(0.3, "e: half the difference between the bolts at both ends, over the mean", 0.05, 0.6,
-                            gt=-1.0, lt=1.0, source="VDI 2230-1: tightening factor 1.4 to 1.6 of a torque wrench")
+                            gt=-1.0, lt=1.0, source="VDI 2230-1: tightening factor 1.4 to 1.6 of a torque wrench",
+                            neutral=0.0)
     middle: float = parameter(0.0, "m: excess of the middle bolt over the mean", -0.3, 0.3, gt=-1.0, lt=1.0,
-                              source="VDI 2230-1, and elastic interaction of neighbours")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return bolts that pull alike."""
-        return cls(ends=0.0, middle=0.0)
+                              source="VDI 2230-1, and elastic interaction of neighbours", neutral=0.0)
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Let the bolts pull unevenly."""

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.kernels.static import SEPARATION
-from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, StaticHistory
+from fretflow.core.errors import InputError
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
 from fretflow.solvers.nonlinear_modes.quasi_static import shaped_load
 from fretflow.wear.cycle import CycleResponse, WearAlone, summarise_cycle
 from fretflow.wear.slow import SlowState
@@ -18,6 +19,20 @@ Array = NDArray[np.float64]
 
 STEPS = 24  # of load in half a cycle
 GROUND = 1e-7  # of the contact's own stiffness: holds parts that only bolts hold, and changes these forces by as much
+
+
+def numbered_mode(joint: BoltedJoint, number: int) -> LinearMode:
+    """Return a joint's mode about its preload by its number from 1.
+
+    Raises
+    ------
+    InputError
+        If there is none of that number.
+    """
+    modes = joint.linear_modes(max(1, number))
+    if not 1 <= number <= len(modes):
+        raise InputError(f"mode: {number} is none of the joint's {len(modes)} modes; they count from 1")
+    return modes[number - 1]
 
 
 @dataclass(frozen=True)
@@ -49,7 +64,7 @@ class BoltedCycle(WearAlone):
 
     @cached_property
     def _swing(self) -> Array:
-        mode = self.joint.linear_modes(self.mode)[self.mode - 1]
+        mode = numbered_mode(self.joint, self.mode)
         return np.asarray((2.0 * np.pi * mode.frequency)**2 * self.amplitude * shaped_load(self.joint, mode))
 
     @cached_property

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import ALL_KINDS, OTHER_RATES, Block, Effect, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -18,30 +17,25 @@ class ChannelDelay(Effect):
     late alone.
     """
 
-    id: ClassVar[str] = "channel-delay"
-    title: ClassVar[str] = "delay between the channels"
-    block: ClassVar[Block] = Block.SENSOR
-    equation: ClassVar[str] = "T_meas = H T, H = (1 + i w s tau)^(-1 / s), for s = 0 T(t - tau)"
-    formula: ClassVar[str] = (r"T_\mathrm{meas} = H\,T, \qquad H = (1 + i\,\omega\,s\,\tau)^{-1/s} \to "
-                              r"e^{-i\,\omega\,\tau}\ \text{for}\ s \to 0")
-    source: ClassVar[str] = ("shift theorem of the Fourier series: A. V. Oppenheim, R. W. Schafer, Discrete-Time "
-                             "Signal Processing, Prentice Hall (1989); equal low-passes in a row: A. I. Zverev, "
-                             "Handbook of Filter Synthesis, Wiley (1967)")
-    needs_time: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_RATES
-    observables: ClassVar[tuple[str, ...]] = ("area of a loop that sticks", "force at reversal")
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
-    sensed_at: ClassVar[int] = 2
+    id = "channel-delay"
+    title = "delay between the channels"
+    block = Block.SENSOR
+    equation = "T_meas = H T, H = (1 + i w s tau)^(-1 / s), for s = 0 T(t - tau)"
+    formula = (r"T_\mathrm{meas} = H\,T, \qquad H = (1 + i\,\omega\,s\,\tau)^{-1/s} \to "
+               r"e^{-i\,\omega\,\tau}\ \text{for}\ s \to 0")
+    source = ("shift theorem of the Fourier series: A. V. Oppenheim, R. W. Schafer, Discrete-Time "
+              "Signal Processing, Prentice Hall (1989); equal low-passes in a row: A. I. Zverev, "
+              "Handbook of Filter Synthesis, Wiley (1967)")
+    needs_time = True
+    told_by = OTHER_RATES
+    observables = ("area of a loop that sticks", "force at reversal")
+    kinds = ALL_KINDS
+    sensed_at = 2
 
-    delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6)
+    delay: u.SignedTime = parameter(100e-6, "tau: how much later the force comes", 20e-6, 300e-6, neutral=0.0)
     rounding: float = parameter(0.0, "s: one over the number of equal low-passes that delay it, 0 for a mere delay",
                                 0.0, 1.0, ge=0.0, le=1.0, rig_only=True,
                                 source="from a mere delay to a single low-pass, all that there is")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return channels in time."""
-        return cls().changed(delay=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Delay the friction force."""

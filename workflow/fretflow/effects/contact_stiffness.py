@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,14 +108,14 @@ class ContactStiffness(Effect):
     node's static pressure. Normal stiffness is Mindlin's multiple of the tangential one, or more where faces are hard.
     """
 
-    id: ClassVar[str] = "contact-stiffness"
-    title: ClassVar[str] = "asperity springs in series with the bodies"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "k_t (p / p_0)^m tangential, ratio times as much normal"
-    formula: ClassVar[str] = r"k_{c,t} = k_t \left(\frac{p}{p_0}\right)^m, \qquad k_{c,n} = r\,k_{c,t}"
-    source: ClassVar[str] = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
-                             "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
-    acts_at: ClassVar[int] = 1
+    id = "contact-stiffness"
+    title = "asperity springs in series with the bodies"
+    block = Block.CONTACT
+    equation = "k_t (p / p_0)^m tangential, ratio times as much normal"
+    formula = r"k_{c,t} = k_t \left(\frac{p}{p_0}\right)^m, \qquad k_{c,n} = r\,k_{c,t}"
+    source = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
+              "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
+    acts_at = 1
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": OTHER_LOAD + ", with which the contact stiffens and the sensor's path does not,",
         "contact-stiffness-evolution": "more loops in the first tenth of the test",
@@ -123,7 +123,8 @@ class ContactStiffness(Effect):
     observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "approach", "first resonance")
 
     stiffness: u.Stiffness = parameter(60e6, "k_t: tangential stiffness of the whole contact at p_0", 15e6, 150e6,
-                                       source="stick slopes measured on such rigs, Fantetti et al. (2019)")
+                                       source="stick slopes measured on such rigs, Fantetti et al. (2019)",
+                                       neutral=1e30)
     exponent: float = parameter(0.5, "m: how the stiffness grows with pressure", 0.0, 1.0, ge=0.0, le=1.0,
                                 source="from springs alike everywhere, W. D. Iwan, J. Appl. Mech. 33 (1966), "
                                        "to m of 0.5-1, Pohrt and Popov (2012)")
@@ -131,11 +132,6 @@ class ContactStiffness(Effect):
                              source="from Mindlin's (1949) (2 - nu) / (2 - 2 nu), 1.2 for steel, to faces taken as "
                                     "hard in the normal direction, E. P. Petrov, D. J. Ewins, J. Turbomach. 125 (2003)")
     reference_pressure: u.Pressure = parameter(60e6, "p_0: pressure at which the stiffness is k_t", 10e6, 200e6)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return rigid asperities."""
-        return cls().changed(stiffness=1e30)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the springs in."""

@@ -21,14 +21,13 @@ class ContactStiffnessEvolution(ContactStiffness):
     It holds those springs itself, so that its parameters are theirs and two more; with b = 0 it is that effect.
     """
 
-    id: ClassVar[str] = "contact-stiffness-evolution"
-    title: ClassVar[str] = "asperity springs that stiffen with the dissipated energy"
-    equation: ClassVar[str] = "k_c (1 + b (1 - exp(-E / E_0))), k_c = k_t (p / p_0)^m per area, normal ratio k_t"
-    formula: ClassVar[str] = r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - e^{-E / E_0}\right)\right]"
-    source: ClassVar[str] = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
-    over_cycles: ClassVar[bool] = True
-    observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop over cycles",
-                                              "first resonance over cycles")
+    id = "contact-stiffness-evolution"
+    title = "asperity springs that stiffen with the dissipated energy"
+    equation = "k_c (1 + b (1 - exp(-E / E_0))), k_c = k_t (p / p_0)^m per area, normal ratio k_t"
+    formula = r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - e^{-E / E_0}\right)\right]"
+    source = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
+    over_cycles = True
+    observables = ("slope of the stick portion of a loop over cycles", "first resonance over cycles")
     excludes: ClassVar[Mapping[str, str]] = {
         "contact-stiffness": "contact-stiffness-evolution holds the springs itself; give their parameters there"}
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field
 
 from fretflow.core import units as u
-from fretflow.effects.effect import LUMPED, Block, Effect, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import LUMPED, Block, Effect, Sketch, parameter
 from fretflow.structure.driven import Sliders
 
 
@@ -19,24 +18,20 @@ class CoulombFriction(Effect):
     Before it slides the joint moves by the reach d, elastically; the limit is that of Coulomb as d goes to 0.
     """
 
-    id: ClassVar[str] = "coulomb-friction"
-    title: ClassVar[str] = "dry friction"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "F_c sign(v), at rest between -F_c and F_c"
-    formula: ClassVar[str] = (r"F = F_c \operatorname{sgn}(v)\ \text{ for } v \neq 0, \qquad "
-                              r"|F| \le F_c\ \text{ for } v = 0")
-    source: ClassVar[str] = ("C. A. Coulomb, Theorie des machines simples (1785); presliding: P. R. Dahl, Aerospace "
-                             "Corp. report TOR-158(3107-18) (1968)")
-    observables: ClassVar[tuple[str, ...]] = ("force over the sign of the velocity", "force at standstill")
-    kinds: ClassVar[frozenset[RecordingKind]] = frozenset({LUMPED})
+    id = "coulomb-friction"
+    title = "dry friction"
+    block = Block.CONTACT
+    equation = "F_c sign(v), at rest between -F_c and F_c"
+    formula = (r"F = F_c \operatorname{sgn}(v)\ \text{ for } v \neq 0, \qquad "
+               r"|F| \le F_c\ \text{ for } v = 0")
+    source = ("C. A. Coulomb, Theorie des machines simples (1785); presliding: P. R. Dahl, Aerospace "
+              "Corp. report TOR-158(3107-18) (1968)")
+    observables = ("force over the sign of the velocity", "force at standstill")
+    kinds = frozenset({LUMPED})
 
-    friction_limit: u.SignedForce = parameter(20.0, "F_c: friction force while it slides", 1.0, 200.0, ge=0.0)
+    friction_limit: u.SignedForce = parameter(20.0, "F_c: friction force while it slides", 1.0, 200.0, ge=0.0,
+                                              neutral=0.0)
     reach: u.Length = Field(1e-6, description="d: elastic motion before it slides")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no friction."""
-        return cls().changed(friction_limit=0.0)
 
     def sliders(self, sliders: Sliders) -> Sliders:
         """Add the slider."""

@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
-from fretflow.effects.effect import (
-    ALL_KINDS,
-    OTHER_LOAD,
-    Array,
-    Block,
-    Effect,
-    Motion,
-    RecordingKind,
-    Sketch,
-    parameter,
-)
+from fretflow.effects.effect import ALL_KINDS, OTHER_LOAD, Array, Block, Effect, Motion, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -46,30 +35,25 @@ class DirectionalFriction(Effect):
     regularised laws of friction.
     """
 
-    id: ClassVar[str] = "directional-friction"
-    title: ClassVar[str] = "friction that differs with the direction of sliding"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = ("mu (1 + d sign v), at rest mu (1 - r d t_x), t the direction of the friction force; in "
-                               "what goes by the motion, sign v is v / sqrt(v^2 + v_0^2)")
-    formula: ClassVar[str] = (r"\mu\,(1 + d\,\mathrm{sign}\,v), \quad \text{at rest}\ \mu\,(1 - r\,d\,t_x), "
-                              r"\quad \boldsymbol{t} \text{ the direction of the friction force}")
-    source: ClassVar[str] = ("A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset "
-                             "disc; by the speed: D. C. Threlfall, Mech. Mach. Theory 13 (1978) 475-483")
-    told_by: ClassVar[str] = OTHER_LOAD
-    observables: ClassVar[tuple[str, ...]] = ("mean of the friction force", "even harmonics")
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
+    id = "directional-friction"
+    title = "friction that differs with the direction of sliding"
+    block = Block.CONTACT
+    equation = ("mu (1 + d sign v), at rest mu (1 - r d t_x), t the direction of the friction force; in "
+                "what goes by the motion, sign v is v / sqrt(v^2 + v_0^2)")
+    formula = (r"\mu\,(1 + d\,\mathrm{sign}\,v), \quad \text{at rest}\ \mu\,(1 - r\,d\,t_x), "
+               r"\quad \boldsymbol{t} \text{ the direction of the friction force}")
+    source = ("A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset "
+              "disc; by the speed: D. C. Threlfall, Mech. Mach. Theory 13 (1978) 475-483")
+    told_by = OTHER_LOAD
+    observables = ("mean of the friction force", "even harmonics")
+    kinds = ALL_KINDS
 
     difference: float = parameter(0.05, "d: half the difference between both directions, over their mean", 0.01, 0.1,
-                                  gt=-1.0, lt=1.0, logarithmic=False)
+                                  gt=-1.0, lt=1.0, logarithmic=False, neutral=0.0)
     rest: float = parameter(1.0, "r: share of the difference that is left at rest", -1.0, 1.0, ge=-1.0, le=1.0,
                             logarithmic=False, rig_only=True)
     speed_scale: u.Velocity = parameter(0.1e-3, "v_0: speed by which the motion of the specimen has a way", 0.05e-3,
                                         5e-3, rig_only=True)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return friction alike in both directions."""
-        return cls(difference=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the direction: of motion and of force with parts that add up in sliding."""

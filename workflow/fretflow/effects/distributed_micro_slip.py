@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.effects.effect import INTERFACES, Array, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import INTERFACES, Array, Block, Effect, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
@@ -31,32 +30,24 @@ class DistributedMicroSlip(Effect):
     face. Of n places drawn at random the correlation with u has an sd of ``1 / sqrt(n)``, from which e has its range.
     """
 
-    id: ClassVar[str] = "distributed-micro-slip"
-    title: ClassVar[str] = "distributed slip limits"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = ("slip limit s (1 - w + w (1 + b) q^b), q uniform in 0...1; rig: times "
-                               "(1 - c t_x) exp(e w u)")
-    formula: ClassVar[str] = (r"s(q) = s \left[1 - w + w (1 + b)\,q^b\right], \quad q \in [0, 1]; \qquad "
-                              r"\text{on the rig: times } (1 - c\,t_x)\,e^{e w u}")
-    source: ClassVar[str] = ("W. D. Iwan, J. Appl. Mech. 33 (1966); power law of limits: D. J. Segalman, J. Appl. "
-                             "Mech. 72 (2005)")
-    observables: ClassVar[tuple[str, ...]] = ("knee of a loop between stick and plateau",
-                                              "dissipated energy over amplitude below gross slip")
-    extends: ClassVar[frozenset[str]] = frozenset({"directional-friction"})  # by c
-    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
+    id = "distributed-micro-slip"
+    title = "distributed slip limits"
+    block = Block.CONTACT
+    equation = "slip limit s (1 - w + w (1 + b) q^b), q uniform in 0...1; rig: times (1 - c t_x) exp(e w u)"
+    formula = (r"s(q) = s \left[1 - w + w (1 + b)\,q^b\right], \quad q \in [0, 1]; \qquad "
+               r"\text{on the rig: times } (1 - c\,t_x)\,e^{e w u}")
+    source = "W. D. Iwan, J. Appl. Mech. 33 (1966); power law of limits: D. J. Segalman, J. Appl. Mech. 72 (2005)"
+    observables = ("knee of a loop between stick and plateau", "dissipated energy over amplitude below gross slip")
+    extends = frozenset({"directional-friction"})  # by c
+    kinds = INTERFACES
 
-    spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0)
+    spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0, neutral=0.0)
     power: float = parameter(1.0, "b: 1 for a uniform distribution, more for many small limits", 0.5, 4.0,
                              ge=0.25, le=20.0, logarithmic=True)
     lean: float = parameter(0.0, "c: half the difference between both directions of sliding, over the mean", -0.1, 0.1,
                             gt=-1.0, lt=1.0, rig_only=True)
     rim: float = parameter(0.0, "e: how much more friction the rim has than the middle, over the spread", -0.1, 0.1,
                            gt=-2.0, lt=2.0, rig_only=True)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return one limit for all."""
-        return cls(spread=0.0)
 
     def shares(self, quantile: Array) -> Array:
         """Return the slip limits over their mean at `quantile` (M,)."""

@@ -45,7 +45,7 @@ class Baseline(Section):
 class SliderBaseline(Baseline):
     """A Coulomb slider with a spring in series, driven by a measured displacement."""
 
-    kind: ClassVar[RecordingKind] = IMPOSED_DISPLACEMENT
+    kind = IMPOSED_DISPLACEMENT
 
     tangential_stiffness: u.SignedStiffness = parameter(
         28e6, "stiffness of the joint while it sticks", 1e6, 1e9, source=WIDE, gt=0.0)
@@ -59,7 +59,7 @@ class SliderBaseline(Baseline):
 class LumpedBaseline(Baseline):
     """A mass on a damper and, where its field is set, a spring."""
 
-    kind: ClassVar[RecordingKind] = LUMPED
+    kind = LUMPED
 
     mass: u.SignedMass = parameter(10.0, "moving mass", 0.1, 1e3, source=WIDE, ge=0.0)
     damping: u.SignedDamping = parameter(100.0, "viscous damping", 1.0, 1e4, source=WIDE, ge=0.0)

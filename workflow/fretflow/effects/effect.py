@@ -16,9 +16,13 @@ Derivatives by parameters need not be written: `model` differentiates the data o
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -28,6 +32,7 @@ from pydantic import Field
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
+from fretflow.core.errors import InputError
 from fretflow.effects.sketches import Sketch as Sketch
 from fretflow.effects.sketches import loop_sketch
 from fretflow.recordings.kinds import RecordingKind as RecordingKind
@@ -80,6 +85,7 @@ class Prior:
     source: str
     rig_only: bool = False
     held: bool = False
+    neutral: float | None = None  # the value with which, all neutral ones alike, nothing changes
 
 
 # What would show an effect, in words that every kind of recording shares.
@@ -90,10 +96,13 @@ UNLOADED = "the channels at rest and with the specimens apart, before and after 
 ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm², 100 Hz"
 
 
-def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,
-              logarithmic: bool | None = None, rig_only: bool = False, held: bool = False, **limits: Any) -> Any:
+def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = "",
+              neutral: float | None = None, logarithmic: bool | None = None, rig_only: bool = False,
+              held: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
+    A `source` of the range that is not given is the catalogue's estimate, or for users' effects the file they are in.
+    With the `neutral` values of all parameters that have one, the effect changes nothing.
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
     One that acts in the fretting rig only is not fitted where a measured motion drives the joint, nor is one that is
     `held` there, as the force tells only its ratio to another one.
@@ -102,20 +111,32 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     --------
     >>> import fretflow as ff
     >>> class Grip(ff.Effect):
-    ...     strength: float = ff.parameter(0.2, "a: rise of the friction", 0.05, 0.5, gt=-1.0)
-    >>> Grip().strength, Grip.priors()["strength"].high
-    (0.2, 0.5)
+    ...     strength: float = ff.parameter(0.2, "a: rise of the friction", 0.05, 0.5, neutral=0.0, gt=-1.0)
+    >>> Grip().strength, Grip.priors()["strength"].high, Grip.neutral().strength
+    (0.2, 0.5, 0.0)
     """
     decades = low > 0.0 and high / low >= 10.0
-    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held)
+    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held, neutral)
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 
-def declared_priors(section: type[Section]) -> dict[str, Prior]:
+@cache
+def declared_priors(section: type[Section]) -> Mapping[str, Prior]:
     """Return the ranges of the fields of `section` that `parameter` declared."""
     extras = {name: info.json_schema_extra for name, info in section.model_fields.items()}
-    return {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
-            if isinstance(extra, dict) and "prior" in extra}
+    found: dict[str, Prior] = {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
+                               if isinstance(extra, dict) and "prior" in extra}
+    return MappingProxyType({name: prior if prior.source else replace(prior, source=_whose_range(section, name))
+                             for name, prior in found.items()})
+
+
+def _whose_range(section: type[Section], field: str) -> str:
+    """Return who says the range of a field that does not say where it is from: the catalogue, or a user's file."""
+    room = next(one for one in section.__mro__ if field in vars(one).get("__annotations__", {})).__module__
+    if room.startswith(f"{__package__}."):
+        return ESTIMATE
+    file = getattr(sys.modules.get(room), "__file__", None)
+    return f"stated in {Path(file).name if file else room}"
 
 
 def parameter_limits(section: type[Section], field: str) -> tuple[float, float]:
@@ -177,8 +198,17 @@ class Effect(Section):
 
     @classmethod
     def neutral(cls) -> Self:
-        """Return the effect with parameters at which it does nothing: those that make it act are stated."""
-        raise NotImplementedError
+        """Return the effect with its neutral parameters: nothing changes.
+
+        Raises
+        ------
+        InputError
+            If no parameter says its neutral value.
+        """
+        values = {name: prior.neutral for name, prior in cls.priors().items() if prior.neutral is not None}
+        if not values:
+            raise InputError(f"effect {cls.id}: no parameter says with what it changes nothing; give one neutral=0.0")
+        return cls().changed(**values)
 
     @classmethod
     def plainest(cls) -> Self:
@@ -186,7 +216,7 @@ class Effect(Section):
         return cls.neutral()
 
     @classmethod
-    def priors(cls) -> dict[str, Prior]:
+    def priors(cls) -> Mapping[str, Prior]:
         """Return the range of every parameter that has one."""
         return declared_priors(cls)
 

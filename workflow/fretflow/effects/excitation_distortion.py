@@ -6,7 +6,7 @@ import cmath
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,29 +18,24 @@ from fretflow.wear.slow import SlowState
 class ExcitationDistortion(Effect):
     """Second and third harmonic of the shaker's force, and what its fundamental is off by, over what it is set to."""
 
-    id: ClassVar[str] = "excitation-distortion"
-    title: ClassVar[str] = "a drive that is not the cosine it is set to"
-    block: ClassVar[Block] = Block.EXCITATION
-    equation: ClassVar[str] = "F ((1 + a_1) cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
-    formula: ClassVar[str] = (r"F \left[(1 + a_1) \cos\omega t + a_2 \cos(2 \omega t + b_2) "
-                              r"+ a_3 \cos(3 \omega t + b_3)\right]")
-    source: ClassVar[str] = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
-    told_by: ClassVar[str] = "a record of the excitation force"
+    id = "excitation-distortion"
+    title = "a drive that is not the cosine it is set to"
+    block = Block.EXCITATION
+    equation = "F ((1 + a_1) cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3))"
+    formula = (r"F \left[(1 + a_1) \cos\omega t + a_2 \cos(2 \omega t + b_2) "
+               r"+ a_3 \cos(3 \omega t + b_3)\right]")
+    source = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
+    told_by = "a record of the excitation force"
     told_from: ClassVar[Mapping[str, str]] = {
         "support-nonlinearity": "the excitation force itself, at several amplitudes,"}
-    observables: ClassVar[tuple[str, ...]] = ("harmonics of the excitation channel", "harmonics of the displacement")
+    observables = ("harmonics of the excitation channel", "harmonics of the displacement")
 
-    second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0)
+    second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
     second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, logarithmic=False)
-    third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0)
+    third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
     third_phase: float = parameter(0.0, "b_3: its phase in rad", -math.pi, math.pi, logarithmic=False)
     fundamental: float = parameter(0.0, "a_1: what an amplifier that saturates adds to the fundamental", -0.1, 0.1,
-                                   gt=-1.0, logarithmic=False)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a pure cosine."""
-        return cls(fundamental=0.0, second=0.0, third=0.0)
+                                   gt=-1.0, logarithmic=False, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the harmonics."""

@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from pydantic import Field
 
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, parameter
 from fretflow.structure.sensors import Signals
 
 
 class ExtraMode(Effect):
     """Measured force ``H T`` with H of an oscillator that the friction force drives: its spring's force over T."""
 
-    id: ClassVar[str] = "extra-mode"
-    title: ClassVar[str] = "one more resonance in the force path"
-    block: ClassVar[Block] = Block.SENSOR
-    equation: ClassVar[str] = "T_meas = H T, H = 1 - r + r / (1 - (w/w_0)^2 + 2 i zeta w/w_0)"
-    formula: ClassVar[str] = (r"T_\mathrm{meas} = H\,T, \qquad "
-                              r"H = 1 - r + \frac{r}{1 - (\omega / \omega_0)^2 + 2 i \zeta\,\omega / \omega_0}")
-    source: ClassVar[str] = ("transfer function of one mode: D. J. Ewins, Modal Testing: Theory, Practice and "
-                             "Application, 2nd ed., Research Studies Press (2000)")
-    first_order: ClassVar[bool] = False
-    needs_time: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_RATES
-    observables: ClassVar[tuple[str, ...]] = ("ripple on the plateaus after a reversal", "high harmonics of the force")
-    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
-    sensed_at: ClassVar[int] = 1
+    id = "extra-mode"
+    title = "one more resonance in the force path"
+    block = Block.SENSOR
+    equation = "T_meas = H T, H = 1 - r + r / (1 - (w/w_0)^2 + 2 i zeta w/w_0)"
+    formula = (r"T_\mathrm{meas} = H\,T, \qquad "
+               r"H = 1 - r + \frac{r}{1 - (\omega / \omega_0)^2 + 2 i \zeta\,\omega / \omega_0}")
+    source = ("transfer function of one mode: D. J. Ewins, Modal Testing: Theory, Practice and "
+              "Application, 2nd ed., Research Studies Press (2000)")
+    first_order = False
+    needs_time = True
+    told_by = OTHER_RATES
+    observables = ("ripple on the plateaus after a reversal", "high harmonics of the force")
+    kinds = INTERFACES
+    sensed_at = 1
 
     frequency: u.Frequency = parameter(450.0, "w_0 / 2 pi: frequency of the mode", 250.0, 900.0, logarithmic=True)
     damping_ratio: float = parameter(0.03, "zeta: its damping ratio", 0.01, 0.1, gt=0.0, lt=1.0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, RecordingKind, parameter
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Array, Block, Effect, Motion, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.two_mass_rig.force_laws import BlockPull
 from fretflow.structure.two_mass_rig.joint import change_rig
@@ -20,28 +20,23 @@ class ForceOffset(Effect):
     An actuator's offset, a slope under gravity, a preloaded spring.
     """
 
-    id: ClassVar[str] = "force-offset"
-    title: ClassVar[str] = "constant force"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "F_0 besides all other forces"
-    formula: ClassVar[str] = r"F_0 = \text{const, besides all other forces}"
-    source: ClassVar[str] = ("offset of the drive force: A. Janot, M. Gautier, M. Brunot, Data Set and Reference "
-                             "Models of EMPS, Workshop on Nonlinear System Identification Benchmarks (2019)")
-    told_by: ClassVar[str] = UNLOADED
-    confirmed_by: ClassVar[str] = ("The displacement at rest, before and after the test, would tell a constant force "
-                                   "from a sensor that was not set to zero there.")
+    id = "force-offset"
+    title = "constant force"
+    block = Block.RIG
+    equation = "F_0 besides all other forces"
+    formula = r"F_0 = \text{const, besides all other forces}"
+    source = ("offset of the drive force: A. Janot, M. Gautier, M. Brunot, Data Set and Reference "
+              "Models of EMPS, Workshop on Nonlinear System Identification Benchmarks (2019)")
+    told_by = UNLOADED
+    confirmed_by = ("The displacement at rest, before and after the test, would tell a constant force "
+                    "from a sensor that was not set to zero there.")
     told_from: ClassVar[Mapping[str, str]] = {
         "parallel-stiffness": "the same motion about another middle position, which changes the mean force of a spring "
                               "alone,"}
-    observables: ClassVar[tuple[str, ...]] = ("mean of the force",)
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
+    observables = ("mean of the force",)
+    kinds = ALL_KINDS
 
-    force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no force."""
-        return cls().changed(force_offset=0.0)
+    force_offset: u.SignedForce = parameter(3.0, "F_0: the force along x", -30.0, 30.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Pull at the block."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,29 +22,23 @@ class FrictionRunIn(Effect):
     It takes the place of the case's coefficient, to which mu_inf is equal unless given.
     """
 
-    id: ClassVar[str] = "friction-run-in"
-    title: ClassVar[str] = "friction that settles with the dissipated energy"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "mu = mu_inf - (mu_inf - mu_0) exp(-E / E_0)"
-    formula: ClassVar[str] = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,e^{-E / E_0}"
-    source: ClassVar[str] = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
-                             "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
-    over_cycles: ClassVar[bool] = True
+    id = "friction-run-in"
+    title = "friction that settles with the dissipated energy"
+    block = Block.CONTACT
+    equation = "mu = mu_inf - (mu_inf - mu_0) exp(-E / E_0)"
+    formula = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,e^{-E / E_0}"
+    source = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
+              "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
+    over_cycles = True
     told_from: ClassVar[Mapping[str, str]] = {
         "normal-load-drift": "a record of the normal force over the test",
         "contact-stiffness-evolution": "sticking loops of small amplitude, new and run in,"}
-    observables: ClassVar[tuple[str, ...]] = ("friction force on the plateau over cycles", "sliding over cycles",
-                                              "dissipated energy over cycles")
+    observables = ("friction force on the plateau over cycles", "sliding over cycles", "dissipated energy over cycles")
 
-    initial: float = parameter(0.35, "mu_0: coefficient of the new faces", 0.2, 0.5, gt=0.0, le=5.0)
+    initial: float = parameter(0.35, "mu_0: coefficient of the new faces", 0.2, 0.5, gt=0.0, le=5.0, neutral=TYPICAL)
     final: float | None = parameter(None, "mu_inf: coefficient in the end; by default the case's", 0.6, 0.9,
                                     gt=0.0, le=5.0)
     energy: u.Energy = parameter(30.0, "E_0: energy over which it settles", 5.0, 150.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return the coefficient of a case that states none, from the start."""
-        return cls(initial=TYPICAL)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the coefficient at this energy in."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 
@@ -22,29 +21,25 @@ class InitialGap(Effect):
     ``s(x) = max(|x| - flat, 0) / (1 - flat)``: what is flat in the middle has rounded edges.
     """
 
-    id: ClassVar[str] = "initial-gap"
-    title: ClassVar[str] = "tilt, crown or rounded edges of the unworn faces"
-    block: ClassVar[Block] = Block.GEOMETRY
-    equation: ClassVar[str] = ("g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (s(x)^2 + s(y)^2) / 2 + z s(x)^2, "
-                               "s(x) = max(|x| - f, 0) / (1 - f), x, y in [-1, 1]")
-    formula: ClassVar[str] = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(s_x^2 + s_y^2) "
-                              r"+ z\,s_x^2, \quad s_x = \frac{(|x| - f)_+}{1 - f}")
-    source: ClassVar[str] = ("K. L. Johnson, Contact Mechanics (1985), section 4.1; flat with rounded edges: "
-                             "M. Ciavarella, D. A. Hills, G. Monno, Proc. Inst. Mech. Eng. C 212 (1998) 319-327")
-    told_by: ClassVar[str] = "maps of both faces before the test"
-    observables: ClassVar[tuple[str, ...]] = ("wear map", "loops of the first cycles", "approach")
+    id = "initial-gap"
+    title = "tilt, crown or rounded edges of the unworn faces"
+    block = Block.GEOMETRY
+    equation = ("g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (s(x)^2 + s(y)^2) / 2 + z s(x)^2, "
+                "s(x) = max(|x| - f, 0) / (1 - f), x, y in [-1, 1]")
+    formula = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(s_x^2 + s_y^2) "
+               r"+ z\,s_x^2, \quad s_x = \frac{(|x| - f)_+}{1 - f}")
+    source = ("K. L. Johnson, Contact Mechanics (1985), section 4.1; flat with rounded edges: "
+              "M. Ciavarella, D. A. Hills, G. Monno, Proc. Inst. Mech. Eng. C 212 (1998) 319-327")
+    told_by = "maps of both faces before the test"
+    observables = ("wear map", "loops of the first cycles", "approach")
 
-    tilt_x: u.SignedLength = parameter(1e-6, "t_x: height over the width, along the sliding", -4e-6, 4e-6)
-    tilt_y: u.SignedLength = parameter(0.0, "t_y: height over the width, across", -4e-6, 4e-6)
-    crown: u.SignedLength = parameter(0.0, "c: depth of the corners below the middle", 0.0, 4e-6)
-    cylinder: u.SignedLength = parameter(0.0, "z: depth of the ends of the stroke below the middle", 0.0, 4e-6)
+    tilt_x: u.SignedLength = parameter(1e-6, "t_x: height over the width, along the sliding", -4e-6, 4e-6, neutral=0.0)
+    tilt_y: u.SignedLength = parameter(0.0, "t_y: height over the width, across", -4e-6, 4e-6, neutral=0.0)
+    crown: u.SignedLength = parameter(0.0, "c: depth of the corners below the middle", 0.0, 4e-6, neutral=0.0)
+    cylinder: u.SignedLength = parameter(0.0, "z: depth of the ends of the stroke below the middle", 0.0, 4e-6,
+                                         neutral=0.0)
     flat: float = parameter(0.0, "f: share of the half width that is flat, between rounded edges", 0.0, 0.8,
                             ge=0.0, lt=1.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return flat faces."""
-        return cls().changed(tilt_x=0.0, tilt_y=0.0, crown=0.0, cylinder=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Open the gap."""

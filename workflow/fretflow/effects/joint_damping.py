@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 
-from fretflow.effects.effect import STRUCTURES, Block, Effect, Prior, RecordedSize, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import STRUCTURES, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
 
@@ -19,24 +18,20 @@ class JointDamping(Effect):
     that are not in the model, whose work goes with the cube of the amplitude.
     """
 
-    id: ClassVar[str] = "joint-damping"
-    title: ClassVar[str] = "damping of the rest that grows with the amplitude"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "zeta + s a, a the modal amplitude"
-    formula: ClassVar[str] = r"\zeta(a) = \zeta_0 + s\,a"
-    source: ClassVar[str] = ("L. E. Goodman, J. H. Klumpp, J. Appl. Mech. 23 (1956) 421, cubic work; W. E. Baker, "
-                             "W. E. Woolam, D. Young, Int. J. Mech. Sci. 9 (1967) 743, air")
-    told_by: ClassVar[str] = "the same backbone in vacuum, or of a structure of one piece on the same supports"
-    observables: ClassVar[tuple[str, ...]] = ("damping over amplitude without a change of frequency",)
-    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
+    id = "joint-damping"
+    title = "damping of the rest that grows with the amplitude"
+    block = Block.RIG
+    equation = "zeta + s a, a the modal amplitude"
+    formula = r"\zeta(a) = \zeta_0 + s\,a"
+    source = ("L. E. Goodman, J. H. Klumpp, J. Appl. Mech. 23 (1956) 421, cubic work; W. E. Baker, "
+              "W. E. Woolam, D. Young, Int. J. Mech. Sci. 9 (1967) 743, air")
+    told_by = "the same backbone in vacuum, or of a structure of one piece on the same supports"
+    observables = ("damping over amplitude without a change of frequency",)
+    kinds = STRUCTURES
 
     slope: float = parameter(1.0, "s: damping ratio over modal amplitude in m kg^0.5", 0.1, 10.0, ge=0.0,
-                             source="at the largest amplitude a tenth of the least damping to thrice that there")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no further damping."""
-        return cls(slope=0.0)
+                             source="at the largest amplitude a tenth of the least damping to thrice that there",
+                             neutral=0.0)
 
     @classmethod
     def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:

@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
-from fretflow.effects.effect import (
-    OTHER_LOAD,
-    RIG_ONLY,
-    Block,
-    Effect,
-    Prior,
-    RecordedSize,
-    RecordingKind,
-    Sketch,
-    parameter,
-)
+from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -32,26 +21,22 @@ class LoadDependentFriction(Effect):
     it proportional (b = 0). Below a thousandth of p_0 the coefficient stays what it is there.
     """
 
-    id: ClassVar[str] = "load-dependent-friction"
-    title: ClassVar[str] = "friction that falls with the pressure"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "mu (p / p_0)^-b"
-    formula: ClassVar[str] = r"\mu \left(\frac{p}{p_0}\right)^{-b}"
-    source: ClassVar[str] = ("F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids (1950); "
-                             "J. F. Archard, Proc. R. Soc. A 243 (1957)")
-    told_by: ClassVar[str] = OTHER_LOAD
-    observables: ClassVar[tuple[str, ...]] = ("friction force at other normal loads", "wear map near the edges")
-    kinds: ClassVar[frozenset[RecordingKind]] = RIG_ONLY
+    id = "load-dependent-friction"
+    title = "friction that falls with the pressure"
+    block = Block.CONTACT
+    equation = "mu (p / p_0)^-b"
+    formula = r"\mu \left(\frac{p}{p_0}\right)^{-b}"
+    source = ("F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids (1950); "
+              "J. F. Archard, Proc. R. Soc. A 243 (1957)")
+    told_by = OTHER_LOAD
+    observables = ("friction force at other normal loads", "wear map near the edges")
+    kinds = RIG_ONLY
 
-    exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0)
+    exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0,
+                                neutral=0.0)
     reference_pressure: u.Pressure | None = parameter(
         60e6, "p_0: pressure at which friction is that of the contact table", 10e6, 200e6, gt=0.0,
         source="the load of the paper's test 1 over its area; fixed, so that tests at other loads can be compared")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return friction in proportion to the load."""
-        return cls(exponent=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the pressure."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
@@ -37,27 +36,22 @@ class NormalLoadCoupling(Effect):
     Where a measured motion drives the joint, the friction limit follows as ``1 + s x / N_0``, with N_0 given here.
     """
 
-    id: ClassVar[str] = "normal-load-coupling"
-    title: ClassVar[str] = "normal load that follows the motion"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "N = N_0 + s x (1 + k x)"
-    formula: ClassVar[str] = r"N = N_0 + s\,x\,(1 + k\,x)"
-    source: ClassVar[str] = ("C.-H. Menq, J. H. Griffin, J. Bielak, J. Sound Vib. 107 (1986), variable normal load; "
-                             "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
-    told_by: ClassVar[str] = "a record of the normal force over the loops"
-    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, opposite in sign", "normal force")
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
+    id = "normal-load-coupling"
+    title = "normal load that follows the motion"
+    block = Block.CONTACT
+    equation = "N = N_0 + s x (1 + k x)"
+    formula = r"N = N_0 + s\,x\,(1 + k\,x)"
+    source = ("C.-H. Menq, J. H. Griffin, J. Bielak, J. Sound Vib. 107 (1986), variable normal load; "
+              "wedge of half-angle a on a support of stiffness k_n: s = k_n tan a")
+    told_by = "a record of the normal force over the loops"
+    observables = ("slope of both plateaus of a loop, opposite in sign", "normal force")
+    kinds = ALL_KINDS
 
-    slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6)
+    slope: u.SignedStiffness = parameter(0.3e6, "s: change of the load with the position", 0.05e6, 1.5e6, neutral=0.0)
     mean_load: u.Force = parameter(60.0, "N_0 where no normal load is known (driven joints)", 10.0, 200.0,
                                   held=True)
     curvature: u.SignedCurvature = parameter(0.0, "k: of the guide, by which its slope differs over a length",
                                              -5e4, 5e4, rig_only=True)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a constant load."""
-        return cls().changed(slope=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let the load follow the arm, and friction a curved guide."""

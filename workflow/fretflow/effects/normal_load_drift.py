@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
-
 import numpy as np
 
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
@@ -14,25 +12,19 @@ from fretflow.wear.slow import SlowState
 class NormalLoadDrift(Effect):
     """Normal load that relaxes by a share of its value, as a clamped or bolted load does when its seats settle."""
 
-    id: ClassVar[str] = "normal-load-drift"
-    title: ClassVar[str] = "normal load that falls over cycles"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "N = N_0 (1 - a (1 - exp(-n / n_T)))"
-    formula: ClassVar[str] = r"N = N_0 \left[1 - a \left(1 - e^{-n / n_T}\right)\right]"
-    source: ClassVar[str] = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
-                             "vibration; here of first order in the cycles")
-    over_cycles: ClassVar[bool] = True
-    told_by: ClassVar[str] = "a record of the normal force over the test"
-    observables: ClassVar[tuple[str, ...]] = ("normal force over cycles", "friction force over cycles",
-                                              "sliding over cycles")
+    id = "normal-load-drift"
+    title = "normal load that falls over cycles"
+    block = Block.RIG
+    equation = "N = N_0 (1 - a (1 - exp(-n / n_T)))"
+    formula = r"N = N_0 \left[1 - a \left(1 - e^{-n / n_T}\right)\right]"
+    source = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
+              "vibration; here of first order in the cycles")
+    over_cycles = True
+    told_by = "a record of the normal force over the test"
+    observables = ("normal force over cycles", "friction force over cycles", "sliding over cycles")
 
-    loss: float = parameter(0.15, "a: share of the load that is lost in the end", 0.04, 0.3, lt=1.0)
+    loss: float = parameter(0.15, "a: share of the load that is lost in the end", 0.04, 0.3, lt=1.0, neutral=0.0)
     settling: float = parameter(4e4, "n_T: cycles over which it is lost", 1e4, 1.5e5, gt=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a load that stays."""
-        return cls(loss=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the load at this cycle in."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field
 
 from fretflow.core import units as u
-from fretflow.effects.effect import OTHER_RATES, STRUCTURES, Array, Block, Effect, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import OTHER_RATES, STRUCTURES, Array, Block, Effect, Sketch, parameter
 from fretflow.effects.third_body import edge_position
 from fretflow.effects.wear_threshold import frictional_power
 from fretflow.solvers.periodic import PeriodicProblem
@@ -26,31 +25,27 @@ class OxygenLimitedWear(Effect):
     as q^-1/2. Oxides wear by K_w; bare metal, which adheres and is carried from face to face, by the share k_a of it.
     """
 
-    id: ClassVar[str] = "oxygen-limited-wear"
-    title: ClassVar[str] = "adhesive instead of abrasive wear where oxygen does not reach"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = ("K_w (k_a + (1 - k_a) c), c = cosh(x / d) / cosh(a / d), d = d_0 (q_0 / q)^(1/2), q "
-                               "mean frictional power per area of contact")
-    formula: ClassVar[str] = (r"K_w \left[k_a + (1 - k_a)\,\frac{\cosh(x / d)}{\cosh(a / d)}\right], \qquad "
-                              r"d = d_0 \sqrt{q_0 / q}")
-    source: ClassVar[str] = ("S. Fouvry, P. Arnaud, A. Mignot, P. Neubauer, Tribol. Int. 113 (2017) 460-473, contact "
-                             "oxygenation; P. Arnaud, S. Baydoun, S. Fouvry, Tribol. Int. 161 (2021) 107077, reaction "
-                             "and diffusion; E. W. Thiele, Ind. Eng. Chem. 31 (1939) 916, their balance")
-    told_by: ClassVar[str] = OTHER_RATES
-    observables: ClassVar[tuple[str, ...]] = ("worn profile: W at high power, U at low", "wear rate over power density")
-    kinds: ClassVar[frozenset[RecordingKind]] = STRUCTURES
+    id = "oxygen-limited-wear"
+    title = "adhesive instead of abrasive wear where oxygen does not reach"
+    block = Block.WEAR
+    equation = ("K_w (k_a + (1 - k_a) c), c = cosh(x / d) / cosh(a / d), d = d_0 (q_0 / q)^(1/2), q "
+                "mean frictional power per area of contact")
+    formula = (r"K_w \left[k_a + (1 - k_a)\,\frac{\cosh(x / d)}{\cosh(a / d)}\right], \qquad "
+               r"d = d_0 \sqrt{q_0 / q}")
+    source = ("S. Fouvry, P. Arnaud, A. Mignot, P. Neubauer, Tribol. Int. 113 (2017) 460-473, contact "
+              "oxygenation; P. Arnaud, S. Baydoun, S. Fouvry, Tribol. Int. 161 (2021) 107077, reaction "
+              "and diffusion; E. W. Thiele, Ind. Eng. Chem. 31 (1939) 916, their balance")
+    told_by = OTHER_RATES
+    observables = ("worn profile: W at high power, U at low", "wear rate over power density")
+    kinds = STRUCTURES
 
     distance: u.Length = parameter(1e-3, "d_0: distance that oxygen reaches at q_0", 0.1e-3, 5e-3,
                                    source="oxygenated borders of 0.1 mm to a few, Fouvry et al. (2017)")
     adhesive_share: float = parameter(0.2, "k_a: adhesive over abrasive wear coefficient", 0.02, 0.8, ge=0.0, le=1.0,
-                                      source="wear rates of Ti-6Al-4V at the highest over those at the lowest power")
+                                      source="wear rates of Ti-6Al-4V at the highest over those at the lowest power",
+                                      neutral=1.0)
     # No range: it only says where d_0 is stated.
     reference_power: u.PowerDensity = Field(1e5, description="q_0: frictional power density at which d_0 is stated")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return bare metal that wears as its oxides do."""
-        return cls(adhesive_share=1.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the mean coefficient by the oxygen that reaches each node, over K_w."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
@@ -21,26 +21,21 @@ class ParallelStiffness(Effect):
     A seal, a cable, a leaf that guides the arm and hardens as it stretches, or the part of a joint that never slides.
     """
 
-    id: ClassVar[str] = "parallel-stiffness"
-    title: ClassVar[str] = "spring beside the contact"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "force on the arm -k x - k_3 x^3; T_meas = T + k x + k_3 x^3"
-    formula: ClassVar[str] = r"F_\mathrm{arm} = -k\,x - k_3 x^3, \qquad T_\mathrm{meas} = T + k\,x + k_3 x^3"
-    source: ClassVar[str] = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), "
-                             "640-643; hardening: G. Duffing, Erzwungene Schwingungen (1918)")
+    id = "parallel-stiffness"
+    title = "spring beside the contact"
+    block = Block.RIG
+    equation = "force on the arm -k x - k_3 x^3; T_meas = T + k x + k_3 x^3"
+    formula = r"F_\mathrm{arm} = -k\,x - k_3 x^3, \qquad T_\mathrm{meas} = T + k\,x + k_3 x^3"
+    source = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), 640-643; hardening: "
+              "G. Duffing, Erzwungene Schwingungen (1918)")
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": "loops of sticking contact at small amplitudes"}
-    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and positive",)
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
+    observables = ("slope of both plateaus of a loop, alike and positive",)
+    kinds = ALL_KINDS
 
-    stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0)
+    stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0, neutral=0.0)
     cubic: u.CubicStiffness = parameter(0.0, "k_3: by which it hardens, or yields", -4e15, 4e15, rig_only=True,
-                                        source="as much as the stiffest linear part at 10 µm")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no spring."""
-        return cls().changed(stiffness=0.0, cubic=0.0)
+                                        neutral=0.0, source="as much as the stiffest linear part at 10 µm")
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the spring."""

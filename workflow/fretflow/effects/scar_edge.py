@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -59,26 +59,21 @@ class ScarEdge(Effect):
     it is measured with the friction force.
     """
 
-    id: ClassVar[str] = "scar-edge"
-    title: ClassVar[str] = "ends of the stroke that harden as the scar deepens"
-    block: ClassVar[Block] = Block.GEOMETRY
-    equation: ClassVar[str] = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^2, e = (|x| - (1 - w) X) / (w X) "
-                               "kept within 0 and 1; T_meas = T - F")
-    formula: ClassVar[str] = (r"F = -\operatorname{sgn}(x)\,F_p \left(1 - e^{-h / h_s}\right) e^2, \qquad "
-                              r"e = \frac{|x| - (1 - w) X}{w X} \in [0, 1], \qquad T_\mathrm{meas} = T - F")
-    source: ClassVar[str] = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
-                             "802-816, wear-scar interaction; the shape of the rise is an assumption")
-    over_cycles: ClassVar[bool] = True
-    observables: ClassVar[tuple[str, ...]] = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
+    id = "scar-edge"
+    title = "ends of the stroke that harden as the scar deepens"
+    block = Block.GEOMETRY
+    equation = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^2, e = (|x| - (1 - w) X) / (w X) "
+                "kept within 0 and 1; T_meas = T - F")
+    formula = (r"F = -\operatorname{sgn}(x)\,F_p \left(1 - e^{-h / h_s}\right) e^2, \qquad "
+               r"e = \frac{|x| - (1 - w) X}{w X} \in [0, 1], \qquad T_\mathrm{meas} = T - F")
+    source = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
+              "802-816, wear-scar interaction; the shape of the rise is an assumption")
+    over_cycles = True
+    observables = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
 
-    peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of a deep scar", 3.0, 25.0, ge=0.0)
+    peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of a deep scar", 3.0, 25.0, ge=0.0, neutral=0.0)
     width: float = parameter(0.3, "w: length of the rise over the half stroke", 0.1, 0.6, gt=0.0, le=1.0)
     depth_scale: u.Length = parameter(1e-6, "h_s: mean depth of both faces over which it builds up", 0.2e-6, 5e-6)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a scar that does not hold back."""
-        return cls().changed(peak_force=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the force of the scar as it is."""

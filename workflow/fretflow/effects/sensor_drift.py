@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.core import units as u
-from fretflow.effects.effect import ALL_KINDS, UNLOADED, Block, Effect, RecordingKind, Sketch, parameter
+from fretflow.effects.effect import ALL_KINDS, UNLOADED, Block, Effect, Sketch, parameter
 from fretflow.structure.sensors import Signals
 
 
 class SensorDrift(Effect):
     """Measured force ``T + d s``, s the share of the test, or of the record, that is over."""
 
-    id: ClassVar[str] = "sensor-drift"
-    title: ClassVar[str] = "drift of the force channel"
-    block: ClassVar[Block] = Block.SENSOR
-    equation: ClassVar[str] = "T_meas = T + d s, s from 0 to 1 over the test"
-    formula: ClassVar[str] = r"T_\mathrm{meas} = T + d\,s, \qquad s \text{ from 0 to 1 over the test}"
-    source: ClassVar[str] = "instrumental drift: International Vocabulary of Metrology, JCGM 200 (2012), 4.21"
-    needs_time: ClassVar[bool] = True
-    told_by: ClassVar[str] = UNLOADED
-    confirmed_by: ClassVar[str] = ("The channels at rest, before and after the test, would confirm that a sensor's "
-                                   "zero moves.")
-    observables: ClassVar[tuple[str, ...]] = ("mean of the friction force over cycles",)
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
-    sensed_at: ClassVar[int] = 2
+    id = "sensor-drift"
+    title = "drift of the force channel"
+    block = Block.SENSOR
+    equation = "T_meas = T + d s, s from 0 to 1 over the test"
+    formula = r"T_\mathrm{meas} = T + d\,s, \qquad s \text{ from 0 to 1 over the test}"
+    source = "instrumental drift: International Vocabulary of Metrology, JCGM 200 (2012), 4.21"
+    needs_time = True
+    told_by = UNLOADED
+    confirmed_by = "The channels at rest, before and after the test, would confirm that a sensor's zero moves."
+    observables = ("mean of the friction force over cycles",)
+    kinds = ALL_KINDS
+    sensed_at = 2
 
-    drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a channel that stays."""
-        return cls().changed(drift=0.0)
+    drift: u.SignedForce = parameter(1.0, "d: offset gained by the end of the test; of either sign", 0.1, 3.0,
+                                     neutral=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Add the offset to the friction force."""

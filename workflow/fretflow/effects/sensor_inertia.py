@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, parameter
 from fretflow.structure.sensors import Signals
 
 
@@ -16,25 +15,20 @@ class SensorInertia(Effect):
     A lumped joint has a mass of its own, which would take m in.
     """
 
-    id: ClassVar[str] = "sensor-inertia"
-    title: ClassVar[str] = "mass between the contact and the force sensor"
-    block: ClassVar[Block] = Block.SENSOR
-    equation: ClassVar[str] = "T_meas = T + m a"
-    formula: ClassVar[str] = r"T_\mathrm{meas} = T + m\,a"
-    source: ClassVar[str] = ("Newton's second law; mass cancellation: D. J. Ewins, Modal Testing: Theory, Practice and "
-                             "Application, 2nd ed., Research Studies Press (2000)")
-    needs_time: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_RATES
-    observables: ClassVar[tuple[str, ...]] = ("slope of both plateaus of a loop, alike and negative", "high harmonics")
-    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
-    sensed_at: ClassVar[int] = 1
+    id = "sensor-inertia"
+    title = "mass between the contact and the force sensor"
+    block = Block.SENSOR
+    equation = "T_meas = T + m a"
+    formula = r"T_\mathrm{meas} = T + m\,a"
+    source = ("Newton's second law; mass cancellation: D. J. Ewins, Modal Testing: Theory, Practice and "
+              "Application, 2nd ed., Research Studies Press (2000)")
+    needs_time = True
+    told_by = OTHER_RATES
+    observables = ("slope of both plateaus of a loop, alike and negative", "high harmonics")
+    kinds = INTERFACES
+    sensed_at = 1
 
-    mass: u.SignedMass = parameter(0.5, "m: mass that moves before the sensor", 0.1, 3.0, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a sensor without mass."""
-        return cls().changed(mass=0.0)
+    mass: u.SignedMass = parameter(0.5, "m: mass that moves before the sensor", 0.1, 3.0, ge=0.0, neutral=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Add the inertia to the friction force."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 from fretflow.core import units as u
 from fretflow.effects.effect import Block, Effect, parameter
@@ -17,21 +16,17 @@ class SensorPathCompliance(Effect):
     stiffness.
     """
 
-    id: ClassVar[str] = "sensor-path-compliance"
-    title: ClassVar[str] = "compliance between the contact and the displacement sensor"
-    block: ClassVar[Block] = Block.SENSOR
-    equation: ClassVar[str] = "x_meas = x + c T"
-    formula: ClassVar[str] = r"x_\mathrm{meas} = x + c\,T"
-    source: ClassVar[str] = ("springs in series; the compliance of the apparatus in measured fretting loops: S. "
-                             "Fouvry, P. Kapsa, L. Vincent, Wear 185 (1995)")
-    observables: ClassVar[tuple[str, ...]] = ("slope of the stick portion of a loop", "peak-to-peak displacement")
+    id = "sensor-path-compliance"
+    title = "compliance between the contact and the displacement sensor"
+    block = Block.SENSOR
+    equation = "x_meas = x + c T"
+    formula = r"x_\mathrm{meas} = x + c\,T"
+    source = ("springs in series; the compliance of the apparatus in measured fretting loops: S. "
+              "Fouvry, P. Kapsa, L. Vincent, Wear 185 (1995)")
+    observables = ("slope of the stick portion of a loop", "peak-to-peak displacement")
 
-    compliance: u.SignedCompliance = parameter(2e-8, "c: displacement that a force adds", 6e-9, 6e-8, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a rigid path."""
-        return cls().changed(compliance=0.0)
+    compliance: u.SignedCompliance = parameter(2e-8, "c: displacement that a force adds", 6e-9, 6e-8, ge=0.0,
+                                               neutral=0.0)
 
     def sense(self, signals: Signals) -> Signals:
         """Add the path's stretch to the displacement."""

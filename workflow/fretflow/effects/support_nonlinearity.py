@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
 
 import numpy as np
 
@@ -31,22 +30,16 @@ class _CubicSpring:
 class SupportNonlinearity(Effect):
     """A cubic spring between the block and the ground, beside the linear one."""
 
-    id: ClassVar[str] = "support-nonlinearity"
-    title: ClassVar[str] = "cubic spring of the support"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "F = k_g x + k_3 x^3"
-    formula: ClassVar[str] = r"F = k_g x + k_3 x^3"
-    source: ClassVar[str] = "G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz (1918)"
-    observables: ClassVar[tuple[str, ...]] = ("displacement at other amplitudes and frequencies",
-                                              "odd harmonics of the displacement")
+    id = "support-nonlinearity"
+    title = "cubic spring of the support"
+    block = Block.RIG
+    equation = "F = k_g x + k_3 x^3"
+    formula = r"F = k_g x + k_3 x^3"
+    source = "G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz (1918)"
+    observables = ("displacement at other amplitudes and frequencies", "odd harmonics of the displacement")
 
     stiffness: u.CubicStiffness = parameter(2e15, "k_3: force over displacement cubed", 2e14, 1e16,
-                                            source="3 to 150 % of the paper's linear support at 10 µm")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a linear support."""
-        return cls().changed(stiffness=0.0)
+                                            source="3 to 150 % of the paper's linear support at 10 µm", neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the spring."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,41 +78,35 @@ class ThirdBody(Effect):
     by exp(-h_d / h_0) where it keeps the metals apart. Friction keeps its coefficient, hence its work per sliding.
     """
 
-    id: ClassVar[str] = "third-body"
-    title: ClassVar[str] = "debris that stays, carries load and is ejected at the edges"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = ("dh_d = phi dh - h_d dn / n_e(xi), n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
-                               "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
-    formula: ClassVar[str] = (r"\begin{gathered} "
-                              r"\mathrm{d}h_d = \varphi\,\mathrm{d}h - \frac{h_d}{n_e(\xi)}\,\mathrm{d}n, \qquad "
-                              r"n_e(\xi) = n_e \left[\varepsilon + (1 - \varepsilon)(1 - \xi^2)\right] \\ "
-                              r"g = g_0 + h - h_d, \qquad \dot h \to \dot h\,e^{-h_d / h_0}, \qquad "
-                              r"\text{compliance } h_d / E_d \text{ per area} \end{gathered}")
-    source: ClassVar[str] = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
-                             "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
-    over_cycles: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_LENGTHS
+    id = "third-body"
+    title = "debris that stays, carries load and is ejected at the edges"
+    block = Block.WEAR
+    equation = ("dh_d = phi dh - h_d dn / n_e(xi), n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
+                "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
+    formula = (r"\begin{gathered} "
+               r"\mathrm{d}h_d = \varphi\,\mathrm{d}h - \frac{h_d}{n_e(\xi)}\,\mathrm{d}n, \qquad "
+               r"n_e(\xi) = n_e \left[\varepsilon + (1 - \varepsilon)(1 - \xi^2)\right] \\ "
+               r"g = g_0 + h - h_d, \qquad \dot h \to \dot h\,e^{-h_d / h_0}, \qquad "
+               r"\text{compliance } h_d / E_d \text{ per area} \end{gathered}")
+    source = ("M. Godet, Wear 100 (1984) 437-452; N. Fillot, I. Iordanoff, Y. Berthier, Wear 262 (2007) "
+              "949-957, mass balance; P. Arnaud, S. Fouvry, Wear 412-413 (2018) 92-108, debris layer")
+    over_cycles = True
+    told_by = OTHER_LENGTHS
     told_from: ClassVar[Mapping[str, str]] = {
         "wear-power-law": "the same condition stopped after a tenth and after a third of the cycles, which changes the "
                           "wear per energy only if debris slows it,",
         "wear-coefficient-evolution": "tests of one number of cycles at several amplitudes, which change the worn "
                                       "volume but not the cycles,"}
-    observables: ClassVar[tuple[str, ...]] = ("wear map: U instead of W", "approach against worn volume",
-                                              "approach over cycles")
+    observables = ("wear map: U instead of W", "approach against worn volume", "approach over cycles")
 
     retained_fraction: float = parameter(0.6, "phi: share of the worn metal that enters the layer", 0.3, 0.95,
-                                         ge=0.0, le=1.0)
+                                         ge=0.0, le=1.0, neutral=0.0)
     separating_thickness: u.Length = parameter(2e-6, "h_0: layer at which wear falls to 1/e", 0.5e-6, 5e-6)
     residence: float = parameter(1e5, "n_e: cycles that debris stays from the middle of the contact", 1e3, 1e6, gt=0.0)
     edge_residence: float = parameter(0.1, "eps: residence at the edge over that in the middle", 0.02, 0.5,
                                       gt=0.0, le=1.0)
     # No range: Arnaud and Fouvry (2018) find that it does not matter, so that no recording tells it.
     modulus: u.Pressure = Field(30e9, description="E_d: modulus of the layer, between loose and solid oxide")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return faces that keep no debris."""
-        return cls(retained_fraction=0.0)
 
     def initial_memory(self, interface: Interface) -> dict[str, Array]:
         """Return clean faces, all of them taken for contact."""

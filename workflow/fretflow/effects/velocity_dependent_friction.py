@@ -4,24 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
-from fretflow.effects.effect import (
-    ALL_KINDS,
-    OTHER_LOAD,
-    OTHER_RATES,
-    Array,
-    Block,
-    Effect,
-    Motion,
-    RecordingKind,
-    Sketch,
-    parameter,
-)
+from fretflow.effects.effect import ALL_KINDS, OTHER_LOAD, OTHER_RATES, Array, Block, Effect, Motion, Sketch, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -45,27 +34,23 @@ class VelocityDependentFriction(Effect):
     falls with its own speed, jumps, and its force then depends on the time step.
     """
 
-    id: ClassVar[str] = "velocity-dependent-friction"
-    title: ClassVar[str] = "friction that depends on the sliding speed"
-    block: ClassVar[Block] = Block.CONTACT
-    equation: ClassVar[str] = "mu (1 + a exp(-|v| / v_s))"
-    formula: ClassVar[str] = r"\mu \left(1 + a\,e^{-|v| / v_s}\right)"
-    source: ClassVar[str] = ("exponential form of the Stribeck curve: L. C. Bo, D. Pavelescu, Wear 82 (1982); "
-                             "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)")
-    needs_time: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_RATES
+    id = "velocity-dependent-friction"
+    title = "friction that depends on the sliding speed"
+    block = Block.CONTACT
+    equation = "mu (1 + a exp(-|v| / v_s))"
+    formula = r"\mu \left(1 + a\,e^{-|v| / v_s}\right)"
+    source = ("exponential form of the Stribeck curve: L. C. Bo, D. Pavelescu, Wear 82 (1982); "
+              "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)")
+    needs_time = True
+    told_by = OTHER_RATES
     told_from: ClassVar[Mapping[str, str]] = {
         "viscous": OTHER_LOAD + ", with which friction changes and a dashpot does not,"}
-    observables: ClassVar[tuple[str, ...]] = ("friction force over the plateau of a loop", "loops at other amplitudes")
-    kinds: ClassVar[frozenset[RecordingKind]] = ALL_KINDS
+    observables = ("friction force over the plateau of a loop", "loops at other amplitudes")
+    kinds = ALL_KINDS
 
-    strength: float = parameter(0.2, "a: friction at rest over that at high speed, less one", 0.05, 0.5, gt=-1.0)
+    strength: float = parameter(0.2, "a: friction at rest over that at high speed, less one", 0.05, 0.5, gt=-1.0,
+                                neutral=0.0)
     speed_scale: u.Velocity = parameter(2e-3, "v_s: speed over which friction falls", 0.5e-3, 8e-3)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no dependence."""
-        return cls(strength=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Let friction follow the speed."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
 
 from fretflow.core import units as u
-from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, RecordingKind, parameter
+from fretflow.effects.effect import INTERFACES, OTHER_RATES, Block, Effect, parameter
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport
@@ -20,23 +19,18 @@ class Viscous(Effect):
     A lumped joint has a damper of its own.
     """
 
-    id: ClassVar[str] = "viscous"
-    title: ClassVar[str] = "dashpot beside the contact"
-    block: ClassVar[Block] = Block.RIG
-    equation: ClassVar[str] = "force on the arm -c v; T_meas = T + c v"
-    formula: ClassVar[str] = r"F_\mathrm{arm} = -c\,v, \qquad T_\mathrm{meas} = T + c\,v"
-    source: ClassVar[str] = "combined Coulomb and viscous friction: J. P. Den Hartog, Trans. ASME 53 (1931), APM-53-9"
-    needs_time: ClassVar[bool] = True
-    told_by: ClassVar[str] = OTHER_RATES
-    observables: ClassVar[tuple[str, ...]] = ("bulge of both plateaus of a loop", "loops at other frequencies")
-    kinds: ClassVar[frozenset[RecordingKind]] = INTERFACES
+    id = "viscous"
+    title = "dashpot beside the contact"
+    block = Block.RIG
+    equation = "force on the arm -c v; T_meas = T + c v"
+    formula = r"F_\mathrm{arm} = -c\,v, \qquad T_\mathrm{meas} = T + c\,v"
+    source = "combined Coulomb and viscous friction: J. P. Den Hartog, Trans. ASME 53 (1931), APM-53-9"
+    needs_time = True
+    told_by = OTHER_RATES
+    observables = ("bulge of both plateaus of a loop", "loops at other frequencies")
+    kinds = INTERFACES
 
-    damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no dashpot."""
-        return cls().changed(damping=0.0)
+    damping: u.SignedDamping = parameter(300.0, "c: force over velocity", 50.0, 3e3, ge=0.0, neutral=0.0)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the dashpot."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
 
 import numpy as np
 
@@ -17,22 +16,18 @@ from fretflow.wear.slow import SlowState
 class WearCoefficientEvolution(Effect):
     """Wear coefficient that goes from the case's K_w to x times that, as severe wear turns mild or mild severe."""
 
-    id: ClassVar[str] = "wear-coefficient-evolution"
-    title: ClassVar[str] = "wear coefficient that changes over cycles"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = "K_w(n) = K_w (x + (1 - x) exp(-n / n_K))"
-    formula: ClassVar[str] = r"K_w(n) = K_w \left[x + (1 - x)\,e^{-n / n_K}\right]"
-    source: ClassVar[str] = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
-    told_by: ClassVar[str] = OTHER_LENGTHS
-    observables: ClassVar[tuple[str, ...]] = ("approach over cycles", "worn volume of tests of other lengths")
+    id = "wear-coefficient-evolution"
+    title = "wear coefficient that changes over cycles"
+    block = Block.WEAR
+    equation = "K_w(n) = K_w (x + (1 - x) exp(-n / n_K))"
+    formula = r"K_w(n) = K_w \left[x + (1 - x)\,e^{-n / n_K}\right]"
+    source = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
+    told_by = OTHER_LENGTHS
+    observables = ("approach over cycles", "worn volume of tests of other lengths")
 
-    final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0)
+    final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0,
+                                   neutral=1.0)
     settling: float = parameter(1e5, "n_K: cycles over which it changes", 1e4, 1e6, gt=0.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return a coefficient that stays."""
-        return cls(final_share=1.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return K_w(n) over that at the start."""

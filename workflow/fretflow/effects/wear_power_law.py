@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import ClassVar, Self
 
 import numpy as np
 
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
-from fretflow.effects.volume_law import (
-    FREQUENCY,
-    POWER,
-    PRESSURE,
-    SLIDING,
-    LawParameter,
-    VolumeLaw,
-    WornTests,
-)
+from fretflow.effects.volume_law import FREQUENCY, POWER, PRESSURE, SLIDING, LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
@@ -32,29 +23,22 @@ class WearPowerLaw(Effect):
     The pressure of a node is that under which it slides, sum p |du| / sum |du|, its path s = sum |du| per cycle.
     """
 
-    id: ClassVar[str] = "wear-power-law"
-    title: ClassVar[str] = "wear coefficient with powers of pressure, sliding and frequency"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = "K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c"
-    formula: ClassVar[str] = (r"K_w \left(\frac{p}{p_0}\right)^a \left(\frac{s}{s_0}\right)^b "
-                              r"\left(\frac{f}{f_0}\right)^c")
-    source: ClassVar[str] = ("S. Baydoun, S. Fouvry, S. Descartes, P. Arnaud, Wear 426-427 (2019) 676-693, weighted "
-                             "friction energy")
-    told_by: ClassVar[str] = "tests at other amplitudes and normal loads"
-    observables: ClassVar[tuple[str, ...]] = ("worn volume of tests at other loads, amplitudes and frequencies",
-                                              "wear map near the edges")
+    id = "wear-power-law"
+    title = "wear coefficient with powers of pressure, sliding and frequency"
+    block = Block.WEAR
+    equation = "K_w (p / p_0)^a (s / s_0)^b (f / f_0)^c"
+    formula = (r"K_w \left(\frac{p}{p_0}\right)^a \left(\frac{s}{s_0}\right)^b "
+               r"\left(\frac{f}{f_0}\right)^c")
+    source = "S. Baydoun, S. Fouvry, S. Descartes, P. Arnaud, Wear 426-427 (2019) 676-693, weighted friction energy"
+    told_by = "tests at other amplitudes and normal loads"
+    observables = ("worn volume of tests at other loads, amplitudes and frequencies", "wear map near the edges")
 
-    pressure_exponent: float = parameter(0.25, "a: of the pressure", -0.5, 0.5)
-    sliding_exponent: float = parameter(0.25, "b: of the sliding path", -0.5, 0.5)
-    frequency_exponent: float = parameter(-0.25, "c: of the frequency", -0.5, 0.2)
+    pressure_exponent: float = parameter(0.25, "a: of the pressure", -0.5, 0.5, neutral=0.0)
+    sliding_exponent: float = parameter(0.25, "b: of the sliding path", -0.5, 0.5, neutral=0.0)
+    frequency_exponent: float = parameter(-0.25, "c: of the frequency", -0.5, 0.2, neutral=0.0)
     reference_pressure: u.Pressure = parameter(60e6, "p_0: pressure at which the coefficient is K_w", 10e6, 200e6)
     reference_sliding: u.Length = parameter(25e-6, "s_0: path per cycle likewise", 5e-6, 100e-6)
     reference_frequency: u.Frequency = parameter(100.0, "f_0: frequency likewise", 10.0, 500.0)
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return Archard's law."""
-        return cls(pressure_exponent=0.0, sliding_exponent=0.0, frequency_exponent=0.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the three powers at each node."""

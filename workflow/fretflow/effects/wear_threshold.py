@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,28 +25,23 @@ class WearThreshold(Effect):
     taken as its share, by sum p |du| a, of the whole dissipated power, which also holds where mu is not constant.
     """
 
-    id: ClassVar[str] = "wear-threshold"
-    title: ClassVar[str] = "no wear below a frictional power density"
-    block: ClassVar[Block] = Block.WEAR
-    equation: ClassVar[str] = "K_w sum p |du| max(0, 1 - q_th / q), q frictional power per area"
-    formula: ClassVar[str] = (r"K_w \sum p\,|\mathrm{d}u|\,\max\left(0,\ 1 - \frac{q_\mathrm{th}}{q}\right), \qquad "
-                              r"q \text{ frictional power per area}")
-    source: ClassVar[str] = ("S. Fouvry, T. Liskiewicz, Ph. Kapsa, S. Hannel, E. Sauger, Wear 255 (2003) 287-298, "
-                             "energy wear approach with a threshold")
-    told_by: ClassVar[str] = OTHER_LENGTHS
+    id = "wear-threshold"
+    title = "no wear below a frictional power density"
+    block = Block.WEAR
+    equation = "K_w sum p |du| max(0, 1 - q_th / q), q frictional power per area"
+    formula = (r"K_w \sum p\,|\mathrm{d}u|\,\max\left(0,\ 1 - \frac{q_\mathrm{th}}{q}\right), \qquad "
+               r"q \text{ frictional power per area}")
+    source = ("S. Fouvry, T. Liskiewicz, Ph. Kapsa, S. Hannel, E. Sauger, Wear 255 (2003) 287-298, "
+              "energy wear approach with a threshold")
+    told_by = OTHER_LENGTHS
     told_from: ClassVar[Mapping[str, str]] = {
         "wear-power-law": "tests at amplitudes and normal loads whose power density lies far below and far above those "
                           "recorded, where a threshold wears nothing or in proportion and a power does neither,"}
-    observables: ClassVar[tuple[str, ...]] = ("wear map: unworn zones", "worn volume of tests at other loads",
-                                              "approach over cycles")
+    observables = ("wear map: unworn zones", "worn volume of tests at other loads", "approach over cycles")
 
     power_density: u.PowerDensity = parameter(4e4, "q_th: power per area below which nothing wears", 1.3e4, 8e4,
-                                              source="0.1 to 0.6 of 130 kW/m², test 1 in the mean of contact and time")
-
-    @classmethod
-    def neutral(cls) -> Self:
-        """Return no threshold."""
-        return cls().changed(power_density=0.0)
+                                              source="0.1 to 0.6 of 130 kW/m², test 1 in the mean of contact and time",
+                                              neutral=0.0)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return the share of the power beyond the threshold."""

@@ -16,7 +16,7 @@ from fretflow.contact.kernels.static import SEPARATION, SLIP
 from fretflow.core.errors import ConfigError, InputError
 from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.core.store import write_csv
-from fretflow.effects.bolted_cycle import BoltedCycle
+from fretflow.effects.bolted_cycle import BoltedCycle, numbered_mode
 from fretflow.effects.cycle import march_wear
 from fretflow.pipeline.stage import SUMMARY_FILE, write_json
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
@@ -172,7 +172,7 @@ def study_joint(joint: BoltedJoint, amplitudes: Array, *, mode: int = 1, periodi
     """
     told = progress or _untold
     told(0.1, "preload")
-    shape = joint.linear_modes(mode)[mode - 1]
+    shape = numbered_mode(joint, mode)
     told(0.2, "backbone")
     curve = quasi_static_backbone(joint, shape, np.sort(amplitudes))
     told(0.4, "periodic motions")
@@ -245,7 +245,7 @@ def output_shape(joint: BoltedJoint, mode: int = 1) -> float:
     if not joint.structure.outputs:
         raise InputError("outputs: the structure has none; name at least one point that is observed")
     name, (on_contact, on_modes) = next(iter(joint.structure.outputs.items()))
-    linear = joint.linear_modes(mode)[mode - 1]
+    linear = numbered_mode(joint, mode)
     moved = abs(float(on_contact @ linear.contact + on_modes @ linear.modes))
     if not moved > 0.0:
         raise InputError(f"{name!r} stands still in mode {mode}; name another point first")

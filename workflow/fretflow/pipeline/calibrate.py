@@ -18,19 +18,18 @@ from fretflow.case.config import Case, Rig
 from fretflow.core.errors import InputError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.records import to_dataset
-from fretflow.core.store import read_record, write_whole
+from fretflow.core.store import write_whole
 from fretflow.core.units import pretty_quantity
 from fretflow.inference.evidence import drawn
 from fretflow.pipeline.problem import make_problem
+from fretflow.pipeline.run_records import RunRecords
 from fretflow.pipeline.runner import Runner
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver, sliding_distance
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.identification import Data, Identification, LogNormalPrior, identify_mapped
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
-from fretflow.wear.history import WearHistory
 from fretflow.wear.identification import WearCoefficient, identify_wear_coefficient, settled_face
 
 Array = NDArray[np.float64]
@@ -164,13 +163,11 @@ def calibrate_wear(case: Case, run: Callable[[Case], Mapping[str, Path]]) -> Wea
     sd = case.measured.worn_volume_sd or VOLUME_SD * volume
     marched = case
     for _ in range(MAX_EXTENSIONS):
-        folders = run(marched)
-        history = read_record(folders["wear"] / "history.h5", WearHistory)
-        areas = read_record(folders["reduce"] / "upper.h5", ReducedSpecimen).contact_areas
-        found = identify_wear_coefficient(history, areas, case.wear.coefficient, cycles, volume, sd)
+        worn = RunRecords(run(marched))
+        found = identify_wear_coefficient(worn.history, worn.areas, case.wear.coefficient, cycles, volume, sd)
         if found is not None:
             return found
-        longer = math.ceil(BEYOND * marched.test.total_cycles * volume / float(history.volume[-1]))
+        longer = math.ceil(BEYOND * marched.test.total_cycles * volume / float(worn.history.volume[-1]))
         marched = case.model_copy(
             update={"test": case.test.model_copy(update={"cycles": longer, "duration": None})})
     raise InputError(f"{case.name}: measured.worn_volume = {volume * 1e9:.4g} mm³ is not reached in "

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from fretflow.case.config import Case, SlidingRegime
 from fretflow.contact.law import ContactState
-from fretflow.core.store import read_record, write_csv
+from fretflow.core.store import write_csv
 from fretflow.experiments.facts.quantities import mean_sliding
-from fretflow.pipeline.stage import CHECKPOINTS
+from fretflow.pipeline.run_records import RunRecords
 from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.wear.checkpoint import kept_states
-from fretflow.wear.history import WearHistory
 
 WITHIN = 0.1  # difference to a measured value that passes without a remark
 
@@ -59,14 +56,13 @@ def compare(case: Case, folders: Mapping[str, Path], seconds: float) -> CaseComp
     """Return the row of `case` from its complete stages in `folders`, as far as they go."""
     measured = case.measured
     found: dict[str, object] = {}
-    if "solve" in folders:
-        areas = read_record(folders["reduce"] / "upper.h5", ReducedSpecimen).contact_areas
-        found["regime"] = sliding_regime(read_record(folders["solve"] / "solution.h5", PeriodicSolution), areas)
-        if "wear" in folders:
-            history = read_record(folders["wear"] / "history.h5", WearHistory)
-            states = kept_states(folders["wear"] / CHECKPOINTS, PeriodicSolution)
+    run = RunRecords(folders)
+    if run.has("solve"):
+        found["regime"] = sliding_regime(run.unworn, run.areas)
+        if run.has("wear"):
+            history, periods = run.history, run.periods
             found |= {"sliding": mean_sliding(history, int(history.cycles[-1])), "volume": float(history.volume[-1]),
-                      "worn_regime": sliding_regime(states[max(states)], areas)}
+                      "worn_regime": sliding_regime(periods[max(periods)], run.areas)}
     return CaseComparison(
         case.name, measured_sliding=measured.sliding_distance, measured_volume=measured.worn_volume,
         measured_regime=measured.regime, seconds=seconds, **found)  # type: ignore[arg-type]

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 
 from fretflow.case.config import validate_case
 from fretflow.core.errors import ConfigError, InputError, StoreError, UnsupportedRecordingError
+from fretflow.recordings.kinds import Recorded
 from fretflow.recordings.schema import FILE, name_of
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case
     from fretflow.inference.verdict import Diagnosis
-    from fretflow.recordings.kinds import Recorded
     from fretflow.solvers.periodic import PeriodicProblem
 
 MOST_LETTERS = 100  # of a case's name

@@ -11,25 +11,23 @@ from fretflow.case import config
 from fretflow.case.config import Case, PeriodicMethod, PreloadContact
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.core.store import read_record
 from fretflow.effects.catalogue import parse_effects
 from fretflow.effects.model import EffectModel
+from fretflow.pipeline.run_records import RunRecords
 from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
-from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.joint import JointModel, RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 
 def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
     """Return the unworn problem of the baseline of `case` with the specimens in the folder `reduced`."""
-    upper = read_record(reduced / "upper.h5", ReducedSpecimen)
-    lower = read_record(reduced / "lower.h5", ReducedSpecimen)
+    run = RunRecords({"reduce": reduced})
+    upper, lower = run.reduced
     joint = RigJoint(upper=upper, lower=lower, rig=make_rig(case.rig))
     # The quasi-static joint is condensed here once, and not again at every solution.
     quasi_static = case.solver.method is PeriodicMethod.QUASI_STATIC
     return rig_problem(
-        joint.quasi_static() if quasi_static else joint,
-        Interface(upper.contact_nodes[:, :2], upper.contact_areas, upper.profile + lower.profile),
+        joint.quasi_static() if quasi_static else joint, run.interface,
         case.contact.friction_coefficient, case.test.excitation_frequency, case.test.excitation_amplitude,
         case.test.normal_load, frictional=case.contact.preload is PreloadContact.FRICTIONAL)
 

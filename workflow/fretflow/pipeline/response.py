@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,75 +13,21 @@ from numpy.typing import NDArray
 
 from fretflow.case.config import Case, PeriodicMethod, SlidingRegime
 from fretflow.core.errors import NonConvergenceError
-from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.effects.cycle import true_signals
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.problem import make_model
 from fretflow.pipeline.response_curves import sweep_of
-from fretflow.pipeline.stage import CHECKPOINTS, Figures, Stage, StageContext
+from fretflow.pipeline.run_records import ForcedResponse, LoopSeries, RunRecords
+from fretflow.pipeline.stage import Figures, Stage, StageContext
 from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_loop
 from fretflow.solvers.continuation.curve import SweepDirection, channel_index
 from fretflow.solvers.continuation.follow import respond
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.solvers.quasi_static.backbone import BackboneSolver, has_backbone
 from fretflow.solvers.solve import make_solver
-from fretflow.wear.checkpoint import kept_states
-from fretflow.wear.history import WearHistory
 
 REFINEMENTS = 4  # halvings of the frequency step on both sides of the largest point
-
-
-@record
-class LoopSeries:
-    """What is read off the hysteresis loops at several cycle counts; nan where a loop does not show it."""
-
-    cycles: NDArray[np.int64] = quantity("1", "(K,)", coordinate=True)
-    regime: tuple[str, ...] = quantity("", "(K,)")
-    friction_coefficient: NDArray[np.float64] = quantity("1", "(K,)")
-    tangential_stiffness: NDArray[np.float64] = quantity("N/m", "(K,)")
-    dissipated_energy: NDArray[np.float64] = quantity("J", "(K,), per cycle")
-    sliding_distance: NDArray[np.float64] = quantity("m", "(K,), without the elastic part")
-    peak_to_peak: NDArray[np.float64] = quantity("m", "(K,)")
-
-
-@record
-class ForcedResponse:
-    """The moving mass under a force of constant amplitude, at rising frequencies."""
-
-    cycles: int  # wear cycles before
-    excitation: float = quantity("N")
-    frequency: NDArray[np.float64] = quantity("Hz", "(F,)", coordinate=True)
-    amplitude: NDArray[np.float64] = quantity("m", "(F,), first harmonic of the moving mass")
-    phase: NDArray[np.float64] = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
-    checked: NDArray[np.float64] = quantity("Hz", "(C,), where the full solution was found too",
-                                            default_factory=lambda: np.empty(0))
-    error: NDArray[np.float64] = quantity("1", "(C,), of the amplitude there", default_factory=lambda: np.empty(0))
-
-    @property
-    def resonance(self) -> float:
-        """Return the frequency (Hz) of the largest amplitude, by the parabola through three points."""
-        top = int(np.argmax(self.amplitude))
-        if top in (0, len(self.amplitude) - 1):
-            return float(self.frequency[top])
-        around = slice(top - 1, top + 2)
-        a, b, _ = np.polyfit(self.frequency[around] - self.frequency[top], self.amplitude[around], 2)
-        return float(self.frequency[top] - b / (2.0 * a))
-
-    @property
-    def worst(self) -> tuple[float, float]:
-        """Return the largest relative error of the checked amplitudes and its frequency (Hz); nan where none is."""
-        if not len(self.error):
-            return float("nan"), float("nan")
-        place = int(np.argmax(np.abs(self.error)))
-        return float(abs(self.error[place])), float(self.checked[place])
-
-
-def stated_error(responses: Sequence[ForcedResponse]) -> str:
-    """Say how far responses are off the full solution where that was found too; empty where it was not."""
-    (error, frequency), count = max(one.worst for one in responses), min(len(one.checked) for one in responses)
-    return (f"of {count} amplitudes of each curve the worst is {100.0 * error:.1f} % off the full solution, at "
-            f"{frequency:.4g} Hz") if count else ""
 
 
 def _read(displacement: NDArray[np.float64], force: NDArray[np.float64], normal_load: float) -> LoopReadings:
@@ -98,27 +45,11 @@ def read_loops(periods: Mapping[int, PeriodicSolution], normal_load: float,
 
     `displacement` returns the relative displacement (N,), m, that a period's friction force is drawn over.
     """
-    readings = [
-        _read(displacement(period), period.friction_force, normal_load)
-        for period in periods.values()
-    ]
-
-    def column(name: str) -> NDArray[np.float64]:
-        values = (getattr(reading, name) for reading in readings)
-        return np.array([np.nan if value is None else value for value in values])
-
-    names = (
-        "friction_coefficient",
-        "tangential_stiffness",
-        "dissipated_energy",
-        "sliding_distance",
-        "peak_to_peak",
-    )
+    readings = [_read(displacement(period), period.friction_force, normal_load) for period in periods.values()]
+    names = ("friction_coefficient", "tangential_stiffness", "dissipated_energy", "sliding_distance", "peak_to_peak")
     return LoopSeries(
-        cycles=np.array(list(periods), dtype=np.int64),
-        regime=tuple(str(r.regime) for r in readings),
-        **{name: column(name) for name in names},
-    )
+        cycles=np.array(list(periods), dtype=np.int64), regime=tuple(str(r.regime) for r in readings),
+        **{name: np.array([getattr(one, name) for one in readings], dtype=float) for name in names})  # None is nan
 
 
 def step_frequencies(solver: PeriodicSolver, problem: PeriodicProblem, frequencies: NDArray[np.floating[Any]],
@@ -136,9 +67,7 @@ def step_frequencies(solver: PeriodicSolver, problem: PeriodicProblem, frequenci
 
     def solve(frequency: float) -> None:
         nearest = min(found, key=lambda known: abs(known - frequency), default=None)
-        found[frequency] = _solve_near(
-            solver, problem.vary(frequency=frequency), found.get(nearest or 0.0)
-        )
+        found[frequency] = _solve_near(solver, problem.vary(frequency=frequency), found.get(nearest or 0.0))
         note(len(found))
 
     for frequency in frequencies:
@@ -237,12 +166,11 @@ def _run(context: StageContext) -> Figures:
     record them.
     """
     case = context.case
-    model = make_model(case, context.inputs["reduce"])
-    unworn = model.problem(model.initial())
-    history = read_record(context.inputs["wear"] / "history.h5", WearHistory)
-    worn = model.problem(history.slow(-1))
-    _write_loops(context, unworn)
-    _write_measured(context, model, history)
+    model, run = make_model(case, context.inputs["reduce"]), RunRecords(context.inputs)
+    history = run.history
+    unworn, worn = model.problem(model.initial()), model.problem(history.slow(-1))
+    _write_loops(context.folder, run, unworn)
+    _write_measured(context, model, run)
     states = {"unworn": (0, unworn), "worn": (int(history.cycles[-1]), worn)}
     if not history.depth[-1].any() and not model.effects:
         del states["worn"]
@@ -260,31 +188,24 @@ def _run(context: StageContext) -> Figures:
     return figures
 
 
-def _write_loops(context: StageContext, problem: PeriodicProblem) -> None:
+def _write_loops(folder: Path, run: RunRecords, problem: PeriodicProblem) -> None:
     weights = problem.interface.areas / problem.interface.areas.sum()
-    periods = dict(sorted(kept_states(context.inputs["wear"] / CHECKPOINTS, PeriodicSolution).items()))
     motions: dict[str, Callable[[PeriodicSolution], NDArray[np.float64]]] = {
         "observed": lambda period: (period.upper_observation - period.lower_observation)[:, 0],
         "faces": lambda period: np.asarray(period.displacement[:, :, 0] @ weights)}
     for name, motion in motions.items():
-        series = read_loops(periods, problem.normal_load, motion)
-        write_record(context.folder / f"loops_{name}.h5", series)
-        write_csv(
-            context.folder / f"loops_{name}.csv",
-            {
-                f.name + (f"_{unit}" if (unit := f.metadata.get("unit", "1")) != "1" else ""): getattr(
-                    series, f.name
-                )
-                for f in fields(series)
-            },
-        )
+        series = read_loops(run.periods, problem.normal_load, motion)
+        write_record(folder / f"loops_{name}.h5", series)
+        units = {f.name: f.metadata.get("unit", "1") for f in fields(series)}
+        write_csv(folder / f"loops_{name}.csv", {
+            key + (f"_{unit}" if unit != "1" else ""): getattr(series, key) for key, unit in units.items()})
 
 
-def _write_measured(context: StageContext, model: EffectModel, history: WearHistory) -> None:
+def _write_measured(context: StageContext, model: EffectModel, run: RunRecords) -> None:
     """Write ``measured_loops.csv``: what the sensors of the rig would record at each kept cycle count."""
     total, rows = max(context.case.test.total_cycles, 1), []
-    for cycles, period in sorted(kept_states(context.inputs["wear"] / CHECKPOINTS, PeriodicSolution).items()):
-        problem = model.problem(history.slow(int(np.searchsorted(history.cycles, cycles))))
+    for cycles, period in run.periods.items():
+        problem = model.problem(run.history.slow(int(np.searchsorted(run.history.cycles, cycles))))
         observed = (period.upper_observation - period.lower_observation)[:, 0]
         rows.append((cycles, model.sense(true_signals(problem, period, observed, cycles / total))))
     write_csv(context.folder / "measured_loops.csv", {
@@ -300,8 +221,4 @@ def part(context: StageContext, index: int, parts: int, text: str) -> Callable[[
     return lambda share: context.progress((index + share) / parts, f"frequency stepping, {text}")
 
 
-def _slice(case: Case) -> object:
-    return case.output.frequency_response
-
-
-STAGE = Stage("response", 3, _slice, ("reduce", "solve", "wear"), _run)
+STAGE = Stage("response", 3, lambda case: case.output.frequency_response, ("reduce", "solve", "wear"), _run)

@@ -21,11 +21,11 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.pipeline.problem import make_model
+from fretflow.pipeline.run_records import RunRecords
 from fretflow.pipeline.stage import write_json
 from fretflow.solvers.continuation.curve import CHANNELS, Peak, ResponseCurve, SweepDirection, read_peak
 from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.wear.history import WearHistory
 
 VERSION = 3  # of the curves; a new one makes old files unused
 FOLDER = "response_curves"
@@ -142,20 +142,16 @@ def asked_curves(case: Case, folders: Mapping[str, Path], states: Sequence[str],
     for state in states:
         slow, cycles, after = model.initial(), 0, folders["reduce"].name
         if state == "worn":
-            history = read_record(folders["wear"] / "history.h5", WearHistory)
+            history = RunRecords(folders).history
             slow, cycles, after = history.slow(-1), int(history.cycles[-1]), folders["wear"].name
         problem = model.problem(slow)
         for excitation in excitations:
             settings = case.model_dump(mode="json", include={"test": {"normal_load", "excitation_frequency"},
                                                              "rig": True, "contact": True, "effects": True})
             key = slice_hash(VERSION, settings, folders["reduce"].name, after, excitation, vars(sweep))
-            found.append(AskedCurve(state, cycles, _under(problem, excitation), sweep,
+            found.append(AskedCurve(state, cycles, problem.vary(amplitude=excitation), sweep,
                                     out / f"{state}-{excitation:g}N-{key}.h5"))
     return found
-
-
-def _under(problem: PeriodicProblem, excitation: float) -> PeriodicProblem:
-    return problem.vary(amplitude=excitation)
 
 
 def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> RunCurve:

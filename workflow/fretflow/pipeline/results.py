@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,96 +13,18 @@ from numpy.typing import NDArray
 
 from fretflow.case.config import Case, load_case
 from fretflow.contact.law import ContactState
-from fretflow.core.errors import InputError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.records import Labelled, to_dataset
-from fretflow.core.store import read_record
-from fretflow.pipeline.response import ForcedResponse
 from fretflow.pipeline.response_curves import kept_curves
-from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS
+from fretflow.pipeline.run_records import RunRecords
+from fretflow.pipeline.stage import CASE_FILE
 from fretflow.pipeline.summary import Figure, result_warnings, summarise
 from fretflow.pipeline.trends import Trend
-from fretflow.solvers.periodic import PeriodicSolution
-from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
-from fretflow.structure.two_mass_rig.lumped import RigModes
-from fretflow.wear.checkpoint import kept_states
-from fretflow.wear.history import WearHistory
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
-SIDES = ("upper", "lower")
-
-
-@dataclass(frozen=True)
-class RunRecords:
-    """The records in a run's complete stages, whose `folders` are given by name; each is read when first asked for."""
-
-    folders: Mapping[str, Path] = field(repr=False)
-
-    def has(self, *stages: str) -> bool:
-        """Return whether all of `stages` are complete."""
-        return all(stage in self.folders for stage in stages)
-
-    def _file(self, stage: str, name: str) -> Path:
-        if stage not in self.folders:
-            raise InputError(f"stage {stage} was not run; run the case until {stage} or further")
-        return self.folders[stage] / name
-
-    @cached_property
-    def reduced(self) -> tuple[ReducedSpecimen, ReducedSpecimen]:
-        """Return the reduced upper and lower specimen."""
-        upper, lower = (read_record(self._file("reduce", f"{side}.h5"), ReducedSpecimen) for side in SIDES)
-        return upper, lower
-
-    @cached_property
-    def mode_shapes(self) -> dict[str, ModeShapes]:
-        """Return the natural modes of the upper and the lower specimen, clamped at the back, by side."""
-        return {side: read_record(self._file("reduce", f"{side}_modes.h5"), ModeShapes) for side in SIDES}
-
-    @cached_property
-    def rig_modes(self) -> RigModes:
-        """Return the modes of the rig's block and arm, faces apart and stuck."""
-        return read_record(self._file("solve", "rig_modes.h5"), RigModes)
-
-    @property
-    def nodes(self) -> Array:
-        """Return the contact nodes in m, (nodes, 2)."""
-        return self.reduced[0].contact_nodes[:, :2]
-
-    @property
-    def areas(self) -> Array:
-        """Return the contact nodes' areas in m^2, (nodes,)."""
-        return self.reduced[0].contact_areas
-
-    @cached_property
-    def static_pressure(self) -> Array:
-        """Return the pressure after the static load in Pa, (nodes,)."""
-        from fretflow.structure.fem.preload import Preload  # starts PETSc, which nothing else here needs
-
-        return read_record(self._file("preload", "preload.h5"), Preload).pressure
-
-    @cached_property
-    def history(self) -> WearHistory:
-        """Return the wear history."""
-        return read_record(self._file("wear", "history.h5"), WearHistory)
-
-    @cached_property
-    def periods(self) -> dict[int, PeriodicSolution]:
-        """Return the kept periods by cycle count, the unworn one first."""
-        if self.has("wear"):
-            return dict(sorted(kept_states(self.folders["wear"] / CHECKPOINTS, PeriodicSolution).items()))
-        return {0: read_record(self._file("solve", "solution.h5"), PeriodicSolution)}
-
-    @cached_property
-    def responses(self) -> list[ForcedResponse]:
-        """Return the forced responses there are: unworn, then worn."""
-        if not self.has("response"):
-            return []
-        files = [self.folders["response"] / f"{name}.h5" for name in ("unworn", "worn")]
-        return [read_record(file, ForcedResponse) for file in files if file.is_file()]
-
 
 @dataclass(frozen=True)
 class RunResults(RunRecords):

@@ -13,18 +13,15 @@ from fretflow.case.config import Case
 from fretflow.case.plausibility import warnings
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
-from fretflow.core.specimen_mesh import MeshSummary
-from fretflow.core.store import read_record
 from fretflow.core.units import pretty_quantity
-from fretflow.pipeline.response import ForcedResponse, LoopSeries, stated_error
 from fretflow.pipeline.response_curves import kept_peaks
+from fretflow.pipeline.run_records import SIDES, LoopSeries, RunRecords, stated_error
 from fretflow.pipeline.stage import SUMMARY_FILE, case_sum, write_json
 from fretflow.pipeline.trends import Trend, is_papers, judge_all
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen, reduction_warnings
 from fretflow.wear.history import WearHistory
 
-SIDES = ("upper", "lower")
 SAME = 1e-6  # of the face's width: coordinates so close are one
 
 
@@ -40,54 +37,43 @@ class Figure:
 
 def summarise(case: Case, folders: Mapping[str, Path]) -> tuple[list[Figure], Sequence[Trend]]:
     """Return the figures of the stages in `folders`, and the paper's trends of its own tests once wear is known."""
-    meshes = [_meshes(folders["mesh"])] if (folders.get("mesh", Path()) / "upper.h5").is_file() else []
-    if "reduce" not in folders:
+    run = RunRecords(folders)
+    meshes = [_meshes(run)] if (folders.get("mesh", Path()) / "upper.h5").is_file() else []
+    if not run.has("reduce"):
         return meshes, []
-    upper, lower = (
-        read_record(folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in ("upper", "lower")
-    )
     peaks = [Figure(f"nonlinear resonance, {name}", frequency, "Hz", text)
              for name, frequency, text in kept_peaks(folders)]
-    figures = [*meshes, _reduction(upper, lower), *peaks]
-    interface = Interface(nodes=upper.contact_nodes[:, :2], areas=upper.contact_areas,
-                          gap=upper.profile + lower.profile)
-    if "preload" in folders:
-        figures.append(_static_load(folders["preload"], interface))
-    if "solve" not in folders:
+    figures = [*meshes, _reduction(*run.reduced), *peaks]
+    if run.has("preload"):
+        figures.append(_static_load(run.static_pressure, run.areas))
+    if not run.has("solve"):
         return figures, []
-    unworn = read_record(folders["solve"] / "solution.h5", PeriodicSolution)
-    figures += _period(unworn, interface)
-    if "wear" not in folders:
+    figures += _period(run.unworn, run.interface)
+    if not run.has("wear"):
         return figures, []
-    history = read_record(folders["wear"] / "history.h5", WearHistory)
     ridge = min(side.ridge_height for side in (case.specimen.upper, case.specimen.lower))
-    figures += _wear(history, interface, ridge)
-    if "response" in folders:
-        figures += _loops(read_record(folders["response"] / "loops_observed.h5", LoopSeries))
-    responses = _responses(folders)
-    resonances = None if responses is None else (responses[0].resonance, responses[1].resonance)
-    if responses is not None and resonances is not None:
+    figures += _wear(run.history, run.interface, ridge)
+    if run.has("response"):
+        figures += _loops(run.observed_loops)
+    responses = run.responses
+    resonances = (responses[0].resonance, responses[1].resonance) if len(responses) == len(SIDES) else None
+    if resonances is not None:
         shift = resonances[1] / resonances[0] - 1.0
         checked = f"; {stated}" if (stated := stated_error(responses)) else ""
         figures.append(Figure("first resonance, worn against unworn", shift, "1",
                               f"{100.0 * shift:+.3f} % ({resonances[0]:.5g} to {resonances[1]:.5g} Hz){checked}"))
     if not is_papers(case):
         return figures, []
-    return figures, judge_all(case.test, interface, unworn, history, resonances)
+    return figures, judge_all(case.test, run.interface, run.unworn, run.history, resonances)
 
 
 def result_warnings(case: Case, folders: Mapping[str, Path]) -> list[str]:
     """Return what makes results doubtful: a reduction beyond its limit, a contact too narrow for its nodes."""
-    if "reduce" not in folders:
+    run = RunRecords(folders)
+    if not run.has("reduce"):
         return []
-    specimens = {side: read_record(folders["reduce"] / f"{side}.h5", ReducedSpecimen) for side in SIDES}
-    found = reduction_warnings(specimens)
-    if "preload" in folders:
-        from fretflow.structure.fem.preload import Preload  # starts PETSc
-
-        closed = read_record(folders["preload"] / "preload.h5", Preload).pressure > 0.0
-        found += _narrow(case, specimens["upper"].contact_nodes[:, :2], closed)
-    return found
+    found = reduction_warnings(dict(zip(SIDES, run.reduced, strict=True)))
+    return found + _narrow(case, run.nodes, run.static_pressure > 0.0) if run.has("preload") else found
 
 
 def _narrow(case: Case, nodes: NDArray[np.float64], closed: NDArray[np.bool_]) -> list[str]:
@@ -117,18 +103,15 @@ def _reduction(upper: ReducedSpecimen, lower: ReducedSpecimen) -> Figure:
                   f"{100.0 * error:.4f} %, the largest of {len(upper.full_frequencies)} frequencies of each specimen")
 
 
-def _meshes(folder: Path) -> Figure:
-    upper, lower = (read_record(folder / f"{side}.h5", MeshSummary) for side in ("upper", "lower"))
+def _meshes(run: RunRecords) -> Figure:
+    upper, lower = run.meshes
     worst = min(upper.min_scaled_jacobian, lower.min_scaled_jacobian)
     return Figure("mesh quality", worst, "1", f"{worst:.3g}, the smallest scaled Jacobian of {upper.cells} upper and "
                   f"{lower.cells} lower cells; {len(upper.contact_nodes)} contact nodes on each face")
 
 
-def _static_load(folder: Path, interface: Interface) -> Figure:
-    from fretflow.structure.fem.preload import Preload  # starts PETSc
-
-    pressure = read_record(folder / "preload.h5", Preload).pressure
-    load, closed = float(pressure @ interface.areas), float(interface.areas[pressure > 0.0].sum())
+def _static_load(pressure: NDArray[np.float64], areas: NDArray[np.float64]) -> Figure:
+    load, closed = float(pressure @ areas), float(areas[pressure > 0.0].sum())
     return Figure("static load", load, "N",
                   f"{pretty_quantity(load, 'N', 8)}, the sum of the contact pressure; largest "
                   f"{pretty_quantity(pressure.max(), 'Pa', 4)}, mean {pretty_quantity(load / closed, 'Pa', 4)} "
@@ -178,10 +161,3 @@ def _wear(history: WearHistory, interface: Interface, ridge: float) -> list[Figu
                f"{volume * 1e9:.4g} mm³; {jumps} jumps, {history.solves} periods"),
         Figure("largest wear depth", largest, "m", f"{pretty_quantity(largest, 'm', 4)}, both faces together{beyond}"),
         Figure("mean wear depth", mean, "m", f"{pretty_quantity(mean, 'm', 4)}, both faces together")]
-
-
-def _responses(folders: Mapping[str, Path]) -> tuple[ForcedResponse, ForcedResponse] | None:
-    if "response" not in folders or not (folders["response"] / "worn.h5").is_file():
-        return None
-    unworn, worn = (read_record(folders["response"] / f"{name}.h5", ForcedResponse) for name in ("unworn", "worn"))
-    return unworn, worn

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from fretflow.case.config import Case
 from fretflow.core.errors import InputError, StoreError
 from fretflow.core.records import quantity, record
-from fretflow.core.store import read_record, write_csv
+from fretflow.core.store import write_csv
 from fretflow.effects.cycle import respond
 from fretflow.pipeline.problem import make_model
-from fretflow.pipeline.stage import CHECKPOINTS
+from fretflow.pipeline.run_records import RunRecords
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.time_integration import settle
-from fretflow.wear.checkpoint import kept_states
-from fretflow.wear.history import WearHistory
 
 AGREEMENT = 0.01
 SETTLED = 1e-3  # drift per period at which the integration stops, of the arm's peak-to-peak
@@ -155,13 +153,11 @@ def verify_run(case: Case, folders: Mapping[str, Path], periods: int, steps: int
         raise StoreError(f"{case.name}: no solved period yet; `fretflow run CASE --until solve` makes one")
     model = make_model(case, folders["reduce"])
     unworn = model.problem(model.initial())
-    points = [("unworn", 0, unworn, read_record(folders["solve"] / "solution.h5", PeriodicSolution))]
-    if "wear" in folders:
-        history = read_record(folders["wear"] / "history.h5", WearHistory)
-        kept = kept_states(folders["wear"] / CHECKPOINTS, PeriodicSolution)
-        if (last := max(kept, default=0)) > 0:
-            slow = history.slow(int(np.searchsorted(history.cycles, last)))
-            points.append(("worn", last, model.problem(slow), kept[last]))
+    run = RunRecords(folders)
+    points = [("unworn", 0, unworn, run.unworn)]
+    if run.has("wear") and (last := max(run.periods, default=0)) > 0:
+        slow = run.history.slow(int(np.searchsorted(run.history.cycles, last)))
+        points.append(("worn", last, model.problem(slow), run.periods[last]))
     checks = []
     for name, cycles, problem, solution in points:
         note(f"{name}: integrating from the periodic solution")

@@ -10,7 +10,8 @@ from typing import Any
 
 from fretflow.core.errors import UnitError, UnsupportedRecordingError
 from fretflow.recordings.blocks import columns_of
-from fretflow.recordings.channels import CHANNELS, INDICES, channel_of, unit_in_heading, unit_size
+from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
+from fretflow.recordings.headings import NEEDED, columns_told, known_unit, taken_in_words, unit_example, unit_told
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.tables import Table, read_table
@@ -55,42 +56,32 @@ def read_bare(path: Path, wanted: Wanted) -> Recording:
 
 
 def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tuple[Note, ...]]:
-    """Return the keys of a block for the channels of the table, and what was left out."""
+    """Return the keys of a block for the channels of the table, and notes on what was taken and what was left out."""
     named = {channel: _named(table, channel, text) for channel, text in wanted.columns.items()}
-    taken = {column for column, _ in named.values() if column}
-    guessed: dict[str, str] = {}
-    for heading in table.columns:
-        channel = channel_of(heading)
-        if heading in taken or channel is None or (channel in named and named[channel][0]):
-            continue
-        if channel in guessed:
-            raise UnsupportedRecordingError(f"{table.path}: columns {guessed[channel]} and {heading} may both be the "
-                                            f'{channel}; name one: --{_option(channel)} "{heading} [UNIT]"')
-        guessed[channel] = heading
+    told = columns_told(table, tuple(column for column, _ in named.values() if column))
     specs: dict[str, dict[str, Any]] = {}
+    lacks: dict[str, str] = {}
     for channel in CHANNELS:
         column, unit = named.get(channel, ("", ""))
-        column = column or guessed.get(channel, "")
-        unit = unit or unit_in_heading(channel, column) or _stated(table, channel, column)
+        if not column and len(told.get(channel, ())) > 1:
+            raise UnsupportedRecordingError(f"{table.path}: columns {' and '.join(told[channel])} may both be the "
+                                            f'{channel}; name one: --{_option(channel)} "{told[channel][-1]} [UNIT]"')
+        column = column or "".join(told.get(channel, ()))
+        unit = unit or unit_told(table, channel, column)
         if channel in named and unit:
             _check_unit(channel, unit)
         if column and (unit or channel in INDICES):
             specs[channel] = {"column": column} if channel in INDICES else {"column": column, "unit": unit}
-        elif channel in ("displacement", "friction_force") or channel in named:
-            _demand(table, channel, column)
+        elif channel in NEEDED or channel in named:
+            lacks[channel] = column
+    if lacks:
+        raise UnsupportedRecordingError(f"{table.path}: {_asked(table, lacks)}")
     used = {spec["column"] for spec in specs.values()}
     notes = tuple(Note(table.path.name, "column not used", heading) for heading in table.columns if heading not in used)
+    taken = {channel: spec["column"] for channel, spec in specs.items() if not named.get(channel, ("",))[0]}
+    if taken:
+        notes = (Note(table.path.name, f"{taken_in_words(taken)}: as the headings tell"), *notes)
     return specs, notes
-
-
-def _stated(table: Table, channel: str, column: str) -> str:
-    """Return the unit that the file states for a column, where that is one of the channel's."""
-    unit = table.units.get(column, "")
-    try:
-        unit_size(channel, unit)
-    except UnitError:
-        return ""
-    return unit
 
 
 def _check_unit(channel: str, unit: str) -> None:
@@ -100,14 +91,16 @@ def _check_unit(channel: str, unit: str) -> None:
         raise UnitError(f"--{_option(channel)}: {error}") from error
 
 
-def _demand(table: Table, channel: str, column: str) -> None:
-    unit = "um" if CHANNELS[channel][0] == "m" else CHANNELS[channel][0]
-    example = f'--{_option(channel)} "{column or "COLUMN"} [{unit}]"'
-    if not column:
-        raise UnsupportedRecordingError(f"{table.path}: no column {', '.join(table.columns)} is known as the "
-                                        f"{channel}; name it: {example}, or in a file by `fretflow init --recording`")
-    raise UnsupportedRecordingError(f"{table.path}: column {column} has no unit that is known as one of the "
-                                    f"{channel}; give it: {example}")
+def _asked(table: Table, lacks: Mapping[str, str]) -> str:
+    """Return what is asked of the user where headings do not tell a channel, or not its unit."""
+    unknown = " or the ".join(channel for channel, column in lacks.items() if not column)
+    told = [f"no column {', '.join(table.columns)} is known as the {unknown}"] if unknown else []
+    told += [f"column {column} has no unit that is known as one of the {channel}"
+             for channel, column in lacks.items() if column]
+    options = " ".join(f'--{_option(channel)} "{column or "COLUMN"} [{unit_example(channel)}]"'
+                       for channel, column in lacks.items())
+    return (f"{' and '.join(told)}; name {'it' if len(lacks) == 1 else 'them'}: {options}, or in a file by `fretflow "
+            "init --recording`")
 
 
 def _option(channel: str) -> str:
@@ -127,4 +120,5 @@ def _named(table: Table, channel: str, text: str) -> tuple[str, str]:
     try:
         return table.column(column)[0], unit
     except UnsupportedRecordingError as error:
-        raise UnsupportedRecordingError(f"--{_option(channel)}: {error}") from error
+        brackets = f'; a unit alone stands in brackets, "[{text}]"' if known_unit(channel, text) else ""
+        raise UnsupportedRecordingError(f"--{_option(channel)}: {error}{brackets}") from error

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
 from fretflow.core.units import pretty_quantity
-from fretflow.recordings.channels import INDICES, unit_in_heading, unit_size
+from fretflow.recordings.channels import INDICES, unit_size
+from fretflow.recordings.headings import unit_in_heading
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.periods import is_noisy, spikes, standing_still
 from fretflow.recordings.plausibility import check_heading

@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from fretflow.core.errors import UnitError
 from fretflow.core.units import format_quantity
-from fretflow.recordings.channels import CHANNELS, INDICES, channel_of, unit_in_heading, unit_size
+from fretflow.recordings.channels import INDICES, unit_size
+from fretflow.recordings.headings import NEEDED, columns_told, unit_example, unit_told
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT
 from fretflow.recordings.loopset import FORCES
 from fretflow.recordings.periods import smoothed_record, upward_crossings
 from fretflow.recordings.readers.tables import Table, read_table
 
-NEEDED = ("displacement", "friction_force")
+
+@dataclass(frozen=True)
+class Described:
+    """A ``recording.toml`` as text, which columns were taken for which channels, and the channels that it lacks."""
+
+    text: str
+    taken: Mapping[str, str]
+    lacks: tuple[str, ...]
 
 
-def describe_file(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Return a ``recording.toml`` of `folder` for the loops in the file `path`, and the channels that it lacks.
+def describe_file(path: Path, folder: Path) -> Described:
+    """Return a ``recording.toml`` of `folder` for the loops in the file `path`.
 
     Raises
     ------
@@ -29,36 +37,33 @@ def describe_file(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
         If the file cannot be used.
     """
     table = read_table(path)
-    found: dict[str, tuple[str, str]] = {}
-    for heading in table.columns:
-        channel = channel_of(heading)
-        if channel is not None and channel not in found:
-            found[channel] = heading, _unit(table, channel, heading)
-    if "force" in found and "friction_force" not in found:
-        found["friction_force"] = found.pop("force")
-    lacks = tuple(name for name in NEEDED if not (name in found and found[name][1]))
+    told = columns_told(table)
+    found = {channel: (columns[0], unit_told(table, channel, columns[0]))
+             for channel, columns in told.items() if len(columns) == 1}
+    doubtful = {channel: columns for channel, columns in told.items() if len(columns) > 1}
+    lacks = tuple(name for name in dict.fromkeys((*NEEDED, *doubtful)) if not found.get(name, ("", ""))[1])
     lines = [
         'format = "fretflow-recording/1"', f"title = {_text(path.stem)}", "", "[test]",
         f"kind = {_text(str(IMPOSED_DISPLACEMENT))}  # or fretting-rig, where all of the rig is known, or lumped",
         *_frequency(table, found), '# normal_load = "60 N"', '# excitation_amplitude = "50 N"', "",
         "[loops]" if "cycle" in found else "[series]", f"file = {_text(os.path.relpath(path, folder))}",
         '# displacement_of = "contact-faces"  # or "back-faces", or a distance from the interface such as "1 mm"',
-        *_channels(table, found, lacks)]
-    return "\n".join(lines) + "\n", lacks
+        *_channels(table, found, doubtful, lacks)]
+    return Described("\n".join(lines) + "\n", {channel: column for channel, (column, _) in found.items()}, lacks)
 
 
-def _channels(table: Table, found: dict[str, tuple[str, str]], lacks: tuple[str, ...]) -> Iterator[str]:
+def _channels(table: Table, found: Mapping[str, tuple[str, str]], doubtful: Mapping[str, tuple[str, ...]],
+              lacks: tuple[str, ...]) -> Iterator[str]:
     """Yield a line for each channel; a scale of -1 turns a sign."""
     turned = not lacks and _gives_energy(table, *(found[name][0] for name in NEEDED))
-    for name in dict.fromkeys((*NEEDED, *found)):
+    for name in dict.fromkeys((*NEEDED, *found, *doubtful)):
         heading, unit = found.get(name, ("", ""))
         if name in INDICES:
             yield f"{name} = {{ column = {_text(heading)} }}"
             continue
         wrong = turned and name in FORCES
-        example = "um" if CHANNELS[name][0] == "m" else CHANNELS[name][0]
-        told = [f"its column: one of {', '.join(table.columns)}"] if not heading else []
-        told += [f"its unit, such as {example}"] if not unit else []
+        told = [f"its column: one of {', '.join(doubtful.get(name, table.columns))}"] if not heading else []
+        told += [f"its unit, such as {unit_example(name)}"] if not unit else []
         told += ["turned: as recorded, loops run the wrong way round and give energy"] if wrong else []
         yield (f"{name} = {{ column = {_text(heading)}, unit = {_text(unit)}, scale = {-1.0 if wrong else 1.0} }}"
                + (f"  # {'; '.join(told)}".replace("\n", " ") if told else ""))
@@ -67,17 +72,7 @@ def _channels(table: Table, found: dict[str, tuple[str, str]], lacks: tuple[str,
             yield f"# not read: {_text(heading)}"
 
 
-def _unit(table: Table, channel: str, heading: str) -> str:
-    """Return the unit that the file states for a column, if it is one of the channel's."""
-    unit = unit_in_heading(channel, heading) or table.units.get(heading, "")
-    try:
-        unit_size(channel, unit)
-    except UnitError:
-        return ""
-    return unit
-
-
-def _frequency(table: Table, found: dict[str, tuple[str, str]]) -> list[str]:
+def _frequency(table: Table, found: Mapping[str, tuple[str, str]]) -> list[str]:
     """Return the line of the frequency by which the displacement comes back, where time is known."""
     lost = ['# excitation_frequency = "100 Hz"']
     if "cycle" in found or not {"time", "displacement"} <= found.keys() or not found["time"][1]:

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import UnitError, UnreliableRecordingError
+from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.units import pretty_quantity
-from fretflow.recordings.channels import BRACKETED, CHANNELS, INDICES, split_heading, unit_size
+from fretflow.recordings.channels import CHANNELS, INDICES
+from fretflow.recordings.headings import BRACKETED, known_unit, split_heading
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import FORCES, LoopSet, plateau
 from fretflow.recordings.notes import Note
@@ -42,22 +43,14 @@ def check_heading(path: Path, block: str, channel: str, heading: str) -> None:
     base, tail = split_heading(heading)
     own = set(CHANNELS[channel])
     others = [name for name, units in CHANNELS.items() if not own & set(units) and name not in INDICES]
-    stated = any(_is_unit(name, tail) for name in (channel, *others))
+    stated = any(known_unit(name, tail) for name in (channel, *others))
     names = {text.strip().lower().replace(" ", "_") for text in (heading, *([base] if stated else []))}
     other = next((name for name in others if name in names), None)
-    if other is None and BRACKETED.fullmatch(heading) and not _is_unit(channel, tail):
-        other = next((name for name in others if _is_unit(name, tail)), None)
+    if other is None and BRACKETED.fullmatch(heading) and not known_unit(channel, tail):
+        other = next((name for name in others if known_unit(name, tail)), None)
     if channel not in INDICES and other is not None:
         raise UnreliableRecordingError(f"{path}: {block}.{channel}: its column {heading!r} says that it is of {other}; "
                                        "name the right column, or correct the heading")
-
-
-def _is_unit(channel: str, text: str) -> bool:
-    try:
-        unit_size(channel, text)
-    except UnitError:
-        return False
-    return bool(text)
 
 
 def check_friction(where: str, coefficient: float, load: float) -> None:

@@ -11,19 +11,16 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, ValidationError, field_validator, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, field_validator, model_validator
 
 from fretflow.case.config import Rig, Section, Specimens
 from fretflow.case.sections import Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnitError, did_you_mean, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.errors import UnitError, did_you_mean
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
-from fretflow.recordings.kinds import FILE as FILE
+from fretflow.recordings.description import FILE as FILE
+from fretflow.recordings.description import read_description, validated
 from fretflow.recordings.kinds import RecordingKind, kind_called
-
-FORMAT = "fretflow-recording/1"
 
 
 def name_of(path: Path) -> str:
@@ -261,24 +258,8 @@ def load_recording_file(path: Path) -> RecordingFile:
     ConfigError
         Naming the file, the field and the way out.
     """
-    raw = read_toml(path, CorruptRecordingError, f"a recording is a folder with a {FILE}, or one file of loops")
+    raw = read_description(path)
     sweep, loops = raw.get("sweep"), raw.get("loops")
     if isinstance(sweep, dict) and isinstance(loops, dict) and sweep.get("same_channels_as") == "loops":
         raw["sweep"] = {**{key: entry for key, entry in loops.items() if key not in ("file", "cycle")}, **sweep}
-    try:
-        return RecordingFile.model_validate(raw)
-    except ValidationError as error:
-        first, *rest = missing_last(error)
-        more = f" (and {len(rest)} more)" if rest else ""
-        raise ConfigError(f"{path}: {_in_words(first)}{more}") from error
-
-
-def _in_words(error: ErrorDetails) -> str:
-    clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
-               "too_short": "must hold one at least",
-               "model_type": "must be a table of keys"}
-    field = ".".join(str(part) for part in error["loc"] if part != "channels")
-    text = reason(error, clearer, RecordingFile)
-    # A message about a key of this table begins with the key's name.
-    joint = "." if text.partition(":")[0].replace(".", "").replace("_", "").isalnum() and ":" in text else ": "
-    return f"{field}{joint}{text}" if field else text
+    return validated(RecordingFile, raw, path)

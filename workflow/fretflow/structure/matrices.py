@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import qr
 
+from fretflow.core.arguments import Like, is_array
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
-Matrix: TypeAlias = Any  # an Array or a scipy.sparse matrix
+Matrix: TypeAlias = Annotated[Any, Like("a matrix of finite numbers, dense or sparse",
+                                        lambda value: sparse.issparse(value) or (
+                                            isinstance(value, np.ndarray) and is_array(value) and value.ndim == 2))]
 
 ASYMMETRY = 1e-6  # of the largest entry: single precision and text of seven digits stay below it
 DEPENDENT = 1e-9  # of the largest singular value of a map's rows of unit length

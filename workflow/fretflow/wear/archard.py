@@ -11,9 +11,12 @@ dissipated energy is ``mu sum_m a_m sum_j p_m,j |du_m,j|``, so the volume per en
 
 from __future__ import annotations
 
+from numbers import Real
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.wear.cycle import CycleResponse
 
@@ -31,6 +34,19 @@ class Archard:
 
     coefficient: float = quantity("m^2/N", kw_only=False)
     upper_share: float = quantity("1", default=0.5)  # of the depth, taken from the upper face
+
+    def check(self) -> None:
+        """Check the ranges.
+
+        Raises
+        ------
+        InputError
+            If the coefficient is negative or no finite number, or the share none from 0 to 1.
+        """
+        if not (isinstance(self.coefficient, Real) and 0.0 <= self.coefficient < np.inf):
+            raise InputError(f"wear coefficient: {self.coefficient!r} m^2/N is no finite number from 0 on")
+        if not (isinstance(self.upper_share, Real) and 0.0 <= self.upper_share <= 1.0):
+            raise InputError(f"upper_share: {self.upper_share!r} is no share from 0 to 1")
 
 
 def wear_rate(coefficient: float, response: CycleResponse) -> NDArray[np.float64]:

@@ -17,10 +17,10 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from fretflow.core.errors import InputError, did_you_mean
-from fretflow.core.files import read_toml
+from fretflow.recordings.description import FILE as FILE
+from fretflow.recordings.description import read_description
 
 GROUP = "fretflow.recordings"
-FILE = "recording.toml"
 
 
 @dataclass(frozen=True, order=True)
@@ -110,7 +110,7 @@ def kind_at(path: Path) -> RecordingKind:
     if toml.is_file() and toml.suffix.lower() != ".toml":
         return next(kind for kind in kinds().values() if kind.tables)
     try:
-        test = read_toml(toml, InputError, "").get("test")
+        test = read_description(toml).get("test")
         return kind_called(test["kind"] if isinstance(test, dict) else None)
     except (InputError, ValueError, KeyError):
         return next(kind for kind in kinds().values() if kind.full_model)  # the rig's

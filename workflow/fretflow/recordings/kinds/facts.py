@@ -30,15 +30,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from fretflow.case.config import ContactSection, Rig, Section, Specimens
 from fretflow.case.sections import MOST_CYCLES, Title
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, did_you_mean, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.errors import did_you_mean
 from fretflow.core.records import record
-from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.description import FILE, read_description, validated
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.structure_columns import parsed
 from fretflow.recordings.notes import Note
 
@@ -245,15 +245,5 @@ def read_facts(path: Path) -> FactsRecording:
         Naming the file, the field and the way out.
     """
     toml = path / FILE if path.is_dir() else path
-    raw = read_toml(toml, CorruptRecordingError, "facts are a TOML file with a table [[facts]] for each")
-    try:
-        file = FactsFile.model_validate(raw)
-    except ValidationError as error:
-        first, *rest = missing_last(error)
-        field = ".".join(map(str, first["loc"]))
-        text = reason(first, {"extra_forbidden": "unknown key; docs/recordings.md lists those there are",
-                              "missing": "is required", "too_short": "must hold one at least",
-                              "model_type": "must be a table of keys"}, FactsFile)
-        more = f" (and {len(rest)} more)" if rest else ""
-        raise ConfigError(f"{toml}: {f'{field}: ' if field else ''}{text}{more}") from error
+    file = validated(FactsFile, read_description(toml), toml)
     return FactsRecording(path=path, title=file.title or toml.stem, file=file)

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
-from fretflow.recordings.channels import split_heading
+from fretflow.recordings.headings import split_heading
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table
 

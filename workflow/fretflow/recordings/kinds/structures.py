@@ -31,10 +31,10 @@ from pydantic import ValidationError
 from fretflow.case.bolted import Elasticity
 from fretflow.case.config import explain
 from fretflow.core import units as u
-from fretflow.core.errors import ConfigError, CorruptRecordingError, UnreliableRecordingError, missing_last, reason
-from fretflow.core.files import read_toml
+from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import quantity, record
-from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.description import FILE, read_description, validated
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
 from fretflow.recordings.kinds.structure_columns import StructureColumn, read_column, stated_sd
 from fretflow.recordings.kinds.structure_sections import (
@@ -56,7 +56,7 @@ from fretflow.recordings.kinds.worn_profiles import (
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.structure_files import read_structure
 from fretflow.recordings.readers.tables import read_table
-from fretflow.recordings.schema import FORMAT, name_of
+from fretflow.recordings.schema import name_of
 from fretflow.structure.matrices import StructureMatrices
 from fretflow.structure.meshed import assembled_bodies, round_bolts
 
@@ -207,21 +207,11 @@ def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: 
 
 
 def _load(toml: Path) -> StructureFile:
-    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}")
-    if raw.get("format") != FORMAT:
-        raise ConfigError(f"{toml}: format: must be {FORMAT!r}")
+    raw = read_description(toml)
     for name in ("frf", "profile"):
         if isinstance(raw.get(name), dict):
             raw[name] = [raw[name]]
-    try:
-        return StructureFile.model_validate(raw)
-    except ValidationError as error:
-        first, *rest = missing_last(error)
-        field = ".".join(str(part) for part in first["loc"])
-        clearer = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
-                   "model_type": "must be a table of keys"}
-        more = f" (and {len(rest)} more)" if rest else ""
-        raise ConfigError(f"{toml}: {field}: {reason(first, clearer, StructureFile)}{more}") from error
+    return validated(StructureFile, raw, toml)
 
 
 def _named(block: str, name: str, there: Mapping[str, Array], what: str) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fretflow.core.units import parse_quantity
-from fretflow.recordings.channels import BRACKETED
+from fretflow.recordings.headings import BRACKETED
 
 # Role -> SI unit that it is kept in and names that it goes by; "1": a number that counts.
 ROLES: Mapping[str, tuple[str, tuple[str, ...]]] = {

@@ -21,18 +21,16 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import (
     ConfigError,
-    CorruptRecordingError,
     UnreliableRecordingError,
     UnsupportedRecordingError,
 )
-from fretflow.core.files import read_toml
 from fretflow.core.records import quantity, record
 from fretflow.core.units import parse_quantity, pretty_quantity
-from fretflow.recordings.kinds import FILE, RecordingKind
+from fretflow.recordings.description import FILE, read_description
+from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table, read_table
-from fretflow.recordings.schema import FORMAT
 
 Array = NDArray[np.float64]
 
@@ -94,10 +92,8 @@ def read_wear_series(path: Path) -> WearSeries:
 
 def _stated(toml: Path) -> tuple[str, dict[str, Any], Path]:
     """Return title, columns by role, and the file that a ``recording.toml`` names."""
-    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}")
+    raw = read_description(toml)
     block = raw.get("wear_series")
-    if raw.get("format") != FORMAT:
-        raise ConfigError(f"{toml}: format: must be {FORMAT!r}")
     if not isinstance(block, dict) or not isinstance(block.get("file"), str):
         raise ConfigError(f'{toml}: wear_series.file: is required: the table of tests, such as "tests.csv"')
     given = {key: entry for key, entry in block.items() if key != "file"}

@@ -23,7 +23,7 @@ SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn")
 COMMENTS = ("#", "%")
 EMPTY = {"", "nan", "na", "n/a", "-", "--", "null", "none"}
 
-_NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_NUMBER_WITH_COMMA = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,15 @@ class _Form:
     encoding: str
     delimiter: str | None  # None: any blanks
     decimal_comma: bool
+    thousands: bool  # points part them
     headings: tuple[str, ...]
     units: tuple[str, ...]
     lines_before: int  # the first row of numbers comes after so many lines
 
-    def split(self, line: str) -> list[str]:
-        line = line.replace(",", ".") if self.decimal_comma else line
-        return _split(line, self.delimiter)
+    def plain(self, line: str) -> str:
+        """Return a line with its numbers as Python reads them."""
+        line = line.replace(".", "") if self.thousands else line
+        return line.replace(",", ".") if self.decimal_comma else line
 
 
 def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
@@ -81,7 +83,7 @@ def _form(path: Path) -> _Form:
         raise UnsupportedRecordingError(f"{path}: row 1 has {width:,} values, and at most {MOST_COLUMNS:,} are read; a "
                                         "row is an instant and a column a channel: transpose it")
     cells = [cell for _, text in head[first:] for cell in _split(text, delimiter)]
-    comma = delimiter != "," and any(_NUMBER_WITH_COMMA.fullmatch(cell) for cell in cells)
+    with_comma = [cell for cell in cells if delimiter != "," and _NUMBER_WITH_COMMA.fullmatch(cell)]
     above = [_split(text, delimiter) for _, text in head[max(0, first - 2):first]]
     if delimiter and line.endswith(delimiter) and above and len(above[-1]) == width + 1:
         width += 1  # the last cell is empty
@@ -94,7 +96,8 @@ def _form(path: Path) -> _Form:
         raise UnsupportedRecordingError(f"{path}: two columns have one heading among {', '.join(headings)}; "
                                         "rename one")
     units = [unit.strip("[]()") for unit in above[1]] if len(above) > 1 else []
-    return _Form(encoding, delimiter, comma, tuple(headings), tuple(units), number)
+    return _Form(encoding, delimiter, bool(with_comma), any("." in cell for cell in with_comma), tuple(headings),
+                 tuple(units), number)
 
 
 def _commented(path: Path, encoding: str, number: int, delimiter: str | None, width: int) -> list[list[str]]:
@@ -131,7 +134,8 @@ def _delimiter(line: str) -> tuple[str | None, bool]:
             continue
         cells = _split(line, delimiter)
         comma = delimiter != "," and any(_NUMBER_WITH_COMMA.fullmatch(cell) for cell in cells)
-        values = [cell.replace(",", ".") if comma else cell for cell in cells]
+        values = [cell.replace(".", "").replace(",", ".") if _NUMBER_WITH_COMMA.fullmatch(cell) else cell
+                  for cell in cells] if comma else cells
         numbers = [_is_number(value) for value in values]
         plausible = all(number or value.lower() in EMPTY for number, value in zip(numbers, values, strict=True))
         mostly = delimiter is not None and (numbers[0] or 2 * sum(numbers) > len(numbers))
@@ -152,7 +156,7 @@ def _is_number(text: str) -> bool:
 
 def _lines(file: TextIO, form: _Form) -> Iterator[str]:
     body = islice(file, form.lines_before, None)
-    return (line.replace(",", ".") for line in body) if form.decimal_comma else body
+    return map(form.plain, body) if form.decimal_comma else body
 
 
 def _read_fast(path: Path, form: _Form) -> tuple[Array, Sequence[int]]:
@@ -176,7 +180,7 @@ def _read_by_row(path: Path, form: _Form) -> tuple[Array, Sequence[int], tuple[N
             if short is not None:
                 raise CorruptRecordingError(f"{path}: row {short + 1} has {len(cells[-1])} values where the first has "
                                             f"{width}; repair or remove it")
-            cells.append(_padded(form.split(text), text, form, width))
+            cells.append(_padded(_split(form.plain(text), form.delimiter), text, form, width))
             if len(cells[-1]) != width:
                 short = len(cells) - 1
     notes: tuple[Note, ...] = ()

@@ -90,8 +90,9 @@ def read_table(path: Path, wanted: Sequence[str] | None = None) -> Table:
         If the file is missing, cut off or damaged, naming the row where there is one.
     """
     if not path.is_file():
-        what = "is no file" if path.exists() else "there is no such file"
-        raise CorruptRecordingError(f"{path}: {what}; a path counts from the folder of recording.toml")
+        raise CorruptRecordingError(f"{path}: " + (
+            "is no file; name one of loops" if path.exists() else
+            "there is no such file; a path counts from the folder of recording.toml"))
     reader = readers().get(path.suffix.lower())
     if reader is None:
         raise UnsupportedRecordingError(f"{path}: a file {path.suffix.lower() or 'without a suffix'} is not read; give "

@@ -1,0 +1,127 @@
+"""Public functions and classes refuse what they are given wrongly in one clear line.
+
+What carries the weight: each argument of each public name in turn is of twenty wrong types, NaN, empty, or of a wrong
+shape. What comes of it is a result or an error of the project, never one from the inside.
+"""
+
+import inspect
+import pickle
+from dataclasses import is_dataclass
+from types import FunctionType
+
+import fretflow as ff
+import numpy as np
+import pytest
+
+WRONG = (None, 5, -1.0, float("nan"), float("inf"), True, "x", "", b"x", [], {}, ["a", "b"], {"a": None}, (1, "b"),
+         object(), 1j, np.zeros(0), np.zeros((2, 2, 2)), np.array(["a"]), np.full(3, np.nan))
+WAVE = np.cos(np.arange(64) * np.pi / 32), -np.sin(np.arange(64) * np.pi / 32)
+NOT_MADE = {"Case", "Diagnosis", "Effect", "JointStudy", "LoopReadings", "PeriodicSolution", "ResponseCurve",
+            "RunResults"}  # by users: others than functions of fretflow, or, as effects, in case files
+
+
+def spring(size):
+    """Return the stiffness of springs in parallel (3 k of them), N/m."""
+    return 1e6 * np.diag([1.0, 1.0, 2.0] * size)
+
+
+@pytest.fixture(scope="module")
+def right(tmp_path_factory):
+    """Return arguments that each public name takes."""
+    held = np.block([[2.0 * spring(1), -spring(1)], [-spring(1), spring(1)]])
+    joint = ff.Joint.from_matrices(held, np.diag([1.0] * 3 + [1e-3] * 3), contact=[1], observe={"tip": 0},
+                                   modal_damping=0.05)
+    faces = {"nodes": np.zeros((1, 2)), "areas": np.array([1e-6]), "gap": np.zeros(1)}
+    force = ff.Harmonic(20.0, {"tip": 8.0})
+    problem = ff.PeriodicProblem(joint, ff.Interface(**faces), ff.Coulomb(0.6), force, preload=ff.NormalLoad(60.0))
+    loop = dict(zip(("displacement", "force"), WAVE, strict=True))
+    rows = np.eye(4)
+    bolted = {"mass": np.diag([2.0, 0.0, 0.0, 0.0]), "contact_map": rows[1:], "areas": np.array([1e-6]),
+              "stiffness": np.diag([4e4, 1e4, 1e4, 1e4]) - 1e4 * np.eye(4)[[1, 0, 3, 2]] * np.outer(
+                  [1, 1, 0, 0], [1, 1, 0, 0]),
+              "points": np.zeros((1, 3)), "preload": -rows[3], "outputs": {"mass": rows[0]}}
+    slider = {"structure": ff.reduce_structure(ff.StructureMatrices(**bolted)), "law": ff.Coulomb(0.6),
+              "bolt_load": 5.0}
+    mode = ff.BoltedJoint(**slider).linear_modes(1)[0]
+    backbone = {"joint": ff.BoltedJoint(**slider), "mode": mode, "amplitudes": np.array([1e-6])}
+    absent = tmp_path_factory.mktemp("empty") / "absent"
+    steel = {"youngs_modulus": 2e11, "poissons_ratio": 0.3, "density": 7800.0}
+    return {
+        "Archard": {"coefficient": 1e-14}, "Bolt": {"head": "a", "nut": "b"}, "Coulomb": {"friction_coefficient": 0.6},
+        "BoltedCycle": {"joint": ff.BoltedJoint(**slider), "amplitude": 1e-6}, "BoltedJoint": slider,
+        "Harmonic": {"frequency": 20.0, "amplitudes": {"tip": 8.0}}, "HysteresisLoop": loop, "Interface": faces,
+        "Material": steel, "NormalLoad": {"force": 60.0},
+        "Motion": {"step": 1e-3, **dict.fromkeys(("displacement", "velocity", "acceleration"), np.zeros(32))},
+        "PeriodicProblem": {"structure": joint, "interface": ff.Interface(**faces), "law": ff.Coulomb(0.6),
+                            "excitation": force},
+        "StructureMatrices": bolted, "add_effects": {"folder": absent}, "catalogue": {},
+        "continue_response": {"problem": problem, "start": 18.0, "stop": 19.0}, "diagnose": {"recording": absent},
+        "follow_mode": {**backbone, "harmonics": 1}, "load_case": {"path": absent},
+        "march_wear": {"problem": problem, "law": ff.Archard(1e-14), "cycles": 10},
+        "parameter": {"default": 1.0, "meaning": "m: mass", "low": 0.5, "high": 2.0},
+        "quasi_static_backbone": backbone, "read_loop": {"loop": ff.HysteresisLoop(**loop)},
+        "read_recording": {"path": absent}, "reduce_structure": {"matrices": ff.StructureMatrices(**bolted)},
+        "run": {"case": absent}, "solve_periodic": {"problem": problem},
+        "Joint.from_matrices": {"stiffness": held, "mass": np.diag([1.0] * 3 + [1e-3] * 3), "contact": [1]},
+        "Bolt.round": {"head": "a", "nut": "b", "diameter": 0.01, "grip": 0.02},
+        "study_joint": {"joint": ff.BoltedJoint(**slider), "amplitudes": np.array([1e-6]), "periodic": 0},
+        "structure_from_mesh": {"path": absent, "material": ff.Material(**steel), "interfaces": [("a", "b")]},
+    }
+
+
+def callables():
+    made = {name: getattr(ff, name) for name in ff.__all__ if isinstance(getattr(ff, name, None), FunctionType)
+            or (is_dataclass(getattr(ff, name, None)) and name not in NOT_MADE | {"Joint"})}
+    return {**made, "Joint.from_matrices": ff.Joint.from_matrices, "Bolt.round": ff.Bolt.round}
+
+
+NAMES = [name for name in callables() if name != "structure_from_mesh"]
+
+
+@pytest.mark.parametrize("name", [*NAMES, pytest.param("structure_from_mesh", marks=pytest.mark.fem)])
+def test_wrong_arguments_are_an_error_of_the_project_or_none(name, right, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # what takes a relative path writes here
+    function, given = callables()[name], right[name]
+    kinds = inspect.signature(function).parameters
+    refused, faults = 0, []
+    for argument in (key for key, one in kinds.items() if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)):
+        for wrong in WRONG:
+            try:
+                function(**{**given, argument: wrong})
+            except ff.FretflowError as error:
+                refused += 1
+                faults += [str(error)] if "\n" in str(error) else []
+            except Exception as error:  # noqa: BLE001 - any other is a fault
+                faults.append(f"{argument}={wrong!r}: {type(error).__name__}: {error}")
+    assert faults == []
+    assert refused >= 10 * len(given)
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda: ff.run(5), "run: case must be a Case or a Path or text, got 5"),
+    (lambda: ff.read_recording(3), "read_recording: path must be a Path or text, got 3"),
+    (lambda: ff.solve_periodic("joint"), "solve_periodic: problem must be a PeriodicProblem, got 'joint'"),
+    (lambda: ff.Harmonic(100, 53), "Harmonic: amplitudes must be a mapping of text to a finite number, got 53"),
+    (lambda: ff.Archard("1e-14"), "wear coefficient: '1e-14' m^2/N is no finite number from 0 on"),
+    (lambda: ff.Archard(float("nan")), "wear coefficient: nan m^2/N is no finite number from 0 on"),
+    (lambda: ff.read_loop(ff.HysteresisLoop(displacement=WAVE[0], force=WAVE[1]), float("nan")),
+     "read_loop: normal_load must be a finite number or None, got nan"),
+    (lambda: ff.HysteresisLoop(displacement="x", force=WAVE[1]),
+     "HysteresisLoop: displacement must be an array of finite numbers, got 'x'"),
+])
+def test_what_is_wrong_is_named(call, said):
+    with pytest.raises(ff.InputError) as caught:
+        call()
+    assert str(caught.value) == said
+
+
+def test_numbers_as_arrays_without_dimensions_are_numbers():
+    assert ff.Coulomb(np.array(0.6)).friction_coefficient == 0.6
+    assert ff.NormalLoad(np.float64(60.0)).force == 60.0
+
+
+def test_a_checked_function_is_one_object_by_either_name_and_in_another_process():
+    from fretflow.recordings import hysteresis
+
+    assert ff.read_loop is hysteresis.read_loop
+    assert pickle.loads(pickle.dumps(ff.read_loop)) is ff.read_loop

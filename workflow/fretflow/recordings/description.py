@@ -1,0 +1,54 @@
+"""The file ``recording.toml`` of any kind of recording: read, and validated in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from fretflow.core.errors import ConfigError, CorruptRecordingError, missing_last, reason
+from fretflow.core.files import RECORDING, read_toml
+
+FILE = "recording.toml"
+CLEARER = {"extra_forbidden": "unknown key; docs/recordings.md lists those there are", "missing": "is required",
+           "too_short": "must hold one at least", "model_type": "must be a table of keys"}
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_description(toml: Path) -> dict[str, Any]:
+    """Return the content of a ``recording.toml``.
+
+    Raises
+    ------
+    CorruptRecordingError
+        If it cannot be read.
+    ConfigError
+        If it is no recording's.
+    """
+    raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}, which `fretflow init "
+                    "--recording FILE` writes for a file of loops", formats=(RECORDING,))
+    if raw.get("format") != RECORDING:
+        raise ConfigError(f"{toml}: format: must be {RECORDING!r}")
+    return raw
+
+
+def validated(model: type[M], raw: dict[str, Any], toml: Path) -> M:
+    """Return the content `raw` of the file `toml` as a `model`.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the first field in error, and the way out.
+    """
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        first, *rest = missing_last(error)
+        field = ".".join(str(part) for part in first["loc"] if part != "channels")
+        text = reason(first, CLEARER, model)
+        # A message about a key of this table begins with the key's name.
+        joint = "." if text.partition(":")[0].replace(".", "").replace("_", "").isalnum() and ":" in text else ": "
+        more = f" (and {len(rest)} more)" if rest else ""
+        raise ConfigError(f"{toml}: {f'{field}{joint}' if field else ''}{text}{more}") from error
