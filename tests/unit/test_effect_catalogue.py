@@ -60,6 +60,8 @@ def test_a_file_in_a_folder_takes_part(folder):
     assert effect.weight == 7.0
     assert tables([effect]) == {"heavier": {"weight": "7 N"}}
     assert catalogue()["heavier"].priors()["weight"].high == 20.0
+    assert catalogue()["heavier"].priors()["weight"].source == "the author of heavier"  # and no estimate of ours
+    assert catalogue()["viscous"].priors()["damping"].source.startswith("engineering estimate for SS304")
 
 
 def test_an_id_may_come_once(folder):

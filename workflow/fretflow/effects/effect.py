@@ -17,7 +17,7 @@ Derivatives by parameters need not be written: `model` differentiates the data o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -90,7 +90,7 @@ UNLOADED = "the channels at rest and with the specimens apart, before and after 
 ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm², 100 Hz"
 
 
-def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = ESTIMATE,
+def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = "",
               logarithmic: bool | None = None, rig_only: bool = False, held: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
@@ -179,8 +179,9 @@ class Effect(Section):
 
     @classmethod
     def priors(cls) -> dict[str, Prior]:
-        """Return the range of every parameter that has one."""
-        return declared_priors(cls)
+        """Return the range of every parameter that has one, with its source, by default whoever wrote the effect."""
+        usual = ESTIMATE if cls.__module__.startswith(f"{__package__}.") else f"the author of {cls.id}"
+        return {name: replace(prior, source=prior.source or usual) for name, prior in declared_priors(cls).items()}
 
     def changed(self, **values: float | None) -> Self:
         """Return the effect with other values (SI) of some parameters."""
