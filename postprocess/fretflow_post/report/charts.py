@@ -18,6 +18,7 @@ from bokeh.models import (
     FixedTicker,
     HoverTool,
     LinearColorMapper,
+    NoOverlap,
     NumeralTickFormatter,
     PanTool,
     PlainText,
@@ -76,6 +77,7 @@ class Chart:
             axis.axis_label_text_font_style = "normal"
             axis.axis_line_color = axis.major_tick_line_color = axis.major_label_text_color = LOOKS["muted"]
             axis.minor_tick_line_color, axis.axis_label_text_color = None, LOOKS["ink"]
+            axis.major_label_policy = NoOverlap()  # of cycles on a phone
             axis.formatter.power_limit_high, axis.formatter.power_limit_low = 7, -4  # beyond them with an exponent
             if label == "cycles":
                 axis.formatter = NumeralTickFormatter(format="0,0")
