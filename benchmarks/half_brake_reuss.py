@@ -180,7 +180,7 @@ def decay_row(name, known):
     miss = 100.0 * (f / frequency - 1.0)
     ratio = z / damping
     fitted, predicted = (float(np.abs(part).max()) for part in (miss[:count], miss[count:]))
-    print(f"| {name} | {cost:.0f} | {fitted:.2f} % | {predicted:.2f} % "
+    print(f"| {name} | {cost:.0f} | {fitted:.2f} | {predicted:.2f} "
           f"| {ratio[count:].min():.1f}-{ratio[count:].max():.1f} | {'yes' if f[-1] > f[count + 1] else 'no'} "
           f"| {told(values)} |", flush=True)
     return values
@@ -207,7 +207,7 @@ def forced_row(name, known):
         here, there = int(np.argmin(own)), int(np.argmin(force))
         places.append(100.0 * (frequency[here] / frequency[there] - 1.0))
         forces.append(100.0 * (own[here] / force[there] - 1.0))
-    print(f"| {name} | {cost:.0f} | {np.abs(places).max():.2f} % | {', '.join(f'{one:+.0f}' for one in forces)} % "
+    print(f"| {name} | {cost:.0f} | {np.abs(places).max():.2f} | {', '.join(f'{one:+.0f}' for one in forces)} "
           f"| {told(values)} |", flush=True)
     return values
 
@@ -237,11 +237,11 @@ def hammer_row(name):
 
 def main():
     """Print the three tables."""
-    print("| faces | cost of 10 | fitted | predicted | damping | rises | found |\n|---|---|---|---|---|---|---|")
+    print("| faces | cost of 10 | fitted, % | predicted, % | damping | rises | found |\n|---|---|---|---|---|---|---|")
     found, held = {}, {}
     for name in HYPOTHESES:
         found[name] = decay_row(name, simpler(name, found))
-    print("\n| faces | cost of 164 | resonance | force | found |\n|---|---|---|---|---|")
+    print("\n| faces | cost of 164 | resonance, % | force, % | found |\n|---|---|---|---|---|")
     for name, values in found.items():
         held[name] = forced_row(name, [values, *simpler(name, held)])
     print("\n| faces | found | mode 1 | mode 2 | mode 3, predicted | mode 4, predicted |\n|---|---|---|---|---|---|")
