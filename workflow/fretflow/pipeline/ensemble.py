@@ -227,9 +227,10 @@ def _executor(workers: Workers, calls: int) -> Iterator[Executor | None]:
 def _processes(count: int) -> Iterator[Executor]:
     """Open `count` processes that import users' effects, and end with this one and where it is interrupted."""
     others = set(multiprocessing.active_children())
-    # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it.
-    pool = _Quiet(count, multiprocessing.get_context("spawn"), initializer=_begin)
-    with _threads(threads_each(count)), pool:
+    # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it. The first pool starts one
+    # more, which keeps its semaphores, so that it too begins within `_threads`.
+    with (_threads(threads_each(count)),
+          _Quiet(count, multiprocessing.get_context("spawn"), initializer=_begin) as pool):
         try:
             yield pool
         except BaseException:  # nobody waits for what they still do
