@@ -361,6 +361,8 @@ def test_cycles_or_volumes_of_another_unit_are_told(factor: float, recordings: P
     (told,), _ = said(recording)
     assert told.startswith("the worn volume would be that of a wear coefficient of 1.1e-")
     assert "counted in thousands" in told
+    (told,), _ = said(altered(recording, "displacement", lambda _, values: 1e-3 * values))
+    assert told.startswith("the displacement is 0.000")  # which explains the volume too
 
 
 @pytest.mark.real_data

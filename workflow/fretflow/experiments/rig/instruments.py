@@ -52,7 +52,7 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     if found:
         return tuple(found[:1])
     try:
-        found = [*_gains(recording, case), *_friction(recording), *_wear(recording)]
+        found = [*_gains(recording, case), *_friction(recording)] or _wear(recording)
         return tuple(found or _late(recording, case) or _humming(recording, case) or _drifting(recording, case)
                      or _small_gains(recording, case)[0] or _lost_zero(recording, case))
     except (FretflowError, np.linalg.LinAlgError):
