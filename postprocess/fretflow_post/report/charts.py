@@ -161,16 +161,16 @@ def extent(values: Iterable[Array], margin: float = 0.05, around_zero: bool = Fa
     return low - margin * (high - low), high + margin * (high - low)
 
 
-def thinned(*curves: Array) -> NDArray[np.int64]:
-    """Return the indices of some MOST_POINTS samples of `curves` (N,), every stretch by its extremes.
+def thinned(*curves: Array, most: int = MOST_POINTS) -> NDArray[np.int64]:
+    """Return the indices of some `most` samples of `curves` (N,), every stretch by its extremes.
 
     Evenly spaced ones would fold what oscillates faster into a zigzag that was not measured.
     """
     count = len(curves[0])
-    if count <= MOST_POINTS:
+    if count <= most:
         return np.arange(count)
     kept = [0, count - 1]
-    for part in np.array_split(np.arange(count), MOST_POINTS // (2 * len(curves))):
+    for part in np.array_split(np.arange(count), most // (2 * len(curves))):
         for values in (np.nan_to_num(curve[part]) for curve in curves):
             kept += [part[np.argmin(values)], part[np.argmax(values)]]
     return np.unique(np.array(kept, dtype=np.int64))
