@@ -180,5 +180,10 @@ def figure_image(still: Figure, describe: str) -> Markup:
     """Return a figure as a picture that grows without getting coarse."""
     content = io.BytesIO()
     still.savefig(content, format="svg", metadata={"Date": None})
+    return svg_image(content.getvalue(), describe)
+
+
+def svg_image(content: bytes, describe: str) -> Markup:
+    """Return an SVG as a picture within the page."""
     return Markup('<img class="figure" src="data:image/svg+xml;base64,{}" alt="{}">').format(
-        base64.b64encode(content.getvalue()).decode(), describe)
+        base64.b64encode(content).decode(), describe)
