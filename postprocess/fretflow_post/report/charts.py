@@ -72,12 +72,12 @@ class Chart:
         self.figure.background_fill_color = self.figure.border_fill_color = LOOKS["paper"]
         self.figure.outline_line_color = None
         self.figure.grid.grid_line_color = LOOKS["line"]
+        self.figure.xaxis.major_label_policy = NoOverlap()  # of cycles on a phone; rows of maps keep all their names
         for axis, label in zip((*self.figure.xaxis, *self.figure.yaxis), self.labels, strict=True):
             axis.axis_label = PlainText(text=label)
             axis.axis_label_text_font_style = "normal"
             axis.axis_line_color = axis.major_tick_line_color = axis.major_label_text_color = LOOKS["muted"]
             axis.minor_tick_line_color, axis.axis_label_text_color = None, LOOKS["ink"]
-            axis.major_label_policy = NoOverlap()  # of cycles on a phone
             axis.formatter.power_limit_high, axis.formatter.power_limit_low = 7, -4  # beyond them with an exponent
             if label == "cycles":
                 axis.formatter = NumeralTickFormatter(format="0,0")
