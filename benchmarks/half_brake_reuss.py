@@ -173,7 +173,7 @@ def tabled(name):
     found = []
     for cells in (row for row in rows if len(row) > 2 and row[1].strip() == name):
         values = {}
-        for key, text in zip(BASELINE | HYPOTHESES[name], cells[2].split(","), strict=False):
+        for key, text in zip(BASELINE | HYPOTHESES[name], cells[-2].split(","), strict=False):
             number = next(float(word) for word in text.split() if word[0].isdigit())
             values[key] = number / UNITS[key][0]
         found.append(values)
@@ -199,9 +199,9 @@ def decay_row(name, known):
     miss = 100.0 * (f / frequency - 1.0)
     ratio = z / damping
     fitted, predicted = (float(np.abs(part).max()) for part in (miss[:count], miss[count:]))
-    print(f"| {name} | {told(values)} | {cost:.0f} | {fitted:.2f} | {predicted:.2f} "
-          f"| {ratio[count:].min():.1f}-{ratio[count:].max():.1f} | {'yes' if f[-1] > f[count + 1] else 'no'} |",
-          flush=True)
+    print(f"| {name} | {cost:.0f} | {fitted:.2f} | {predicted:.2f} "
+          f"| {ratio[count:].min():.1f}-{ratio[count:].max():.1f} | {'yes' if f[-1] > f[count + 1] else 'no'} "
+          f"| {told(values)} |", flush=True)
     return values
 
 
@@ -234,8 +234,8 @@ def forced_row(name, known):
     values, cost = Fit.of(HYPOTHESES[name]).best(residual, known)
     _, there, here, measured, own = resonances(values)
     places, forces = 100.0 * (here / there - 1.0), 100.0 * (own / measured - 1.0)
-    print(f"| {name} | {told(values)} | {cost:.0f} | {np.abs(places).max():.2f} | "
-          f"{', '.join(f'{one:+.0f}' for one in forces)} |", flush=True)
+    print(f"| {name} | {cost:.0f} | {np.abs(places).max():.2f} | {', '.join(f'{one:+.0f}' for one in forces)} "
+          f"| {told(values)} |", flush=True)
     return values
 
 
@@ -294,13 +294,11 @@ def draw(folder):
 
 def main():
     """Print the three tables."""
-    print("| faces | found below 20 m/s^2 | cost of 10 | frequency, fitted, % | predicted, % | damping, predicted over "
-          "measured | rises |\n|---|---|---|---|---|---|---|")
+    print("| faces | cost of 10 | fitted, % | predicted, % | damping | rises | found |\n|---|---|---|---|---|---|---|")
     found, held = {}, {}
     for name in HYPOTHESES:
         found[name] = decay_row(name, simpler(name, found))
-    print("\n| faces | found with the force held | cost of 164 | resonance, % | force at resonance at 5 to 80 m/s^2, % "
-          "|\n|---|---|---|---|---|")
+    print("\n| faces | cost of 164 | resonance, % | force, % | found |\n|---|---|---|---|---|")
     for name, values in found.items():
         held[name] = forced_row(name, [values, *simpler(name, held)])
     print("\n| faces | found | mode 1 | mode 2 | mode 3, predicted | mode 4, predicted |\n|---|---|---|---|---|---|")

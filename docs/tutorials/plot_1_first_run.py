@@ -20,7 +20,7 @@ found = ff.run(case, "runs", until="response")
 # What was found stands in the summary, each figure with its unit.
 
 for name, figure in found.summary.items():
-    print(f"{name:32} {figure.text}")
+    print(f"{name}: {figure.text}")
 
 # %%
 # At a glance: loops, the contact in the end, worn volume, and the response before and after.

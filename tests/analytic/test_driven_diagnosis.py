@@ -184,6 +184,21 @@ def test_all_loops_that_are_held_out_are_drawn():
         assert sum(not one.held_out for one in shown) in range(4, 9)
 
 
+def test_every_sample_of_a_thinned_loop_stands_beside_those_that_are_compared():
+    """Of a damper's 1,024 samples a cycle 202 were drawn as measured, its ringing as a zigzag."""
+    t = 0.1 * STEP * np.arange(round(6.6 / HERTZ / (0.1 * STEP)))
+    x = -X * np.cos(2.0 * np.pi * HERTZ * t)
+    force = slid(x) + 5.0 * np.sin(2.0 * np.pi * 70.0 * HERTZ * t)
+    data = driven_data(recording(t, x, force))
+    assert data.every > 1
+    for one, cycle in zip(comparisons(data, data.force, data.force), data.cycles, strict=True):
+        assert len(one.raw_force) == cycle.stop - cycle.start > 1.5 * len(one.force)
+        np.testing.assert_allclose(one.raw_force, force[cycle.start:cycle.stop])
+        np.testing.assert_allclose(one.raw_displacement, x[cycle.start:cycle.stop])
+    few = driven_data(loops(slid, samples=100, counts=10))  # all of which are compared
+    assert all(one.raw_force is None for one in comparisons(few, few.force, few.force))
+
+
 def test_effects_that_need_time_are_left_out_where_there_is_none():
     found = diagnose_driven(made(EFFECTS["parallel-stiffness"], timed=False), True, quiet)
     assert "parallel-stiffness" in found.effects

@@ -10,6 +10,7 @@ import pytest
 from fretflow.case.casefile import dump_case, entries, starting_case
 from fretflow.case.config import Case, PeriodicMethod, Solver, load_case, slice_hash, validate_case
 from fretflow.core.errors import ConfigError
+from fretflow.effects.catalogue import catalogue, table_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -146,6 +147,12 @@ def test_a_written_case_reads_back_to_the_bit(load, width, cycles, damping):
                              rig__damping_ratio=damping, solver__method="dlft", solver__penalty="3 N/um",
                              specimen__face="cylindrical", specimen__face_radius="1 m", title='a "b" µ'))
     assert validate_case(tomllib.loads(dump_case(case))) == case
+
+
+def test_large_numbers_are_written_as_they_are_typed():
+    written = dump_case(validate_case(raw(test__cycles=150_000)))
+    assert "cycles = 150_000\n" in written
+    assert "residence = 100_000" in table_lines([catalogue()["third-body"]()])
 
 
 def test_the_file_to_start_from_is_valid_and_shows_every_key(tmp_path):

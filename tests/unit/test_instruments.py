@@ -64,7 +64,8 @@ def recorded(gain: float = 1.0, late: float = 0.0, limit: float = np.inf) -> tup
     loops = {"displacement": np.real(np.outer(motion, turn)), "excitation": np.real(np.outer(drive, turn)),
              "friction_force": np.clip(np.real(np.outer(shown, turn)) + abs(gain) * noise, -limit, limit)}
     test = SimpleNamespace(excitation_amplitude=60.0, excitation_frequency=FREQUENCY, normal_load=LOAD)
-    return SimpleNamespace(loops=Loops(loops), sweep=None, test=test), SimpleNamespace(rig=rig)
+    wear = SimpleNamespace(worn_volume=None)
+    return SimpleNamespace(loops=Loops(loops), sweep=None, test=test, wear=wear), SimpleNamespace(rig=rig)
 
 
 def test_a_rig_in_motion_with_any_friction_has_no_fault() -> None:
@@ -343,6 +344,25 @@ def test_hum_of_the_normal_force_is_told(recordings: Path) -> None:
         told, _ = said(changed)
         assert len(told) == expected
         assert all(one.startswith("the normal force has a hum of the mains") for one in told)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("factor", [1e-3, 1e9])
+def test_cycles_or_volumes_of_another_unit_are_told(factor: float, recordings: Path) -> None:
+    """In thousands the cycles had been explained, by a wear coefficient of 1.1e-11 m^2/N and nothing else."""
+    recording = read_recording(recordings / "example_baseline")
+    if factor < 1.0:
+        loops = replace(recording.loops, cycles=np.round(factor * recording.loops.cycles).astype(int))
+        recording = replace(recording, loops=loops)
+    else:
+        wear = recording.wear.model_copy(update={
+            name: getattr(recording.wear, name) / factor for name in ("worn_volume", "worn_volume_sd")})
+        recording = replace(recording, wear=wear)
+    (told,), _ = said(recording)
+    assert told.startswith("the worn volume would be that of a wear coefficient of 1.1e-")
+    assert "counted in thousands" in told
+    (told,), _ = said(altered(recording, "displacement", lambda _, values: 1e-3 * values))
+    assert told.startswith("the displacement is 0.000")  # which explains the volume too
 
 
 @pytest.mark.real_data

@@ -346,6 +346,11 @@ def test_no_script_but_the_pages_own_runs(cases):
     assert "default-src 'none'" in policy
 
 
+def test_the_rig_is_drawn_on_its_own_pages_alone(cases):
+    assert 'alt="the two-mass rig with its specimens"' in render_report(cases.named())
+    assert "two-mass rig" not in render_report(cases.named("lumped"))
+
+
 def test_the_file_is_of_reasonable_size(cases, tmp_path):
     path = write_report(tmp_path / "report.html", cases.named())
     assert path.stat().st_size - len(charts.script().encode()) < 1_000_000

@@ -19,6 +19,8 @@ def test_points_and_predictions_stand_where_they_belong(monkeypatch):
     axes = chart_of(chart, "natural frequency over amplitude of tip")["attributes"]
     assert axes["below"][0]["attributes"]["axis_label"]["attributes"]["text"] == "amplitude of tip (µm)"
     assert axes["left"][0]["attributes"]["axis_label"]["attributes"]["text"] == "natural frequency (Hz)"
+    assert axes["below"][0]["attributes"]["major_label_policy"]["name"] == "NoOverlap"
+    assert axes["left"][0]["attributes"]["major_label_policy"]["name"] != "NoOverlap"
     shown = drawn(chart, "natural frequency over amplitude of tip")
     for name, values in (("measured", y), ("before", y + 1.0), ("after", y)):
         assert np.allclose(shown[name]["x"], 1e6 * x, rtol=1e-6)

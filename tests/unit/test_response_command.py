@@ -7,6 +7,7 @@ and wear, and is made once and again only when something that it depends on has 
 import csv
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fretflow import cli
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Solver, validate_case
 from fretflow.cli import response as cli_response
+from fretflow.cli import terminal
 from fretflow.cli.terminal import INTERRUPTED
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError
@@ -97,6 +99,15 @@ def test_the_command_makes_curves_and_reads_them_off(home, capsys):
     names = [name for name, _, _ in stage.kept_peaks(folders)]
     assert names[0] == "unworn, 75 N, down"
     assert stage.kept_peaks({**folders, "wear": home / "wear-other"}) == []
+
+
+def test_the_bar_of_a_curve_promises_no_time(home, capsys, monkeypatch):
+    """A curve's points say nothing of how many follow: the bar had stood at "5 s left" for 20 minutes."""
+    monkeypatch.setattr(terminal, "Terminal", partial(terminal.Terminal, force_terminal=True, width=100))
+    assert cli.execute(["response", str(home), "--unworn", "--start", "39 Hz", "--stop", "41 Hz"]) == 0
+    said = capsys.readouterr().out
+    assert " Hz" in said
+    assert "left " not in said
 
 
 def test_python_has_the_curves_asked_for_last_as_labelled_arrays(home, capsys):

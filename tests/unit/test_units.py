@@ -153,6 +153,7 @@ def test_numbers_that_count_have_no_power_of_ten():
     assert [pretty_number(value, 3) for value in (20_000.0, -1234.5, 999.7, 1.1e-14)] == [
         "20,000", "-1,230", "1,000", "1.1e-14"]
     assert pretty_number(1234.5) == "1,234.5"
+    assert [pretty_number(value, 2) for value in (184.0, 12.3, 99.7)] == ["180", "12", "100"]
     assert pretty_quantity(2e7, "kg/m^3", 3) == "20000000 kg/m³"
 
 

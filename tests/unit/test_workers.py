@@ -53,6 +53,22 @@ def test_users_effects_travel_to_workers_and_back(own):
     assert call_isolated(operator.methodcaller("model_copy"), own, before=import_own) == own
 
 
+PLAIN = """
+import operator, os
+from fretflow.pipeline.ensemble import LocalPool
+print("runs")
+with LocalPool(2) as pool:
+    assert os.getpid() not in pool(operator.call, [os.getpid] * 4)
+"""
+
+
+def test_a_plain_script_runs_once(tmp_path):
+    """Without ``if __name__ == "__main__":``, as a newcomer writes it; its workers do not run it again."""
+    (tmp_path / "plain.py").write_text(PLAIN)
+    done = subprocess.run([sys.executable, tmp_path / "plain.py"], capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.stdout, done.returncode) == ("runs\n", 0), done.stderr
+
+
 @pytest.fixture
 def lasting(tmp_path):
     """Return a process in a group of its own, as a terminal starts it, and the ids of its workers."""

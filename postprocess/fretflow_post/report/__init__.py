@@ -24,7 +24,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from fretflow_post.diagnosed import FIGURES, drawn_parameters
-from fretflow_post.report.charts import LOOKS, figure_image, script
+from fretflow_post.report.charts import LOOKS, figure_image, script, svg_image
 from fretflow_post.report.loops import curve_views, evolution_views, loop_views
 from fretflow_post.report.maps import PlausibleRange, law_view, map_views, plausible_range, tests_view
 from fretflow_post.report.wear import wear_views
@@ -89,6 +89,7 @@ def _environment() -> Environment:
     found.filters["prose"] = _prose
     css, js = ((PAGE / f"report.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
     found.globals["css"] = Markup(css)
+    found.globals["rig"] = svg_image((PAGE / "rig.svg").read_bytes(), "the two-mass rig with its specimens")
     found.globals["scripts"] = [_Script(text) for text in (
         'document.documentElement.classList.add("live");', f"{script()}\nconst LOOKS = {json.dumps(LOOKS)};\n{js}")]
     return found

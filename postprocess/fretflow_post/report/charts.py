@@ -18,6 +18,7 @@ from bokeh.models import (
     FixedTicker,
     HoverTool,
     LinearColorMapper,
+    NoOverlap,
     NumeralTickFormatter,
     PanTool,
     PlainText,
@@ -71,6 +72,7 @@ class Chart:
         self.figure.background_fill_color = self.figure.border_fill_color = LOOKS["paper"]
         self.figure.outline_line_color = None
         self.figure.grid.grid_line_color = LOOKS["line"]
+        self.figure.xaxis.major_label_policy = NoOverlap()  # of cycles on a phone; rows of maps keep all their names
         for axis, label in zip((*self.figure.xaxis, *self.figure.yaxis), self.labels, strict=True):
             axis.axis_label = PlainText(text=label)
             axis.axis_label_text_font_style = "normal"
@@ -159,16 +161,16 @@ def extent(values: Iterable[Array], margin: float = 0.05, around_zero: bool = Fa
     return low - margin * (high - low), high + margin * (high - low)
 
 
-def thinned(*curves: Array) -> NDArray[np.int64]:
-    """Return the indices of some MOST_POINTS samples of `curves` (N,), every stretch by its extremes.
+def thinned(*curves: Array, most: int = MOST_POINTS) -> NDArray[np.int64]:
+    """Return the indices of some `most` samples of `curves` (N,), every stretch by its extremes.
 
     Evenly spaced ones would fold what oscillates faster into a zigzag that was not measured.
     """
     count = len(curves[0])
-    if count <= MOST_POINTS:
+    if count <= most:
         return np.arange(count)
     kept = [0, count - 1]
-    for part in np.array_split(np.arange(count), MOST_POINTS // (2 * len(curves))):
+    for part in np.array_split(np.arange(count), most // (2 * len(curves))):
         for values in (np.nan_to_num(curve[part]) for curve in curves):
             kept += [part[np.argmin(values)], part[np.argmax(values)]]
     return np.unique(np.array(kept, dtype=np.int64))
@@ -178,5 +180,10 @@ def figure_image(still: Figure, describe: str) -> Markup:
     """Return a figure as a picture that grows without getting coarse."""
     content = io.BytesIO()
     still.savefig(content, format="svg", metadata={"Date": None})
+    return svg_image(content.getvalue(), describe)
+
+
+def svg_image(content: bytes, describe: str) -> Markup:
+    """Return an SVG as a picture within the page."""
     return Markup('<img class="figure" src="data:image/svg+xml;base64,{}" alt="{}">').format(
-        base64.b64encode(content.getvalue()).decode(), describe)
+        base64.b64encode(content).decode(), describe)

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 ALIKE = 4.0  # largest over smallest extent of loops that are drawn on one scale
 READABLE = 0.1  # of a channel's unit: what is smaller is told in a unit of its own
+MOST_SAMPLES = 4000  # of a loop as it was measured: as fine as any screen
 SMALL = 112.0, 76.0  # pixels of a loop to choose by, within 4 around it
 
 
@@ -119,11 +120,13 @@ def _channels(one: Comparison, names: Sequence[str], sizes: Sequence[tuple[str, 
     kept = thinned(one.displacement, one.force)
     given = ((one.displacement, one.before_displacement, one.after_displacement),
              (one.force, one.before_force, one.after_force))
-    raws = (one.raw_displacement, one.raw_force)
+    raws: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+    if one.raw_displacement is not None and one.raw_force is not None:
+        seen = thinned(one.raw_displacement, one.raw_force, most=MOST_SAMPLES)
+        raws = one.raw_displacement[seen], one.raw_force[seen]
     for name, (unit, size), si, values, raw in zip(names, sizes, ("m", "N"), given, raws, strict=True):
         measured, before, after = (np.asarray(v, dtype=float)[kept] / size for v in values)
-        yield Channel(name, pretty_unit(unit), size, si, measured, before, after,
-                      np.zeros(0) if raw is None else raw / size)
+        yield Channel(name, pretty_unit(unit), size, si, measured, before, after, raw / size)
 
 
 def _one_scale(channels: Sequence[Channel], after: bool) -> Limits | None:

@@ -66,6 +66,8 @@ class Entry:
             return json.dumps(list(self.value))
         if isinstance(self.value, Path):
             return json.dumps(str(self.value), ensure_ascii=False)
+        if not isinstance(self.value, bool | str) and 1e4 <= self.value < 1e15 and self.value == int(self.value):
+            return f"{int(self.value):_}"  # 100_000, as one types it
         return json.dumps(self.value, ensure_ascii=False)
 
 

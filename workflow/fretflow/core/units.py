@@ -129,7 +129,7 @@ def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
 def pretty_number(value: float, digits: int = 6) -> str:
     """Return a number with so many figures as it is printed for people: ``"0.35"``, ``"100,000"``."""
     rounded = float(f"{value:.{digits}g}")
-    if not 1e3 <= abs(rounded) < 1e15:
+    if not min(1e3, 10.0**digits) <= abs(rounded) < 1e15:
         return f"{value:.{digits}g}"
     text = f"{rounded:,.{max(0, digits - 1 - int(math.log10(abs(rounded))))}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text

@@ -140,8 +140,9 @@ def tables(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
 
 def table_lines(effects: Iterable[Effect]) -> list[str]:
     """Return `effects` as lines of a case file, an empty one before each table."""
-    return [line for name, table in tables(effects).items() for line in ("", f"[effects.{name}]", *(
-        f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}" for key, value in table.items()))]
+    return [line for effect in sorted(effects, key=lambda effect: effect.id) for line in (
+        "", f"[effects.{effect.id}]",
+        *(f"{entry.key} = {entry.toml}" for entry in entries(effect) if entry.value is not None))]
 
 
 @cache

@@ -130,7 +130,7 @@ class Comparison:
     after_displacement: Array = quantity("m", "(N,), with the named effects")
     after_force: Array = quantity("N", "(N,)")
     time: Array | None = quantity("s", "(N,)", default=None)
-    raw_displacement: Array | None = quantity("m", "(n,), every sample where only harmonics are compared", default=None)
+    raw_displacement: Array | None = quantity("m", "(n,), all, where fewer or harmonics are compared", default=None)
     raw_force: Array | None = quantity("N", "(n,)", default=None)
 
 

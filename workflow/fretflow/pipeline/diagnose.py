@@ -35,7 +35,6 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     """Say whether the model explains a recording and, if not, where they part and which physics is left out.
 
     Specimens are meshed and reduced for the recordings of a rig; what was reduced once is kept in the user's cache.
-    The processes have one core each, so a script that calls this needs ``if __name__ == "__main__":``.
 
     Parameters
     ----------

@@ -12,13 +12,14 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from threading import Thread
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any, Generic, TypeVar, cast
 
 from fretflow.core.errors import InputError, PlatformError
@@ -226,9 +227,10 @@ def _executor(workers: Workers, calls: int) -> Iterator[Executor | None]:
 def _processes(count: int) -> Iterator[Executor]:
     """Open `count` processes that import users' effects, and end with this one and where it is interrupted."""
     others = set(multiprocessing.active_children())
-    # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it.
-    pool = _Quiet(count, multiprocessing.get_context("spawn"), initializer=_begin)
-    with _threads(threads_each(count)), pool:
+    # Fresh interpreters: a fork would inherit MPI and BLAS threads, which do not survive it. The first pool starts one
+    # more, which keeps its semaphores, so that it too begins within `_threads`.
+    with (_threads(threads_each(count)),
+          _Quiet(count, multiprocessing.get_context("spawn"), initializer=_begin) as pool):
         try:
             yield pool
         except BaseException:  # nobody waits for what they still do
@@ -238,13 +240,18 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 class _Quiet(ProcessPoolExecutor):
-    """Processes that an interruption from the terminal, which reaches them too, ends without a word."""
+    """Processes that an interruption from the terminal, which reaches them too, ends without a word.
+
+    They do not import the script that started them, which would run all of it again.
+    """
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, until `_begin`
+        script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
         try:
             return super().submit(function, *args, **kwargs)
         finally:
+            sys.modules["__main__"] = script
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fretflow.case.config import Case, PeriodicMethod, Solver
 from fretflow.core.errors import InputError
+from fretflow.core.units import pretty_number
 
 REDUCED = 4.0  # matrices of the contact that the reduction holds: stiffness and mass of two specimens
 SOLVED = 16.0  # that a period takes with either method, and for each harmonic with DLFT:
@@ -92,7 +93,8 @@ def time_warning(case: Case) -> tuple[str, ...]:
     slowest = max(fields, key=lambda name: fields[name])
     if case.mesh.upper is not None or fields[slowest] < LONG:
         return ()
-    return (f"{slowest}: a period takes some {fields[slowest] / 3600.0:.2g} h, and the wear tens of periods",)
+    hours = pretty_number(fields[slowest] / 3600.0, 2)
+    return (f"{slowest}: a period takes some {hours} h, and the wear tens of periods",)
 
 
 def free_memory() -> float:

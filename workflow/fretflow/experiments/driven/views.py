@@ -31,17 +31,20 @@ def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparis
     """
     spread = set(np.linspace(0, len(data.cycles) - 1, min(MOST_SHOWN, len(data.cycles))).round().astype(int))
     kept = [one for k, one in enumerate(data.cycles) if k in spread or one.held_out]
-    groups = [(one.label, one.held_out, data.samples_of(one)) for one in kept]
+    groups = [(one.label, one.held_out, data.samples_of(one), slice(one.start, one.stop)) for one in kept]
     if not groups and data.kind is LUMPED:
-        groups = [(name, out, np.flatnonzero(mask)) for name, out, mask in (
+        groups = [(name, out, np.flatnonzero(mask), slice(0)) for name, out, mask in (
             ("fitted", False, data.fitted), ("held out", True, data.held_out))]
     found = []
-    for label, held_out, own in groups:
+    for label, held_out, own, whole in groups:
         x = data.motion.displacement[own]
+        thin = data.every > 1 and whole.stop > 0
         found.append(Comparison(
             label=label, held_out=held_out, displacement=x, force=data.force[own], before_displacement=x,
             after_displacement=x, before_force=before[own], after_force=after[own],
-            time=data.motion.time[own] if data.kind is LUMPED and data.timed else None))
+            time=data.motion.time[own] if data.kind is LUMPED and data.timed else None,
+            raw_displacement=data.unsmoothed[whole] if thin else None,
+            raw_force=data.whole_force[whole] if thin else None))
     return tuple(found)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from fretflow.case.config import Case
+from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import FretflowError
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
@@ -31,7 +32,7 @@ from fretflow.experiments.rig.equations import (
 )
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
 from fretflow.experiments.rig.observation import LOOP_OFFSET, SYNCHRONISED, Array
-from fretflow.experiments.rig.setup import FRICTION
+from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear
 from fretflow.recordings.loopset import LoopSet, plateau
 from fretflow.recordings.periods import LEVEL, is_noisy, standing_still
 from fretflow.recordings.plausibility import STATED
@@ -51,7 +52,7 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     if found:
         return tuple(found[:1])
     try:
-        found = [*_gains(recording, case), *_friction(recording)]
+        found = [*_gains(recording, case), *_friction(recording)] or _wear(recording)
         return tuple(found or _late(recording, case) or _humming(recording, case) or _drifting(recording, case)
                      or _small_gains(recording, case)[0] or _lost_zero(recording, case))
     except (FretflowError, np.linalg.LinAlgError):
@@ -314,3 +315,18 @@ def _friction(recording: Recording) -> list[str]:
         return [f"the friction force is {0.5 * (least + most):.2g} times the normal load, which no dry contact has: "
                 "check the units of the force and of normal_load"]
     return []
+
+
+def _wear(recording: Recording) -> list[str]:
+    """Return whether the worn volume is beyond what any joint wears by the energy that its loops dissipate."""
+    volume = recording.wear.worn_volume
+    if volume is None:
+        return []
+    spread = 2.0 * (recording.wear.worn_volume_sd or 0.0) / volume
+    coefficient = first_wear(recording, first_friction(recording))
+    least, most = PLAUSIBLE["wear.coefficient"]
+    if least <= (1.0 + spread) * coefficient and (1.0 - spread) * coefficient <= most:
+        return []
+    found, low, high = (pretty_quantity(value, "m^2/N", 2) for value in (coefficient, least, most))
+    return [f"the worn volume would be that of a wear coefficient of {found}, which no joint has ({low} to {high}): "
+            "check its unit and that of the cycles, which may be counted in thousands"]
