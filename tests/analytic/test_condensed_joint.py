@@ -68,6 +68,16 @@ def test_stiffness_and_load_are_the_dense_ones(joint, frequency):
     assert far(found.load, dense.load) < 1e-9  # K times rigid motion: what cancels sets the accuracy
 
 
+def test_single_precision_keeps_the_terms_that_it_tells(joint):
+    found = condensed(joint).relative(100.0, rig_loads(15, *LOADS))
+    u, single = to_complex(np.random.default_rng(0).normal(size=(31, 3 * NODES))), found.single()
+    assert 1 < len(single.terms) < len(found.terms)
+    product = single.apply(u.astype(np.complex64))
+    assert product.dtype == np.complex64
+    assert far(product, found.apply(u)) < 1e-5
+    assert far(single.real_part(2), found.real_part(2)) < 1e-6
+
+
 def test_motion_is_the_dense_one(joint):
     """Of a displacement that goes with forces which the rig can bear: any."""
     u = to_complex(1e-6 * np.random.default_rng(0).normal(size=(7, 3 * NODES)))

@@ -130,3 +130,12 @@ def test_derivatives_of_many_nodes_are_those_of_each(monkeypatch):
     whole = equations.force_derivative(at)
     monkeypatch.setattr("fretflow.solvers.dlft.march.NODES_AT_ONCE", 2)
     assert equations.force_derivative(at) == pytest.approx(whole, rel=1e-13, abs=1e-15)
+
+
+def test_large_systems_take_the_same_product_in_single_precision(monkeypatch):
+    equations, u = equations_and_point(list(STATES.values()), seed=2)
+    v = np.random.default_rng(3).normal(size=u.size)
+    exact = equations.linearise(equations.evaluate(u))[0](v)
+    monkeypatch.setattr("fretflow.solvers.dlft.equations.LARGE", 1)
+    single = equations.linearise(equations.evaluate(u))[0](v)
+    assert 0.0 < np.abs(single - exact).max() < 1e-5 * np.abs(exact).max()

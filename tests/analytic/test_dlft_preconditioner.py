@@ -6,7 +6,7 @@ single precision; one node by itself too, in whatever state.
 
 import numpy as np
 import pytest
-from fretflow.solvers.dlft.preconditioner import NodePreconditioner
+from fretflow.solvers.dlft.preconditioner import NodePreconditioner, bands
 from fretflow.solvers.newton import gmres
 
 NODES, HARMONICS, PENALTY = 6, 2, 2.0
@@ -64,3 +64,11 @@ def test_few_iterations_where_states_couple_harmonics():
     _, without = gmres(lambda v: exact @ v, right, lambda v: v, 1e-8)
     assert exact @ x == pytest.approx(right, abs=1e-6)
     assert iterations < 0.4 * without
+
+
+@pytest.mark.parametrize(("harmonics", "first"), [(0, (0,)), (3, (0, 1, 2, 3)), (5, (0, 1, 2, 3, 4)),
+                                                  (15, (0, 1, 2, 3, 4, 8)), (16, (0, 1, 2, 3, 4, 8, 16))])
+def test_harmonics_share_matrices_by_octaves(harmonics, first):
+    begin, end = bands(harmonics)
+    assert begin == first
+    assert [k for a, b in zip(begin, end, strict=True) for k in range(a, b)] == list(range(harmonics + 1))

@@ -19,9 +19,9 @@ from fretflow.contact.law import ContactLaw
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.solvers.dlft.march import PeriodicFriction, friction_derivative, periodic_friction
-from fretflow.solvers.dlft.preconditioner import NodePreconditioner
+from fretflow.solvers.dlft.preconditioner import NodePreconditioner, bands
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex, to_real
-from fretflow.solvers.newton import Operator
+from fretflow.solvers.newton import LARGE, Operator
 
 
 class Evaluation(NamedTuple):
@@ -97,8 +97,12 @@ class DlftEquations:
         return analysis_matrix(self.harmonics, self.samples)
 
     @cached_property
-    def _single_stiffness(self) -> tuple[NDArray[np.float32], ...]:
-        return tuple(self.stiffness.real_part(k).astype(np.float32) for k in range(self.harmonics + 1))
+    def _single(self) -> Stiffness:
+        return self.stiffness.single()
+
+    @cached_property
+    def _single_parts(self) -> tuple[NDArray[np.float32], ...]:
+        return tuple(self._single.real_part(k).astype(np.float32) for k in bands(self.harmonics)[0])
 
     def up_to(self, harmonics: int) -> DlftEquations:
         """Return the equations that keep only the first harmonics, 0..`harmonics`."""
@@ -140,7 +144,9 @@ class DlftEquations:
     def linearise(self, at: Evaluation, before: Operator | None = None) -> tuple[Operator, Operator]:
         """Return the products with the Jacobian ``Z - D (Z - eps I)`` and with its approximate inverse.
 
-        The latter keeps the factors of the one `before`, of another iterate, where it is given.
+        In large systems, where the matrices of Z are read from memory, the former takes them in single precision: a
+        step of Newton's method needs no more, and the residual is of the whole Z. The latter keeps the factors of the
+        one `before`, of another iterate, where it is given.
         """
         derivative = self.force_derivative(at)
         nodes, q = len(derivative), len(self.analysis)
@@ -148,13 +154,14 @@ class DlftEquations:
 
         def apply(flat: NDArray[np.float64]) -> NDArray[np.float64]:
             v = flat.reshape(q, 3 * nodes)
-            zv = self.apply_stiffness(v)
+            zv = self.apply_stiffness(v) if 3 * nodes < LARGE else to_real(
+                self._single.apply(to_complex(v).astype(np.complex64)))
             drive = (zv - self.penalty * v).reshape(q, nodes, 3).transpose(1, 0, 2)
             force = blocks @ drive.reshape(nodes, 3 * q, 1)
             return np.asarray((zv - force.reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, -1)).ravel())
 
         kept = before if isinstance(before, NodePreconditioner) else None
-        return apply, NodePreconditioner(derivative, self._single_stiffness, self.penalty, kept)
+        return apply, NodePreconditioner(derivative, self._single_parts, self.penalty, kept)
 
 
 class Stiffness(Protocol):
@@ -170,6 +177,10 @@ class Stiffness(Protocol):
 
     def up_to(self, harmonics: int) -> Stiffness:
         """Return the first harmonics, 0..`harmonics`."""
+        ...
+
+    def single(self) -> Stiffness:
+        """Return it in single precision."""
         ...
 
 
@@ -189,3 +200,7 @@ class DenseStiffness(NamedTuple):
     def up_to(self, harmonics: int) -> DenseStiffness:
         """Return the first harmonics, 0..`harmonics`."""
         return DenseStiffness(self.matrices[:harmonics + 1])
+
+    def single(self) -> DenseStiffness:
+        """Return it in single precision."""
+        return DenseStiffness(self.matrices.astype(np.complex64))

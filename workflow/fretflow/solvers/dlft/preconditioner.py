@@ -2,8 +2,10 @@
 
 Split the stiffness into a part of each node by itself, kappa, and the rest. The node's own part of the Jacobian, ``L =
 (I - D) kappa + eps D``, is inverted exactly with all harmonics and directions coupled, which leaves ``L^-1 J = I + S (Z
-- kappa)`` with ``S = L^-1 (I - D)``. Of S the blocks that couple harmonics are dropped there, so that one real matrix a
-harmonic is factored. It is exact where nodes stick (S = 0) and where they slide freely or are open (D = 0).
+- kappa)`` with ``S = L^-1 (I - D)``. Of S the blocks that couple harmonics are dropped there. The others differ little:
+from the fourth harmonic on they are averaged over each octave (4 to 7, 8 to 15, ...), and one real matrix is factored
+for each of these bands, and one for each lower harmonic, at which the rig moves differently. It is exact where nodes
+stick (S = 0) and where they slide freely or are open (D = 0).
 
 Where S is zero (normal DOFs in contact all the time, stuck nodes) the row is that of the identity, and the DOF is not
 factored. Damping is left out and precision is single; both cost a few iterations. So does keeping these matrices where
@@ -20,13 +22,14 @@ from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
 OWN_SHARE = 0.5  # of a node's stiffness with its neighbours held that kappa takes; least iterations, 0.25 to 1 tried
+ALONE = 4  # harmonics from 0 on with matrices of their own, a power of two; with 1 a fifth more iterations
 HELD = 1e-5  # of S relative to 1 / kappa: below it, in single precision, a DOF is held
 
 Single = NDArray[np.float32]
 
 
 class _KeptFactors(NamedTuple):
-    """DOFs that were factored or held, and for each harmonic the factors and the rows across (free, held)."""
+    """DOFs that were factored or held, and for each band the factors and the rows across (free, held)."""
 
     free: NDArray[np.int64]
     held: NDArray[np.int64]
@@ -46,7 +49,7 @@ class NodePreconditioner:
     derivative
         D (nodes, 2 H + 1, 3, 2 H + 1, 3).
     stiffness
-        Real parts of Z, (3 n, 3 n) in N/m for each harmonic 0..H.
+        Real parts of Z, (3 n, 3 n) in N/m at the first harmonic of each band.
     penalty
         eps in N/m.
     before
@@ -72,18 +75,26 @@ class NodePreconditioner:
         right = flat.reshape(q, nodes, 3).transpose(1, 0, 2).reshape(nodes, 3 * q, 1).astype(np.float32)
         v = (self._inverse @ right).reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, 3 * nodes)
         free, held = self._kept.free, self._kept.held
-        for k, (factor, across) in enumerate(zip(self._kept.factors, self._kept.across, strict=True)):
-            part = slice(max(0, 2 * k - 1), 2 * k + 1)
+        for first, end, factor, across in zip(*bands(q // 2), self._kept.factors, self._kept.across,
+                                              strict=bool(free.size)):
+            part = slice(max(0, 2 * first - 1), 2 * end - 1)
             known = v[part, free] - v[part, held] @ across.T
             v[part, free] = lu_solve(factor, known.T, overwrite_b=True, check_finite=False).T
         return np.asarray(v.ravel(), dtype=float)
 
 
+def bands(harmonics: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the first of 0..`harmonics` that share a matrix, and the harmonics at which these bands end."""
+    octaves = (2**i for i in range(ALONE.bit_length() - 1, harmonics.bit_length()))
+    first = (*range(min(ALONE, harmonics + 1)), *octaves)
+    return first, (*first[1:], harmonics + 1)
+
+
 def _factored(shares: Single, stiffness: Sequence[Single], own: Single, free: NDArray[np.int64]) -> _KeptFactors:
-    """Factor the rows of the `free` DOFs, one matrix a harmonic."""
+    """Factor the rows of the `free` DOFs, one matrix a band."""
     held, factors, across = np.setdiff1d(np.arange(3 * len(own)), free), [], []
-    for share, matrix in zip(shares, stiffness, strict=True) if free.size else ():
-        rows = _rest(share, matrix, own, free)
+    for first, end, matrix in zip(*bands(len(shares) - 1), stiffness, strict=True) if free.size else ():
+        rows = _rest(shares[first:end].mean(axis=0), matrix, own, free)
         inner = rows[:, free]
         inner[np.arange(len(inner)), np.arange(len(inner))] += np.float32(1.0)
         factors.append(lu_factor(inner, overwrite_a=True, check_finite=False))

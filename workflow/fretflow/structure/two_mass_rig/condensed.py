@@ -33,6 +33,7 @@ from fretflow.structure.two_mass_rig.lumped import LumpedRig
 REACH = 1.0 / 20.0  # highest frequency of the fit, by the lowest of the bodies'
 TERMS = 4  # which at that reach leaves 1e-13 of the stiffness
 NEGLIGIBLE = 1e-15  # a term below this share of the first is left out
+SINGLE = float(np.finfo(np.float32).eps)
 
 
 class RelativeStiffness(NamedTuple):
@@ -60,7 +61,7 @@ class RelativeStiffness(NamedTuple):
 
     def apply(self, u: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return Z u for complex amplitudes (H + 1, 3 n); each real matrix is read once for all harmonics."""
-        parts = u.view(float).reshape(*u.shape, 2).transpose(0, 2, 1).reshape(-1, u.shape[1])
+        parts = u.view(u.real.dtype).reshape(*u.shape, 2).transpose(0, 2, 1).reshape(-1, u.shape[1])
         held = self.cores @ (_transposed(self.levers) @ u[:, :, None])
         product = -(self.levers @ held)[:, :, 0]
         for weight, term in zip(self.weights.T, self.terms, strict=True):
@@ -72,11 +73,24 @@ class RelativeStiffness(NamedTuple):
         """Return the real part of Z at one harmonic, (3 n, 3 n) in N/m."""
         weights, lever = self.weights[harmonic].real, self.levers[harmonic]
         static = np.tensordot(weights, self.terms, axes=1)
-        return np.asarray(static - (lever @ self.cores[harmonic] @ lever.T).real)
+        moved = lever @ self.cores[harmonic]
+        static -= np.hstack([moved.real, -moved.imag]) @ np.hstack([lever.real, lever.imag]).T
+        return static
 
     def up_to(self, harmonics: int) -> RelativeStiffness:
         """Return the first harmonics, 0..`harmonics`."""
         return RelativeStiffness(self.terms, *(part[:harmonics + 1] for part in self[1:]))
+
+    def single(self) -> RelativeStiffness:
+        """Return it in single precision, without the terms that this cannot tell."""
+        kept = self._told(SINGLE)
+        complexes: Any = (one.astype(np.complex64) for one in (self.weights[:, kept], *self[2:]))
+        return RelativeStiffness(self.terms[kept].astype(np.float32), *complexes)
+
+    def _told(self, share: float) -> NDArray[np.bool_]:
+        """Return which terms are above `share` of the first one."""
+        sizes = np.abs(self.weights).max(axis=0) * [np.abs(term).max() for term in self.terms]
+        return np.asarray(sizes > share * sizes[0])
 
 
 @record
@@ -117,10 +131,10 @@ class CondensedJoint:
         series[:, 1:, 1:] += damped[:, None, None] * _at(powers, self.arm) + _transposed(arm) @ levers[:, :, 1:]
         cores = np.linalg.inv(series)
         held = cores @ (loads * DOWN)[:, :, None]
-        sizes = np.abs(powers).max(axis=0) * [np.abs(term).max() for term in self.stiffness]
-        kept = sizes > NEGLIGIBLE * sizes[0]
-        return RelativeStiffness(terms=self.stiffness[kept], weights=(powers * damped[:, None])[:, kept],
-                                 levers=levers, cores=cores, load=-(levers @ held)[:, :, 0])
+        whole = RelativeStiffness(terms=self.stiffness, weights=powers * damped[:, None], levers=levers, cores=cores,
+                                  load=-(levers @ held)[:, :, 0])
+        kept = whole._told(NEGLIGIBLE)
+        return whole if kept.all() else whole._replace(terms=whole.terms[kept], weights=whole.weights[:, kept])
 
     def motion_amplitudes(self, frequency: float, displacement: NDArray[np.complex128],
                           loads: NDArray[np.complex128]) -> JointMotion:
