@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import platform
 import subprocess
@@ -11,6 +12,7 @@ import time
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 PETSC_ARGUMENTS = ["fretflow", "-skip_petscrc"]  # results depend on no .petscrc of the working folder or the user
 # By any of these mpirun, or what stands in for it, tells a process its place.
@@ -81,7 +83,7 @@ def commit() -> str | None:
 
 
 class CostMeter:
-    """Measures wall time and peak resident memory of this process while a ``with`` block runs.
+    """Measures wall time and peak resident memory of this process and its workers while a ``with`` block runs.
 
     Memory is sampled by a thread, so that a stage's own peak is found and not that since the process began.
     """
@@ -105,9 +107,16 @@ class CostMeter:
     def _watch(self) -> None:
         import psutil
 
-        process = psutil.Process()
         while True:
-            self.peak_memory = max(self.peak_memory, int(process.memory_info().rss))
-            if self._stop.wait(SAMPLING_INTERVAL):
-                self.peak_memory = max(self.peak_memory, int(process.memory_info().rss))
+            stopped = self._stop.wait(SAMPLING_INTERVAL)
+            self.peak_memory = max(self.peak_memory, sum(_resident(psutil, pid) for pid in (
+                os.getpid(), *(worker.pid for worker in multiprocessing.active_children()))))
+            if stopped:
                 return
+
+
+def _resident(psutil: Any, pid: int | None) -> int:
+    try:
+        return int(psutil.Process(pid).memory_info().rss)
+    except psutil.NoSuchProcess:  # it has just ended
+        return 0

@@ -5,7 +5,7 @@ Figures are those of `benchmarks/growth.md`. The matrices of the contact decide,
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from fretflow.case.config import Case, PeriodicMethod, Solver
@@ -13,6 +13,7 @@ from fretflow.core.errors import InputError
 from fretflow.core.units import pretty_number
 
 REDUCED = 4.0  # matrices of the contact that the reduction holds: stiffness and mass of two specimens
+REDUCING = (250e6, 600.0)  # bytes of a process that reduces, and for each DOF^(4/3), as a factor in space has entries
 SOLVED = 16.0  # that a period takes with either method, and for each harmonic with DLFT:
 BY_HARMONIC = 1.5
 DERIVATIVES = 3.0  # derivatives of all contact forces by all coefficients, samples x 3 n x (2 H + 1), that DLFT takes
@@ -51,6 +52,23 @@ def check_memory(case: Case, stages: Collection[str], nodes: int | None = None) 
             _refuse("mesh.contact_elements", case.mesh.contact_elements, needed, free,
                     (most**0.5 - 1.0) / case.mesh.degree)
         _refuse("mesh: nodes on each contact face", size, needed, free, most)
+
+
+def reductions_at_once(dofs: Sequence[int]) -> int:
+    """Return how many of the specimens with so many `dofs` fit into memory at once: all, or one after the other.
+
+    The entries of a factor in space grow as DOF^(4/3) (J. R. Gilbert, R. E. Tarjan, Numer. Math. 50 (1987) 377).
+
+    Raises
+    ------
+    InputError
+        If not even one fits.
+    """
+    bare, each = REDUCING
+    needed, free = [bare + each * size ** (4.0 / 3.0) for size in dofs], free_memory()
+    if max(needed) > free:
+        _refuse("mesh: DOF of a specimen", max(dofs), max(needed), free, (max(free - bare, 0.0) / each) ** 0.75)
+    return len(dofs) if sum(needed) <= free else 1
 
 
 def kept_factors(solver: Solver) -> tuple[int, float]:
