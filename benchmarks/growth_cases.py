@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 from fretflow.case.config import PeriodicMethod, load_case
@@ -52,8 +53,8 @@ def meshed_folder(nodes: int) -> Path:
 
 def _stage(nodes: int, stage: str, limit: float | None) -> Path:
     path = case_file(nodes)
-    subprocess.run([ROOT / "fretflow", "run", path, "--until", stage, "--out", CACHE / "runs"], check=True,
-                   capture_output=True, timeout=limit)
+    command = [sys.executable, "-c", "from fretflow.cli import main; main()", "run", path, "--until", stage]
+    subprocess.run([*command, "--out", CACHE / "runs"], check=True, capture_output=True, timeout=limit)
     folders = (CACHE / "runs" / path.stem).glob(f"{stage}-*")
     return max(folders, key=lambda folder: folder.stat().st_mtime)
 
