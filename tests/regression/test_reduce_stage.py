@@ -11,6 +11,9 @@ from fretflow.core.errors import InputError
 from fretflow.core.store import read_record
 from fretflow.pipeline import estimate, stages
 from fretflow.pipeline.ensemble import THREAD_VARIABLES
+from fretflow.pipeline.ranks import Ranks
+from fretflow.pipeline.run import leading
+from fretflow.pipeline.runner import Runner, Silent
 from fretflow.pipeline.stage import StageContext
 from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 
@@ -27,26 +30,21 @@ def meshed(tmp_path_factory):
     return case, folder
 
 
-@pytest.fixture
-def two_cores(monkeypatch):
-    """Let this process use two cores, and call the smallest specimen worth one."""
-    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1})
-    for name in THREAD_VARIABLES:
-        monkeypatch.setenv(name, "2")
+@pytest.fixture(autouse=True)
+def worth(monkeypatch):
+    """Call the smallest specimen worth a process."""
     monkeypatch.setattr(stages, "WORTH_A_PROCESS", 1)
 
 
-def context(meshed, folder):
+def context(meshed, folder, processes):
     folder.mkdir(exist_ok=True)
-    return StageContext(meshed[0], folder, {"mesh": meshed[1]}, lambda share, text: None)
+    return StageContext(meshed[0], folder, {"mesh": meshed[1]}, lambda share, text: None, processes=processes)
 
 
-def test_two_processes_give_the_bits_of_one(meshed, tmp_path, two_cores, monkeypatch):
-    both, alone = (context(meshed, tmp_path / name) for name in ("both", "alone"))
-    assert stages._at_once(both) == 2
+def test_two_processes_give_the_bits_of_one(meshed, tmp_path):
+    both, alone = (context(meshed, tmp_path / name, count) for name, count in (("both", 2), ("alone", 1)))
+    assert [stages._at_once(one) for one in (both, alone)] == [2, 1]
     figures = stages.REDUCE.run(both)
-    monkeypatch.setattr(stages, "WORTH_A_PROCESS", 10**9)
-    assert stages._at_once(alone) == 1
     assert stages.REDUCE.run(alone) == figures
     for side in stages.SIDES:
         for name, kind in ((f"{side}.h5", ReducedSpecimen), (f"{side}_modes.h5", ModeShapes)):
@@ -55,8 +53,8 @@ def test_two_processes_give_the_bits_of_one(meshed, tmp_path, two_cores, monkeyp
                 assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
 
 
-def test_one_after_the_other_where_there_is_no_room_for_both(meshed, tmp_path, two_cores, monkeypatch):
-    asked = context(meshed, tmp_path)
+def test_one_after_the_other_where_there_is_no_room_for_both(meshed, tmp_path, monkeypatch):
+    asked = context(meshed, tmp_path, 4)
     one = estimate.REDUCING[0] * 1.5
     monkeypatch.setattr(estimate, "free_memory", lambda: one)
     assert stages._at_once(asked) == 1
@@ -65,5 +63,20 @@ def test_one_after_the_other_where_there_is_no_room_for_both(meshed, tmp_path, t
         stages.REDUCE.run(asked)
     monkeypatch.setattr(estimate, "free_memory", lambda: 2.0 * one)
     assert stages._at_once(asked) == 2
-    monkeypatch.setenv(THREAD_VARIABLES[0], "1")
+    monkeypatch.setattr(stages, "WORTH_A_PROCESS", 10**9)
     assert stages._at_once(asked) == 1
+
+
+def test_the_command_line_shares_work_out_and_a_script_does_not(tmp_path, monkeypatch):
+    """A script's main module may not be meant to be imported again, which fresh interpreters do."""
+    asked = []
+    stage = stages.Stage("mesh", 1, lambda case: 0, (), lambda context: asked.append(context.processes) or {})
+    monkeypatch.setattr(stages, "pipeline", lambda: (stage,))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1})
+    for threads in ("2", "1"):
+        for name in THREAD_VARIABLES:
+            monkeypatch.setenv(name, threads)
+        with leading(tmp_path / threads, Silent()) as runner:
+            runner.run(load_case(QUICK))
+    Runner((stage,), tmp_path / "script", Ranks(), Silent()).run(load_case(QUICK))
+    assert asked == [2, 1, 1]
