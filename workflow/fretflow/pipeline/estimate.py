@@ -15,11 +15,11 @@ from fretflow.core.units import pretty_number
 REDUCED = 4.0  # matrices of the contact that the reduction holds: stiffness and mass of two specimens
 REDUCING = (250e6, 600.0)  # bytes of a process that reduces, and for each DOF^(4/3), as a factor in space has entries
 SOLVED = 16.0  # that a period takes with either method, and for each harmonic with DLFT:
-BY_HARMONIC = 1.5
+BY_HARMONIC = 0.35
 DERIVATIVES = 3.0  # derivatives of all contact forces by all coefficients, samples x 3 n x (2 H + 1), that DLFT takes
 SPECTRA = 3.0  # matrices of samples by samples that the default method takes for the tangent of a backbone
 SOLVING = ("solve", "wear", "response")
-PERIOD = (122.0, 1681, 2.7)  # s of a period in gross slip, at so many nodes, and the exponent from there
+PERIOD = (76.0, 1681, 2.5)  # s of a period in gross slip, at so many nodes, and the exponent from there
 PERIOD_SAMPLES = 256  # with which those were measured; each sample is a contact problem
 PRODUCTS = 1e-8  # s of a period by DLFT for each sample x 3 n x (2 H + 1)^2
 LONG = 600.0  # s of a period that are told
