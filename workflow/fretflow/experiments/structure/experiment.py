@@ -18,7 +18,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
-from fretflow.experiments.structure.observation import MATRICES, Observation
+from fretflow.experiments.structure.observation import MATRICES, BackboneObservation
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
@@ -104,9 +104,9 @@ class StructureExperiment(Experiment):
         return self.recording.backbone
 
     @cached_property
-    def observation(self) -> Observation:
+    def observation(self) -> BackboneObservation:
         """Return how motions of the structure show in the backbone."""
-        return Observation(self.structure, self.recorded, float(self.points.frequency[0]))
+        return BackboneObservation(self.structure, self.recorded, float(self.points.frequency[0]))
 
     @cached_property
     def measurement(self) -> Measurement:

@@ -25,7 +25,7 @@ OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 
 
 @dataclass(frozen=True)
-class Observation:
+class BackboneObservation:
     """What a backbone shows of the motions of a structure; `frequency` (Hz) is that of its smallest amplitude."""
 
     structure: ReducedStructure
