@@ -166,8 +166,8 @@ def begin_all(found: Search) -> None:
             found.keep([fit])
     going = [fit for own in best.values() for fit in sorted(own, key=lambda one: one.promise)[:found.effort.going]]
     go_on(found, going, found.effort.last_steps)
-    if min(fit.chi_squared for fit in found.fits.values()) <= found.experiment.measurement.expected:
-        return  # what is left is noise, of which nothing elsewhere could explain more
+    if min(fit.chi_squared for fit in found.fits.values()) <= 2.0 * found.experiment.measurement.expected:
+        return  # what is left beyond noise is no larger than that, and so small changes are of first order
     untold = [one for one, fit in zip(laid.values(), first_fits, strict=True)
               if one.origin is origins[-1] and is_untold(found, one, fit)]
     more = [fit for fits in found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
