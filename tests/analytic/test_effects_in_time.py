@@ -108,7 +108,7 @@ CASES = {
                                        + 0.1 * math.cos(3 * OMEGA * t - 0.5))}),
     "asperities": (ContactStiffness(exponent=0.5).changed(stiffness=30e6), {"spring": K * 30e6 / (K + 30e6)}),
     "beside": (ParallelStiffness().changed(stiffness=1e6), {"beside": lambda x, v: -1e6 * x}),
-    "beside, hardening": (ParallelStiffness().changed(stiffness=3e5, cubic=1e15),
+    "beside, hardening": (ParallelStiffness(hardening=1.0 / 3.0).changed(stiffness=3e5),
                           {"beside": lambda x, v: -3e5 * x - 1e15 * x**3}),
     "dashpot": (Viscous().changed(damping=1500.0), {"beside": lambda x, v: -1500.0 * v}),
     "offset": (ForceOffset().changed(force_offset=5.0), {"drive": lambda t: 5.0}),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fretflow.case import config
 from fretflow.core.errors import MeshError
+from fretflow.core.files import CASE
 from fretflow_meshes import run_mesh
 from fretflow_meshes.gmsh_files import gmsh_session, read_mesh, write_mesh
 from fretflow_meshes.hexmesh import specimen_mesh, turned_over
@@ -189,7 +190,7 @@ def test_faces_that_do_not_match(tmp_path):
 def test_own_meshes_that_do_not_match_end_the_stage(tmp_path):
     for side, elements in ((Side.UPPER, 3), (Side.LOWER, 3), (Side.LOWER, 4)):
         build_specimen(SPECIMEN, config.Mesh(contact_elements=elements), side, tmp_path / f"{side}{elements}.msh")
-    raw = {"format": config.FORMAT, "name": "a", "test": {"excitation_amplitude": "53 N", "cycles": 1}}
+    raw = {"format": CASE, "name": "a", "test": {"excitation_amplitude": "53 N", "cycles": 1}}
     own = {"upper": str(tmp_path / "upper3.msh"), "lower": str(tmp_path / "lower3.msh")}
     upper, lower = run_mesh(config.validate_case({**raw, "mesh": own}), tmp_path)
     np.testing.assert_allclose(upper.contact_nodes, lower.contact_nodes, atol=1e-12)

@@ -9,6 +9,7 @@ import gmsh
 import numpy as np
 import pytest
 from fretflow.case import config
+from fretflow.core.files import CASE
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import read_record
 from fretflow_meshes import run_mesh
@@ -196,7 +197,7 @@ def test_geometry_for_pictures_is_in_vtk_order(tmp_path, degree):
 
 
 def test_stage_writes_meshes_and_records(tmp_path):
-    case = config.validate_case({"format": config.FORMAT, "name": "a", "mesh": {"contact_elements": 3},
+    case = config.validate_case({"format": CASE, "name": "a", "mesh": {"contact_elements": 3},
                                  "test": {"excitation_amplitude": "53 N", "cycles": 1},
                                  "specimen": {"lower": {"body_width": "4 mm", "body": "round"}}})
     upper, lower = run_mesh(case, tmp_path)

@@ -14,9 +14,11 @@ from fretflow.structure.two_mass_rig.force_laws import ArmSupport
 from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.slow import SlowState
 
+STROKE = 10e-6  # m, x_0
+
 
 class ParallelStiffness(Effect):
-    """A spring from the moving specimen to the ground, in the force that is measured: ``T_meas = T + k x + k_3 x^3``.
+    """A spring from the moving specimen to the ground, in the force that is measured: ``T + k x (1 + h (x / x_0)^2)``.
 
     A seal, a cable, a leaf that guides the arm and hardens as it stretches, or the part of a joint that never slides.
     """
@@ -24,8 +26,9 @@ class ParallelStiffness(Effect):
     id = "parallel-stiffness"
     title = "spring beside the contact"
     block = Block.RIG
-    equation = "force on the arm -k x - k_3 x^3; T_meas = T + k x + k_3 x^3"
-    formula = r"F_\mathrm{arm} = -k\,x - k_3 x^3, \qquad T_\mathrm{meas} = T + k\,x + k_3 x^3"
+    equation = "force on the arm -k x (1 + h (x / x_0)^2), which the measured force has too; x_0 = 10 um"
+    formula = (r"T_\mathrm{meas} - T = -F_\mathrm{arm} = k\,x \left[1 + h\,(x / x_0)^2\right], \qquad "
+               r"x_0 = 10\ \mu\mathrm{m}")
     source = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), 640-643; hardening: "
               "G. Duffing, Erzwungene Schwingungen (1918)")
     told_from: ClassVar[Mapping[str, str]] = {
@@ -34,14 +37,14 @@ class ParallelStiffness(Effect):
     kinds = ALL_KINDS
 
     stiffness: u.SignedStiffness = parameter(0.15e6, "k: stiffness of the spring", 0.05e6, 0.4e6, ge=0.0, neutral=0.0)
-    cubic: u.CubicStiffness = parameter(0.0, "k_3: by which it hardens, or yields", -4e15, 4e15, rig_only=True,
-                                        neutral=0.0, source="as much as the stiffest linear part at 10 µm")
+    hardening: float = parameter(0.0, "h: share by which it is stiffer at 10 µm, or softer", -0.3, 1.0, rig_only=True,
+                                 gt=-1.0, logarithmic=False)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the spring."""
-        if self.stiffness == self.cubic == 0.0:
+        if self.stiffness == 0.0:
             return problem
-        spring = ArmSupport(stiffness=self.stiffness, cubic=self.cubic)
+        spring = ArmSupport(stiffness=self.stiffness, cubic=self.stiffness * self.hardening / STROKE**2)
         return replace(problem, structure=change_rig(problem.structure, forces=(spring,)))
 
     def sense(self, signals: Signals) -> Signals:
@@ -49,4 +52,4 @@ class ParallelStiffness(Effect):
         return replace(signals, friction_force=signals.friction_force + self._force(signals.arm))
 
     def _force(self, x: Array) -> Array:
-        return (self.stiffness + self.cubic * x**2) * x
+        return self.stiffness * (1.0 + self.hardening * (x / STROKE)**2) * x
