@@ -25,6 +25,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.pipeline import diagnose as pipeline_diagnose
 from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.stage import Stage
+from rich.console import Console
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "test1.toml")
 CASE = """format = "fretflow-case/1"
@@ -92,7 +93,7 @@ def test_show_lists_every_value_in_readable_units(case, capsys, monkeypatch):
 
 
 def test_help_is_wrapped_once_and_offers_nothing_without_use(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "300")
+    monkeypatch.setattr(app, "console", Console(width=300))  # which keeps the width that it was first used with
     for command in ("run", "response", "diagnose"):
         assert fretflow(command, "--help") == 0
         shown = capsys.readouterr().out
