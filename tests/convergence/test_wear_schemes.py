@@ -6,6 +6,7 @@ The weight lies on fitted orders, on the implicit scheme meeting the explicit on
 solutions, and on the face found directly being the one that marching tends to.
 """
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,38 @@ def test_a_period_that_is_lost_in_a_jump_asks_for_a_shorter_one_and_for_nothing_
     assert model.lost > 0
     assert model.anew == 1
     assert found.volume[-1] == pytest.approx(finest.volume[-1], rel=2e-3)
+
+
+class Ending(Ridges):
+    """Ridges without a period near another one from a depth on; from nothing there may be one."""
+
+    def __init__(self, lasts):
+        super().__init__()
+        self.lost, self.anew, self.lasts = 0, 0, lasts
+
+    def cycle(self, slow, start):
+        if slow.depth.max() > 1e-6:
+            self.lost += 1
+            if start is not None or not self.lasts:
+                raise NonConvergenceError("no such period")
+            self.anew += 1
+        return super().cycle(slow, start)
+
+
+@pytest.mark.parametrize(("lasts", "anew"), [(True, True), (False, True), (True, False)])
+def test_a_branch_that_ends_is_left_once_no_shorter_jump_is_another_state(lasts, anew):
+    """And not jump by jump down to a single cycle, of 1.1e-10 m here; a search does not begin anew at all."""
+    model = Ending(lasts)
+    joint = WearingJoint(model, settings(cycles=60_000, scheme=WearScheme.IMPLICIT))
+    scheme = Implicit(joint, anew)
+    now, state = joint.unworn()
+    with suppress(NonConvergenceError):
+        while now.depth.max() < 1e-6:
+            model.lost = 0
+            now, state = scheme.advance(now, state)
+    assert (now.depth.max() > 1e-6) == (model.anew > 0) == (lasts and anew)
+    assert now.depth.max() > (1.0 - joint.settings.tolerance) * 1e-6
+    assert model.lost <= 5
 
 
 def test_halving_the_jump_hardly_changes_the_volume(explicit):

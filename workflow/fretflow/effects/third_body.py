@@ -201,7 +201,8 @@ def edge_position(place: Array, areas: Array, closed: NDArray[np.bool_]) -> Arra
     same = closed & (np.abs(y[:, None] - y) < SAME_LINE * np.sqrt(areas.mean()))
     low, high = np.where(same, x, np.inf).min(axis=1), np.where(same, x, -np.inf).max(axis=1)
     wide = high > low
-    middle, half = 0.5 * np.where(wide, low + high, 0.0), 0.5 * np.where(wide, high - low, 1.0)
+    low, high = np.where(wide, low, -1.0), np.where(wide, high, 1.0)  # a line on which nothing is closed has no edges
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     return np.where(wide, np.clip((x - middle) / half, -1.0, 1.0), 1.0)
 
 

@@ -39,10 +39,15 @@ MAX_ATTEMPTS = 20
 
 
 class Implicit(Generic[S]):
-    """The implicit scheme: two periodic solutions a jump, error control, long jumps."""
+    """The implicit scheme: two periodic solutions a jump, error control, long jumps.
 
-    def __init__(self, joint: WearingJoint[S]) -> None:
+    A period that is not found near the last one asks for a shorter jump: from nothing, which is a hundred times slower,
+    it is sought where nothing shorter is left that would be another state, and only by a scheme that may begin `anew`.
+    """
+
+    def __init__(self, joint: WearingJoint[S], anew: bool = True) -> None:
         self.joint = joint
+        self.anew = anew
 
     def advance(self, now: WearStep, state: S) -> tuple[WearStep, S]:
         """Jump as far as the tolerance allows.
@@ -56,39 +61,37 @@ class Implicit(Generic[S]):
         if math.isnan(proposed):
             proposed = min(self.joint.stable_jump(now), self.joint.shallow_jump(now))
         asked = self.joint.asked_jump(now)
-        solves, errors = now.solves, []
+        solves, errors, anew = now.solves, [], False
         for _ in range(MAX_ATTEMPTS):
             jump = even_share(self.joint.remaining(now), max(1.0, min(proposed, asked)))
             solves += 1
             try:
-                end, error, middle = self.attempt(now, jump, state)
+                end, error, middle = self.attempt(now, jump, state, anew)
                 factor = resized(error)
                 if error <= 1.0 or jump == 1:
                     # A jump that was cut to land on an asked count says nothing against the length proposed.
                     following = max(factor * jump, proposed if jump < proposed else 0.0)
-                    return self.joint.settled(end, middle, solves + 1, following, anew=jump == 1)
+                    return self.joint.settled(end, middle, solves + 1, following, anew)
             except NonConvergenceError:
-                if jump == 1:
+                last = jump == 1 or self.joint.is_short(now, jump)
+                if last and (anew or not self.anew):
                     raise
-                proposed = SHRINK * jump
+                anew, proposed = last, jump if last else SHRINK * jump
                 continue
             errors.append(error)
             proposed = factor * jump
         raise NonConvergenceError(f"no implicit jump meets the tolerance in {MAX_ATTEMPTS} attempts; "
                                   "use scheme = \"explicit\"", history=errors)
 
-    def attempt(self, now: WearStep, jump: int, state: S) -> tuple[SlowState, float, S]:
-        """Return the slow state after `jump` cycles, its error over the tolerance, and a state.
-
-        A period that is not found near the last one asks for a shorter jump: from nothing is a hundred times slower.
-        """
+    def attempt(self, now: WearStep, jump: int, state: S, anew: bool = False) -> tuple[SlowState, float, S]:
+        """Return the slow state after `jump` cycles, its error over the tolerance, and a state."""
         joint, model, before = self.joint, self.joint.model, now.response
         jacobian, idle = joint.linearised(now, jump)
         factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * jacobian)
         first = lu_solve(factors, now.rate + GAMMA * idle)
         # The stage may ask a node to rise: it keeps its depth, as worn metal does.
         stage = model.evolve(now.slow, jump, jump * np.maximum(first, 0.0), jump * before.dissipated_energy, before)
-        response, middle = settle(model, stage, state, anew=jump == 1)
+        response, middle = settle(model, stage, state, anew)
         second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first - GAMMA * idle)
         worn = jump * np.maximum(1.5 * first + 0.5 * second, 0.0)
         energy = 0.5 * jump * (before.dissipated_energy + response.dissipated_energy)

@@ -113,6 +113,11 @@ class WearingJoint(Generic[S]):
         """
         return _cycles_to(self.feedback(now).depth_scale(now.response), now)
 
+    def is_short(self, now: WearStep, jump: float) -> bool:
+        """Tell whether a jump wears no more than the tolerance tells apart."""
+        worn = jump * float(now.rate.max())
+        return worn < self.settings.tolerance * (float(now.depth.max()) + worn)
+
     def asked_jump(self, now: WearStep) -> float:
         """Return the cycles in which the fastest node wears `max_depth_per_jump`; inf if that was not given."""
         most = self.settings.max_depth_per_jump

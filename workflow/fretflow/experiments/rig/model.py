@@ -135,8 +135,8 @@ class RigModel:
                                 stops=tuple(sorted({count for count in counts if 0 < count < last})),
                                 tolerance=self.wear_tolerance)
         joint = WearingJoint(cycle, settings)
-        scheme: Implicit[PeriodicSolution] = Implicit(joint)
         known = near is not None and _alike(near, hypothesis)
+        scheme: Implicit[PeriodicSolution] = Implicit(joint, anew=not known)
         step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1,
                                     anew=not known)
         steps, kept = [step], {}
