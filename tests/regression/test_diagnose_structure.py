@@ -169,11 +169,11 @@ def test_noise_is_told_in_proportion_or_the_same_for_all():
 
 
 def test_few_points_seldom_tell_too_little_noise():
-    place, told = np.linspace(0.0, 3.0, 22), []
+    place, told = np.linspace(0.0, 3.0, 10), []
     for seed in range(60):
-        values = 1.0 + 0.015 * np.random.default_rng(seed).standard_normal(22)
+        values = 1.0 + 0.015 * np.random.default_rng(seed).standard_normal(10)
         told.append(np.median(noise_of(place, values, ROUGH["damping"])) / 0.015)
-    assert np.percentile(told, 5) > 0.5  # 0.4 where all that the scatter seems to tell is believed
+    assert np.percentile(told, 5) > 0.7  # 0.36 where all that the scatter seems to tell is believed
 
 
 def test_a_mean_over_a_kink_is_off_by_as_much_as_is_told():
