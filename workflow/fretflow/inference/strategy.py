@@ -95,16 +95,15 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
 def allow_for_chance(found: Search) -> None:
     """Fit sets that leave something to chance under that as an error: under others alone, parameters take it up.
 
-    They are begun where they are fitted, and in the middle of the ranges of their effects, beside the baseline.
+    They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline.
     """
-    sets = [names for names in (*found.best(1), *found.best(2)[:2 * found.effort.bases])
-            if found.by_chance(names).shape[1]]
+    sets = [names for names in (*found.best(1), *found.best(2)[:found.effort.bases]) if found.by_chance(names).shape[1]]
     tasks = []
     for names in sets:
         point = found.fits[names].prediction.point
         middle = np.r_[found.baseline.z, np.zeros(len(point.z) - len(found.baseline.z))]
         tasks += [Task(found.fitter_of(names), replace(point, z=z), found.fits[names].prediction,
-                       found.effort.last_steps // 2) for z in (point.z, middle)]
+                       found.effort.last_steps // 2) for z in (point.z, middle)[:3 - len(names)]]
     for fit in found.pool(chance_task, tasks):
         if fit is not None:
             known, before = found.fits[fit.effects], found.log_evidence(fit.effects)
