@@ -89,6 +89,10 @@ class Waves:
         """Return differences."""
         return differences(self, prediction, points)
 
+    def by_chance(self, prediction: Prediction) -> np.ndarray:
+        """Return that nothing is left to chance."""
+        return np.zeros((len(prediction.values), 0))
+
     def finer(self) -> None:
         """Return nothing."""
 

@@ -205,6 +205,16 @@ def test_bad_points_count_less_and_a_smooth_difference_does_not():
         assert np.median(weights_of(place, missed, sd)[1:-1]) > 0.8
 
 
+def test_errors_wider_than_neighbours_tell_are_told_by_what_is_missed():
+    rng = np.random.default_rng(12)
+    place, sd = np.linspace(0.0, 3.0, 24), np.full(24, 0.01)
+    left = []
+    for _ in range(10):
+        missed = 2.0 * sd * rng.standard_normal(24)
+        left.append(np.mean(np.square(missed / sd) * weights_of(place, missed, sd)))
+    assert 0.6 < np.mean(left) < 1.4
+
+
 @pytest.mark.parametrize(("old", "new", "words"), [
     ('matrices = "structure.npz"', "", "give one of matrices"),
     ('matrices = "structure.npz"', 'matrices = "none.npz"', "none.npz: there is no such file"),

@@ -76,13 +76,19 @@ class DistributedMicroSlip(Effect):
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Spread the friction coefficients of the contact points."""
-        factors = self._factors(joint.structure.areas)
+        return self.bolted_anew(joint, 0)
+
+    def bolted_anew(self, joint: BoltedJoint, draw: int) -> BoltedJoint:
+        """Spread the friction coefficients of the contact points, which has which being drawn."""
+        factors = self._factors(joint.structure.areas, draw)
         return replace(joint, law=replace(joint.law, friction_coefficient=joint.law.friction_coefficient * factors))
 
-    def _factors(self, areas: Array) -> Array:
-        """Return the factors on friction (nodes,), whose mean over the areas is 1."""
+    def _factors(self, areas: Array, draw: int = 0) -> Array:
+        """Return the factors on friction (nodes,), whose mean over the areas is 1; a sequence's, or drawn."""
         # ranks of the sequence instead of its values: even at few nodes
         order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
+        if draw:
+            order = np.random.default_rng(draw).permutation(order)
         factors = self.shares((order + 0.5) / len(areas))
         return np.asarray(factors / (factors @ areas / areas.sum()))
 

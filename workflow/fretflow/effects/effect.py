@@ -243,6 +243,10 @@ class Effect(Section):
         """Return a bolted joint with the effect in it; it acts on structures if it overrides this."""
         return joint
 
+    def bolted_anew(self, joint: BoltedJoint, draw: int) -> BoltedJoint:
+        """Return a bolted joint with the effect in it as it may be as well, where chance decides: one of many draws."""
+        return self.bolted(joint)
+
     @classmethod
     def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
         """Return the range of a parameter at the size of a bolted joint.

@@ -34,14 +34,14 @@ R = TypeVar("R")
 class IndependentDiscrepancy(Discrepancy):
     """The general discrepancy of rows that are independent; their weights are the measurement's `repeatable`."""
 
-    def evidence(self, fit: Fit, formed: Array | None = None) -> Evidence:
-        """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change."""
+    def evidence(self, fit: Fit, formed: Array | None = None, chance: Array | None = None) -> Evidence:
+        """Return the evidence of a fitted hypothesis, as `Discrepancy` does."""
         own, weight, sd = self.measurement, self.measurement.repeatable, np.sqrt(self.measurement.variance)
         size = sizes(own) / (sd * np.sqrt(weight))
         blank = formed is None or not formed.shape[1]
-        made = np.zeros((len(sd), 0)) if formed is None else np.asarray(formed)
+        made, by_chance = (np.zeros((len(sd), 0)) if one is None else one for one in (formed, chance))
         start = own.values - fit.predicted + fit.jacobian @ fit.z
-        every = np.column_stack([start, fit.jacobian, own.modes, own.code_error, made]) / sd[:, None]
+        every = np.column_stack([start, fit.jacobian, own.modes, own.code_error, by_chance, made]) / sd[:, None]
         count, forms = len(fit.z), FORMS[:1] if blank else FORMS
         scale = np.ones((len(forms), 1, every.shape[1] - 1))
         scale[:, :, every.shape[1] - 1 - made.shape[1]:] = forms[:, None, None]

@@ -93,21 +93,29 @@ class Discrepancy:
         kept = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
         return common, left[:, kept], size[kept]
 
-    def of_sizes(self, sizes: tuple[float, float, float], formed: Array) -> Covariance:
-        """Return the covariance of all errors with discrepancies of sizes e, sigma and tau; `formed` (M, any) in SI."""
+    def of_sizes(self, sizes: tuple[float, float, float], formed: Array, chance: Array) -> Covariance:
+        """Return the covariance of all errors with discrepancies of sizes e, sigma and tau.
+
+        `formed` (M, any) and `chance` (M, any) are in SI, as in `evidence`.
+        """
         form, sigma, tau = sizes
         common, single = smooth_functions(self.measurement)
         own = self.measurement.covariance()
-        return Covariance(own.variance, np.hstack([own.modes, sigma * common, tau * single, form * formed]))
+        return Covariance(own.variance, np.hstack([own.modes, sigma * common, tau * single, form * formed, chance]))
 
-    def evidence(self, fit: Fit, formed: Array | None = None) -> Evidence:
-        """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change."""
+    def evidence(self, fit: Fit, formed: Array | None = None, chance: Array | None = None) -> Evidence:
+        """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change.
+
+        What the hypothesis leaves to `chance` (M, any) in SI are coordinates too, which nobody asks for.
+        """
         common, left, size = self._modes
         blank = formed is None or not formed.shape[1]
         modulated = np.zeros((len(left), 0)) if blank else self.covariance.whiten(np.asarray(formed))
         # a fit may have been made under another covariance than the evidence is of
         start, slopes = (self.covariance.whiten(one) for one in (
             self.measurement.values - fit.predicted + fit.jacobian @ fit.z, fit.jacobian))
+        if chance is not None:
+            slopes = np.column_stack([slopes, self.covariance.whiten(chance)])
         every = np.column_stack([start, slopes, common, modulated])
         inside = left.T @ every
         outside: Array = every.T @ every - inside.T @ inside
@@ -119,7 +127,7 @@ class Discrepancy:
             kept = 1.0 / (1.0 + np.square(tau * size))
             gram = inside.T @ (kept[:, None] * inside) + outside
             for (i, form), (j, sigma) in product(enumerate(forms), enumerate(SIZES)):
-                scale = np.repeat([1.0, sigma, form], [own, common.shape[1], modulated.shape[1]])
+                scale = np.repeat([1.0, sigma, form], [slopes.shape[1], common.shape[1], modulated.shape[1]])
                 root = cho_factor(np.eye(len(scale)) + scale[:, None] * gram[1:, 1:] * scale, lower=True,
                                   overwrite_a=True, check_finite=False)
                 pulled = scale * gram[1:, 0]

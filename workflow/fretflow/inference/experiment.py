@@ -143,6 +143,10 @@ class Experiment(Protocol):
         """
         return differences(self, prediction, points)
 
+    def by_chance(self, prediction: Prediction) -> Array:
+        """Return modes (M, any), of unit variance, of what a prediction leaves to chance: which point slips first."""
+        return np.zeros((len(prediction.values), 0))
+
     def finer(self) -> Experiment | None:
         """Return the same with smaller numerical errors, for fits that these bring to a halt; None if there is none."""
         return None

@@ -119,6 +119,7 @@ class Search:
     stated: Fit | None = None  # the baseline as it was stated
     settled: dict[Names, Array] = field(default_factory=dict)  # where numerical errors were put right at own fits
     _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
+    _chance: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _evidence: dict[Names, tuple[Fit, bool, Evidence]] = field(default_factory=dict)
 
     @cached_property
@@ -167,13 +168,19 @@ class Search:
         """Return the fit without effects."""
         return self.fits[frozenset()]
 
-    def chi_squared(self, names: Names) -> float:
-        """Return what a set leaves under the errors of measurement and code."""
-        return self.left(self.fits[names].predicted)
+    def by_chance(self, names: Names) -> Array:
+        """Return what a fitted set leaves to chance, (M, any) in SI, of unit variance."""
+        fit, known = self.fits[names], self._chance.get(names)
+        if known is None or known[0] is not fit:
+            self._chance[names] = known = fit, self.fitter_of(names).experiment.by_chance(fit.prediction)
+        return known[1]
 
-    def left(self, predicted: Array) -> float:
-        """Return the chi-squared of a prediction (M,)."""
-        rest = self.discrepancy.covariance.whiten(self.experiment.measurement.values - predicted)
+    def chi_squared(self, names: Names) -> float:
+        """Return what a set leaves under the errors of measurement and code, and what it leaves to chance."""
+        own, chance = self.discrepancy.covariance, self.by_chance(names)
+        if chance.shape[1]:
+            own = Covariance(own.variance, np.hstack([own.modes, chance]))
+        rest = own.whiten(self.experiment.measurement.values - self.fits[names].predicted)
         return float(rest @ rest)
 
     def explained(self, names: Names) -> float:
@@ -189,7 +196,7 @@ class Search:
         known = self._evidence.get(names)
         if known is None or known[0] is not fit or known[1] != formed:
             own = self.formed(names) if formed and names else None
-            self._evidence[names] = (fit, formed, self.discrepancy.evidence(fit, own))
+            self._evidence[names] = (fit, formed, self.discrepancy.evidence(fit, own, self.by_chance(names)))
         return self._evidence[names][2]
 
     def log_evidence(self, names: Names, formed: bool = True) -> float:
@@ -250,7 +257,7 @@ class Search:
         What a law of another form leaves, its parameters would take up under small errors alone.
         """
         sizes = self.evidence(names).sizes(self.prior(names))
-        covariance = self.discrepancy.of_sizes(sizes, self.formed(names))
+        covariance = self.discrepancy.of_sizes(sizes, self.formed(names), self.by_chance(names))
         task = self.further(self.fits[names], self.effort.last_steps)
         return replace(task, fitter=replace(task.fitter, covariance=covariance))
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.beginnings import (
     BENT,
     Beginning,
@@ -25,10 +26,10 @@ from fretflow.inference.beginnings import (
     started,
     without,
 )
-from fretflow.inference.experiment import Experiment, Prediction
+from fretflow.inference.experiment import Covariance, Experiment, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array
-from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, fit_task, has_moved
+from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
 
 Progress = Callable[[float, str], None]
 
@@ -62,6 +63,7 @@ def search(found: Search, progress: Progress) -> None:
         seek_partners(found, bases)
         progress(0.85, "what the model's numbers leave out at the best")
         correct(found, [1, 2])
+    allow_for_chance(found)
 
 
 def leading(found: Search) -> list[Names]:
@@ -88,6 +90,40 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
         # one of the two may have brought the other out of a bad start
         found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
     to_rest(found, 1)
+
+
+def allow_for_chance(found: Search) -> None:
+    """Fit sets that leave something to chance under that as an error: under others alone, parameters take it up.
+
+    They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline.
+    """
+    sets = [names for names in (*found.best(1), *found.best(2)[:found.effort.bases]) if found.by_chance(names).shape[1]]
+    tasks = []
+    for names in sets:
+        point = found.fits[names].prediction.point
+        middle = np.r_[found.baseline.z, np.zeros(len(point.z) - len(found.baseline.z))]
+        tasks += [Task(found.fitter_of(names), replace(point, z=z), found.fits[names].prediction,
+                       found.effort.last_steps // 2) for z in (point.z, middle)[:3 - len(names)]]
+    for fit in found.pool(chance_task, tasks):
+        if fit is not None:
+            known, before = found.fits[fit.effects], found.log_evidence(fit.effects)
+            found.fits[fit.effects] = fit
+            if found.log_evidence(fit.effects) < before:
+                found.fits[fit.effects] = known
+
+
+def chance_task(task: Task) -> Fit | None:
+    """Return a fit under what it leaves to chance, which goes with the parameters; None if it has no solution."""
+    fitter, near, known = task.fitter, task.near, task.fitter.covariance
+    try:
+        near = fitter.experiment.predict(task.point, near)
+        for _ in range(2):
+            under = Covariance(known.variance, np.hstack([known.modes, fitter.experiment.by_chance(near)]))
+            fit = replace(fitter, covariance=under).fit(near.point, near, task.steps)
+            near = fit.prediction
+    except NonConvergenceError:
+        return None
+    return replace(fitter.linearised(near, fit.jacobian), converged=fit.converged)
 
 
 def correct(found: Search, of: Sequence[int]) -> None:

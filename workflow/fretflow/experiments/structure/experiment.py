@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute
 MANY = 40  # contact points, from which on predictions take their time
+DRAWS = 16  # of what chance decides: their sd is known to a sixth
 LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours are half of its sd apart
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
@@ -59,6 +60,7 @@ class StructureExperiment(Experiment):
     mode: int  # among the linear modes of the preloaded structure, from 0
     steps: int = STEPS
     about: Point | None = None  # the baseline whose numerical errors are told; the first prediction's by default
+    draw: int = 0  # of what effects leave to chance
     static: bool = False  # no periodic motions, however few contact points there are
     correction: Array | None = None  # (channels, points): what periodic motions add to static loads
     truncation: Array | None = None  # what twice the harmonics and samples add to that
@@ -230,8 +232,24 @@ class StructureExperiment(Experiment):
                             law=Coulomb(friction_coefficient=np.array(own["friction_coefficient"])),
                             modal_damping=own.get("modal_damping", 0.0))  # stated as none
         for effect in sorted(point.built(), key=lambda effect: (effect.acts_at, effect.id)):
-            joint = effect.bolted(joint)
+            joint = effect.bolted_anew(joint, self.draw) if self.draw else effect.bolted(joint)
         return joint
+
+    def by_chance(self, prediction: Prediction) -> Array:
+        """Return what other draws change of a prediction whose effects leave something to chance, (M, any).
+
+        Of many contact points the mean leaves little of it.
+        """
+        if self.many or not any("bolted_anew" in vars(type(one)) for one in prediction.point.built()):
+            return np.zeros((len(prediction.values), 0))
+        rough = replace(self, static=True)
+        first, found = rough.predict(prediction.point).values, []
+        for draw in range(1, DRAWS + 1):
+            try:
+                found.append(replace(rough, draw=draw).predict(prediction.point).values - first)
+            except NonConvergenceError:
+                continue
+        return np.asarray(np.array(found).reshape(-1, len(first)).T / np.sqrt(max(len(found), 1)))
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the backbone of a hypothesis at the recorded amplitudes.
@@ -266,12 +284,13 @@ class StructureExperiment(Experiment):
         if self.many or any(one.parameters != space for one in points):
             return differences(self, prediction, points)
         rough = replace(self, static=True)
+        still = rough.predict(prediction.point)
         beside, steps = prediction.point.beside()
-        slopes = whiten(np.nan_to_num(differences(rough, rough.predict(prediction.point), beside)) / steps)
+        slopes = whiten(np.nan_to_num(differences(rough, still, beside)) / steps)
         sharp, axes = np.linalg.eigh(np.eye(space.size) + slopes.T @ slopes)
         ends = axes / np.sqrt(sharp)
-        forth, back = (differences(self, prediction, [replace(prediction.point, z=prediction.point.z + way * one)
-                                                      for one in ends.T]) for way in (1.0, -1.0))
+        both = [[replace(prediction.point, z=prediction.point.z + way * one) for one in ends.T] for way in (1.0, -1.0)]
+        forth, back = (differences(self, prediction, one) for one in both)
         change = 0.5 * (np.where(np.isfinite(forth), forth, -back) - np.where(np.isfinite(back), back, -forth))
         moves = np.array([one.z - prediction.point.z for one in points])
         return np.asarray(np.nan_to_num(change) @ (np.sqrt(sharp)[:, None] * axes.T @ moves.T))

@@ -27,6 +27,7 @@ MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighb
 ORDERS = (1, 3)  # of polynomials through the neighbours about which values scatter; a curved one needs the higher
 SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
           "the unit of the amplitude")
+WIDER = (1.0, 2.0**0.5, 2.0)  # than scatter tells are errors: of five squares their mean is a quarter at 5 %
 ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
 
 
@@ -193,7 +194,8 @@ def weights_of(place: Array, missed: Array, sd: Array) -> Array:
 
     The curve is a Gaussian process, once differentiable as friction makes curves. Its length and size and the errors'
     tails are those by which the others predict each value best (C. E. Rasmussen, C. K. I. Williams, Gaussian Processes
-    for Machine Learning (2006), section 5.4.2).
+    for Machine Learning (2006), section 5.4.2). So is how much wider errors are: neighbours that happen to differ by
+    little tell too small a width. Where several predict as well, variances are their mean, as in `noise_of`.
     """
     scaled = missed / sd
     apart = np.abs(place[:, None] - place) / max(float(np.ptp(place)), 1e-12)
@@ -201,8 +203,12 @@ def weights_of(place: Array, missed: Array, sd: Array) -> Array:
     for length, size in product(2.0**np.arange(-3, 2), np.geomspace(0.1, max(1.0, float(np.abs(scaled).max())), 6)):
         far = np.sqrt(3.0) * apart / length
         smooth = size**2 * (1.0 + far) * np.exp(-far)
-        fits += [_smoothed(smooth, scaled, freedom) for freedom in 4.0**np.arange(4)]  # Cauchy's to nearly normal
-    return np.minimum(max(fits, key=lambda one: one[0])[1], 1.0)
+        for wider, freedom in product(WIDER, 4.0**np.arange(4)):  # Cauchy's to nearly normal
+            told, weight = _smoothed(smooth / wider**2, scaled / wider, freedom)
+            fits.append((told - len(scaled) * log(wider), np.maximum(wider**2 / weight, 1.0)))
+    top = max(one[0] for one in fits)
+    probable = np.exp([one[0] - top for one in fits])
+    return np.asarray(1.0 / np.average([one[1] for one in fits], axis=0, weights=probable))
 
 
 def _smoothed(smooth: Array, values: Array, freedom: float) -> tuple[float, Array]:
