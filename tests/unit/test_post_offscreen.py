@@ -12,7 +12,10 @@ from fretflow_post import offscreen
 def _fresh(monkeypatch):
     monkeypatch.setenv(offscreen.WINDOW_VARIABLE, "unset")
     offscreen._working_window.cache_clear()
+    # as in a run: gmsh takes the key when it is imported, and it may be ignored in the background of a script
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
+    signal.signal(signal.SIGINT, before)
     offscreen._working_window.cache_clear()
 
 
