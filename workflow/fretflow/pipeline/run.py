@@ -13,7 +13,7 @@ from fretflow.core.errors import InputError, StoreError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.effects.catalogue import parse_effects
 from fretflow.pipeline.comparison import CaseComparison, compare
-from fretflow.pipeline.ensemble import Outcome, Workers, run_ensemble, threads_each
+from fretflow.pipeline.ensemble import Outcome, Workers, run_ensemble
 from fretflow.pipeline.ranks import Ranks, keep_to_itself, started_size
 from fretflow.pipeline.response_curves import FOLDER, RunCurve, asked_curves, make_curve, sweep_of, write_curves
 from fretflow.pipeline.results import RunResults
@@ -65,7 +65,7 @@ def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
     from fretflow.pipeline.stages import pipeline
 
     ranks = Ranks()
-    runner = Runner(pipeline(), out, ranks, watcher, threads_each(1) if ranks.size == 1 else 1)
+    runner = Runner(pipeline(), out, ranks, watcher)
     if ranks.rank > 0:
         runner.serve()
         sys.exit(0)
