@@ -21,7 +21,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
@@ -150,25 +149,13 @@ class _RigChange:
     @classmethod
     def build(cls, problem: PeriodicProblem, equations: InternalEquations, balance: InternalBalance,
               solution: PeriodicSolution, directions: Sequence[Direction]) -> _RigChange:
-        internal = problem.boundary.internal
-        if problem.boundary.forces and any(direction.frequency for direction in directions):
-            raise InputError("sensitivities: the frequency's is not known where further forces act on the structure")
         moved = to_complex(equations.analysis @ solution.internal)
-        order = np.arange(len(moved))
-        omega = problem.omega * order
-        k = order[:, None, None]
-        by_omega: NDArray[np.complex128] = 1j * k * internal.damping - 2.0 * problem.omega * k**2 * internal.mass
+        omega = problem.omega * np.arange(len(moved))
         load = np.zeros((*moved.shape, len(directions)), dtype=complex)
-        fundamental = replace(problem.excitation, overtones=()).by_harmonic(len(moved) - 1)
-        unit = problem.boundary.loads(fundamental, len(moved)) @ problem.boundary.input_force.T
-        unit = unit / (problem.excitation.amplitude or 1.0)
         for i, direction in enumerate(directions):
-            load[:, :, i] += direction.excitation * unit
-            change: NDArray[np.complex128] = 2.0 * np.pi * direction.frequency * by_omega
             if direction.rig is not None:
                 rig_of(problem.structure)
-                change += direction.rig.impedance(omega)
-            load[:, :, i] -= np.einsum("kab,kb->ka", change, moved)
+                load[:, :, i] -= np.einsum("kab,kb->ka", direction.rig.impedance(omega), moved)
             if direction.force is not None:
                 load[:, :, i] += to_complex(equations.analysis @ direction.force)
         on_other, on_seen = (to_real(load[:, part]).reshape(-1, len(directions))
