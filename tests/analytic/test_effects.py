@@ -103,6 +103,11 @@ def acting_in_the_period():
             yield from ((name, parameter) for parameter in kind.priors())
 
 
+def shown(period):
+    """Return the motion of block and arm, and the friction force, of a period or of its sensitivities."""
+    return {"block": period.outputs["block"], "arm": period.outputs["arm"], "friction force": period.friction_force}
+
+
 @pytest.mark.parametrize(("name", "parameter"), list(acting_in_the_period()))
 def test_derivatives_are_those_of_central_differences(name, parameter):
     effect = modest(catalogue()[name])
@@ -114,12 +119,11 @@ def test_derivatives_are_those_of_central_differences(name, parameter):
     varied = [EffectModel.build(baseline(), [one]).problem(slow) for one in changed]
     directions = directions_to(varied, model.problem(slow), found)
     exact = sensitivities(model.problem(slow), found, directions, HARMONICS)
-    both = [SOLVER.solve(one, found) for one in varied]
-    for part in ("rig_displacement", "friction_force"):
-        own, difference = ((two - one) / (2.0 * step) for one, two in (
-            getattr(exact, part), [getattr(solved_again, part) for solved_again in both]))
+    both = [shown(SOLVER.solve(one, found)) for one in varied]
+    for part, value in shown(found).items():
+        own, difference = ((two - one) / (2.0 * step) for one, two in (shown(exact)[part], [one[part] for one in both]))
         # what a step of the size of the parameter's range would change, against what the period itself is
-        visible = 1e-7 * np.abs(getattr(found, part)).max() / effect.priors()[parameter].high
+        visible = 1e-7 * np.abs(value).max() / effect.priors()[parameter].high
         assert np.abs(own - difference).max() < max(1e-5 * np.abs(difference).max(), abs(visible)), part
 
 

@@ -65,31 +65,6 @@ class PeriodSensitivity:
         outputs = {name: values + self.outputs[name][v] for name, values in solution.outputs.items()}
         return replace(solution, internal=solution.internal + self.internal[v], outputs=outputs)
 
-    @property
-    def arm(self) -> Array:
-        """Return the coefficients of the rig's arm, (P, 2 H + 1) m."""
-        return self.seen
-
-    @property
-    def rig_displacement(self) -> Array:
-        """Return the motion of the rig's block and arm along x, (P, N, 2) m."""
-        return np.stack([self.outputs["block"], self.outputs["arm"]], axis=-1)
-
-    @property
-    def upper_observation(self) -> Array:
-        """Return the motion of the rig's upper observation node, (P, N, 3) m."""
-        return self.outputs["upper"]
-
-    @property
-    def lower_observation(self) -> Array:
-        """Return the motion of the rig's lower observation node, (P, N, 3) m."""
-        return self.outputs["lower"]
-
-    @property
-    def approach(self) -> Array:
-        """Return that of the rig's arm, positive upward, (P, N) m."""
-        return self.outputs["approach"]
-
 
 def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
                   harmonics: int) -> PeriodSensitivity:

@@ -79,7 +79,7 @@ class Loop:
         faces = found.relative_displacement[v]
         seen = self.rig.displacement(replace(self.period, solution=moved)) - self.rig.displacement(self.period)
         changes = {"displacement": seen if np.any(seen) else faces, "friction_force": found.friction_force[v],
-                   "arm": found.rig_displacement[v, :, 1], "approach": -found.approach[v]}
+                   "arm": found.outputs["arm"][v], "approach": -found.outputs["approach"][v]}
         return {name: band_limited(change, self.rig.observation.harmonics) for name, change in changes.items()}
 
     @cached_property

@@ -206,7 +206,7 @@ def _signals(rig: RigModel, beside: Sequence[_Neighbour], period: Period, proble
             _more_beside(period, other, change.internal[v]) for v, other in enumerate(problems)]),
         "excitation": np.stack([_more_excitation(period, other) for other in problems]),
         "normal_force": np.stack([_load(other, period, change.outputs["arm"][v]) for v, other in enumerate(problems)])
-        - _load(period.problem, period, 0.0), "approach": -change.approach}
+        - _load(period.problem, period, 0.0), "approach": -change.outputs["approach"]}
     shown = {name: getattr(before, name) + band_limited(values, rig.observation.harmonics)
              for name, values in moved.items()}
     return [replace(before, **{name: values[v] for name, values in shown.items()}) for v in range(len(problems))]
