@@ -79,6 +79,8 @@ def test_equations_are_printed_and_cannot_inject():
 
 
 def test_names_beyond_the_catalogue_are_let_through():
+    assert words.effect_title("friction-run-in") == "friction that settles with the dissipated energy"
+    assert words.effect_title("no-such-effect") == ""
     assert words.together(("a", "b")) == "a + b"
     assert words.parameter_words("friction-run-in.initial_friction") == "initial friction"
 

@@ -124,6 +124,12 @@ def cycles_words(cycles: tuple[int, int]) -> str:
     return f"{first:,}" if first == last else f"{first:,} to {last:,}"
 
 
+def effect_title(name: str) -> str:
+    """Return what the catalogue calls effect `name`, or nothing where it has none of that name."""
+    kind = catalogue().get(name)
+    return kind.title if kind is not None else ""
+
+
 def equation(text: str) -> Markup:
     """Return an equation in plain text as it is printed: ``mu_0^2`` with a Greek letter, an index and a power."""
     printed = str(escape(text))
