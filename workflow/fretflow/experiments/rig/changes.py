@@ -232,7 +232,7 @@ def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     return shared, np.zeros((len(shared), 0))
 
 
-def _sensor(rig: RigModel, base: Fit, loops: list[Loop], name: str, other: str) -> Columns:
+def _sensor(rig: RigModel, loops: list[Loop], name: str, other: str) -> Columns:
     """Return what the sensor of a channel does: a filter of it or of another, a bent or drifting scale, or anything."""
     size, _ = _sizes(loops, name, other)
 
@@ -279,11 +279,11 @@ def _early(share: float) -> float:
 
 
 def _force_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _sensor(rig, base, loops, "friction_force", "arm")
+    return _sensor(rig, loops, "friction_force", "arm")
 
 
 def _motion_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _sensor(rig, base, loops, "displacement", "friction_force")
+    return _sensor(rig, loops, "displacement", "friction_force")
 
 
 def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float], list[float]]) -> Columns:

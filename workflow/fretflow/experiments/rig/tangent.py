@@ -137,10 +137,10 @@ def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[in
     """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts."""
     depth = np.zeros((len(simulation.depth), len(beside)))
     found, before = {0: depth}, simulation.loops[0]
-    rate = _rate_change(simulation, before, beside, changes[before.step.cycles])
+    rate = _rate_change(before, beside, changes[before.step.cycles])
     for period in simulation.loops:
         cycles = period.step.cycles - (before.step.cycles if period is not before else 0)
-        last, rate = rate, _rate_change(simulation, period, beside, changes[period.step.cycles])
+        last, rate = rate, _rate_change(period, beside, changes[period.step.cycles])
         if cycles > 0:
             jacobian = 0.5 * (_feedback(simulation, before, cycles) + _feedback(simulation, period, cycles))
             depth = _linear(cycles * jacobian, depth, cycles * last, cycles * rate)
@@ -168,8 +168,7 @@ def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
     return np.asarray(exponential @ start + constant @ first + ramp @ (last - first))
 
 
-def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity
-                 ) -> Array:
+def _rate_change(period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity) -> Array:
     """Return the change (nodes, V) of the wear rate at the simulated wear."""
     response, rates = period.step.response, []
     for v, one in enumerate(beside):
