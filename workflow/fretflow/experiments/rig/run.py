@@ -93,8 +93,9 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     wrong = faults(recording, case)
     if wrong:
         return faulty(recording, wrong)
-    for doubted in doubts(recording, case):
-        progress(0.02, doubted)
+    doubted = doubts(recording, case)
+    for one in doubted:
+        progress(0.02, one)
     experiment, first = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
     hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
@@ -109,7 +110,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
     judging = [piece for piece in experiment.rig.observation.pieces if piece.label in unseen.labels]
     found = held_to(found, unseen.error, len(judging))
-    return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, tools, fast, progress)
+    return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, doubted, tools, fast,
+                 progress)
 
 
 def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
@@ -125,8 +127,8 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
 
 
 def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Found, before: Fit,
-          detection: Detection, unseen: HeldOutPrediction, tools: RigTools, fast: bool,
-          progress: Progress) -> Diagnosis:
+          detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: RigTools,
+          fast: bool, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     observation, base, after = experiment.rig.observation, hypotheses.baseline, hypotheses.fits[found.after]
     behind = before if after is base else _plainly(experiment, after)
@@ -134,7 +136,6 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
     remainder = _remainder(experiment, hypotheses, found, behind)
-    doubted = doubts(recording, case)
     warnings = [*doubted, *map(str, recording.notes), *words.unfinished({
         names for names in (frozenset[str](), found.after) if not hypotheses.fits[names].converged})]
     warnings += words.at_bounds(after.parameters, after.z)
