@@ -17,11 +17,10 @@ from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.effects.cycle import respond
 from fretflow.pipeline.problem import rig_problem
-from fretflow.solvers import direction as along
-from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex, to_real
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.solvers.quasi_static.solver import InternalEquations, QuasiStaticSolver
 from fretflow.solvers.sensitivity import sensitivities
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
@@ -108,6 +107,15 @@ def normal_load():
     return Direction(name="normal load", normal_load=np.ones(SAMPLES))
 
 
+def gap(weights):
+    return Direction(name="gap", gap=weights)
+
+
+def rig_force(history, name):
+    """Return a force history (N, 2) on block and arm."""
+    return Direction(name=name, force=history)
+
+
 def flexibility(matrix):
     """Return a change of the faces' flexibility; G itself scales it, -G scales the stiffness."""
     return Direction(name="flexibility", flexibility=matrix)
@@ -120,7 +128,7 @@ def rig_part(name):
 
 def excitation():
     wave = np.cos(2.0 * np.pi * np.arange(SAMPLES) / SAMPLES)
-    return along.rig_force(np.column_stack([wave, np.zeros(SAMPLES)]), "excitation")
+    return rig_force(np.column_stack([wave, np.zeros(SAMPLES)]), "excitation")
 
 
 def frequency(given, found):
@@ -129,7 +137,7 @@ def frequency(given, found):
     k = np.arange(HARMONICS + 1)[:, None, None]
     by_omega = 1j * k * RIG.damping - 2.0 * given.omega * k**2 * RIG.mass
     force = to_real(-2.0 * np.pi * np.einsum("kab,kb->ka", by_omega, moved))
-    return along.rig_force(synthesis_matrix(HARMONICS, SAMPLES) @ force, "frequency")
+    return rig_force(synthesis_matrix(HARMONICS, SAMPLES) @ force, "frequency")
 
 
 def perturbations(given, found):
@@ -139,7 +147,7 @@ def perturbations(given, found):
         (friction(), lambda e: given.vary(friction_coefficient=0.88 + e), 0.88),
         (friction(WEIGHTS), lambda e: given.vary(friction_coefficient=0.88 + e * WEIGHTS), 0.88),
         (normal_load(), lambda e: given.vary(normal_load=60.0 + e), 60.0),
-        (along.gap(WEIGHTS), lambda e: replace(given, interface=replace(face, gap=face.gap + e * WEIGHTS)), 1e-5),
+        (gap(WEIGHTS), lambda e: replace(given, interface=replace(face, gap=face.gap + e * WEIGHTS)), 1e-5),
         (flexibility(np.diag(SPRINGS)), lambda e: replace(
             given, structure=with_flexibility(model.flexibility + e * np.diag(SPRINGS), model)), 50.0),
         (flexibility(model.flexibility), lambda e: replace(
@@ -216,7 +224,7 @@ def weighted(given, found, directions, weights):
 def test_homogeneous_in_forces_and_lengths(case):
     """Euler: scaling excitation, load, gap and what stuck positions remember scales forces and lengths alike."""
     given, found = problem(*case), solution(*case)
-    directions = [excitation(), normal_load(), along.gap(given.interface.gap),
+    directions = [excitation(), normal_load(), gap(given.interface.gap),
                   Direction(name="locked", locked=found.displacement[0, :, :2])]
     degree = dict.fromkeys((*FORCES, *LENGTHS, "upper", "lower", "mean_pressure"), 1.0)
     degree |= dict.fromkeys(("dissipated_energy", "pressure_sliding"), 2.0)
@@ -286,7 +294,7 @@ def test_a_spring_or_dashpot_as_a_force_is_the_spring_or_dashpot(case):
     amplitudes = np.fft.rfft(block)
     speed = np.fft.irfft(1j * given.omega * np.arange(len(amplitudes)) * amplitudes, SAMPLES)
     histories = [np.column_stack([-h, np.zeros(SAMPLES)]) for h in (block, speed)]
-    pushed = sensitivities(given, found, [along.rig_force(h, "added") for h in histories], HARMONICS)
+    pushed = sensitivities(given, found, [rig_force(h, "added") for h in histories], HARMONICS)
     ground = [rig_part(part) for part in ("ground_stiffness", "ground_damping")]
     built = sensitivities(given, found, ground, HARMONICS)
     for name in ("block", "arm", "friction_force", "pressure_sliding"):
@@ -308,7 +316,7 @@ def test_friction_matters_only_where_and_when_a_node_slips():
 
 def test_combinations_are_directions():
     given, found = problem(*OPENING), solution(*OPENING)
-    exact = sensitivities(given, found, [along.gap(WEIGHTS), *along.gap_of_each_node(NODES)], HARMONICS)
+    exact = sensitivities(given, found, [gap(WEIGHTS), *map(gap, np.eye(NODES))], HARMONICS)
     for name in ("arm", "mean_pressure", "sliding_distance", "pressure_sliding"):
         rows = change_of(exact, name)
         summed = np.tensordot(WEIGHTS, rows[1:], 1)
@@ -322,4 +330,4 @@ def test_what_cannot_be_differentiated_is_refused():
     with pytest.raises(InputError, match="dlft"):
         sensitivities(given, replace(found, method="dlft"), [friction()], HARMONICS)
     with pytest.raises(InputError, match="direction gap: gap has shape"):
-        sensitivities(given, found, [along.gap(np.ones(NODES + 1))], HARMONICS)
+        sensitivities(given, found, [gap(np.ones(NODES + 1))], HARMONICS)

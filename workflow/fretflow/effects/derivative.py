@@ -15,9 +15,9 @@ import numpy as np
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.effect import Array
 from fretflow.solvers.audit import friction_factor
-from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.structure.internal_forces import total_force
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import MATRICES, LumpedRig

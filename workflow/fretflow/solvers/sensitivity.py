@@ -24,7 +24,6 @@ import numpy as np
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
-from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import to_complex, to_real
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.internal import InternalBalance, InternalEquations, seen_coordinates
@@ -32,6 +31,7 @@ from fretflow.solvers.quasi_static.march import Surroundings
 from fretflow.solvers.quasi_static.sample import Array, ContactSystem, PeriodHistory, plain
 from fretflow.solvers.quasi_static.sensitivity import (
     ContactDerivative,
+    Direction,
     LinearOutputs,
     SolvedContact,
     differentiate_contact,

@@ -18,9 +18,9 @@ from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
-from fretflow.solvers.direction import Direction, gap, rig_force
 from fretflow.solvers.fourier import derivative_matrix
 from fretflow.solvers.quasi_static.internal import InternalEquations
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.sensors import Signals, band_limited
 
@@ -217,7 +217,7 @@ def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
     fine = np.fft.irfft(spectrum, samples) * (samples / len(history))
     force = np.zeros((samples, 2))
     force[:, 0 if on_block else 1] = fine
-    return rig_force(force, "force")
+    return Direction(name="force", force=force)
 
 
 def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
@@ -292,7 +292,7 @@ def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float],
     total = max(loop.period.step.cycles for loop in loops)
     times = len(course(0.0))
     found = np.zeros((len(rig.observation.values), nodes * times))
-    directions = [gap(GAP_SIZE * row, "gap") for row in np.eye(nodes)]
+    directions = [Direction(name="gap", gap=GAP_SIZE * row) for row in np.eye(nodes)]
     for loop in loops:
         answers = loop.answers(directions)
         weights = course(loop.period.step.cycles / max(total, 1))

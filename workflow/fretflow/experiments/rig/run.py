@@ -38,7 +38,7 @@ from fretflow.experiments.rig.setup import (
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
-from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, beyond_noise, decide, detected, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Search
@@ -49,7 +49,6 @@ from fretflow.recordings.recording import Recording
 from fretflow.solvers.periodic import PeriodicProblem
 
 Progress = Callable[[float, str], None]
-STEEPER = 1.01  # friction, to see how loops follow it
 
 
 @dataclass(frozen=True)
@@ -204,7 +203,7 @@ def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, 
     denser = model.denser()
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
-    slope = neighbours(model, first, [Hypothesis(friction=STEEPER)])[:, 0]
+    slope = neighbours(model, first, [Hypothesis(friction=1.0 + STEP)])[:, 0]
     observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(
         np.nan_to_num(slope))
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)

@@ -28,9 +28,9 @@ from fretflow.experiments.rig.model import (
 )
 from fretflow.experiments.rig.observation import Array
 from fretflow.recordings.schema import MeasuredAt
-from fretflow.solvers.direction import Direction, gap_of_each_node
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals, band_limited
@@ -127,7 +127,8 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
 
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
     """Return the sensitivities to some directions and, after them, to the gap of every node that may wear."""
-    worn = gap_of_each_node(period.problem.interface.size) if period.step.cycles else []
+    worn = [Direction(name=f"gap of node {m}", gap=row)
+            for m, row in enumerate(np.eye(period.problem.interface.size if period.step.cycles else 0))]
     return sensitivities(period.problem, period.solution, [*directions, *worn],
                          harmonics_of(len(period.solution.state)))
 
