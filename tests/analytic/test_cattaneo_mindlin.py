@@ -15,8 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from fretflow.solvers.quasi_static.march import ContactMarch, Rest
-from fretflow.solvers.quasi_static.sample import SEPARATION, STICK, ContactSystem
+from fretflow.contact.interface import Interface
+from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers.quasi_static.march import ContactMarch
+from fretflow.solvers.quasi_static.sample import SEPARATION, STICK
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 G, MU = 75e9, 0.5
 RADIUS, CONTACT = 10e-3, 0.2e-3
@@ -62,10 +66,13 @@ class Sphere:
         self.travel = 3 * MU * self.load * (2 - nu) / (8 * G * CONTACT)  # of both bodies when gross slip begins
         flexibility = patch_flexibility(self.points, self.side, nu)
         stiffness = np.linalg.inv(flexibility)
-        system = ContactSystem.build(0.5 * (stiffness + stiffness.T), np.sum(self.points**2, axis=1) / (2 * RADIUS),
-                                     np.asarray(MU), self.load)
+        joint = QuasiStaticJoint.from_stiffness(
+            0.5 * (stiffness + stiffness.T), LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
+        face = Interface(nodes=self.points, areas=np.full(self.size, self.side**2),
+                         gap=np.sum(self.points**2, axis=1) / (2 * RADIUS))
+        problem = rig_problem(joint, face, MU, frequency=100.0, excitation=1.0, normal_load=self.load)
         self.flexibility = flexibility
-        self.march = ContactMarch(system, rest=Rest.under(flexibility, self.load))
+        self.march = ContactMarch.of(problem, np.array([1]))
         self.march.solver.tolerance = 1e-9 * self.load / self.size
 
     def displacement(self, q):

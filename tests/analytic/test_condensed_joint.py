@@ -12,12 +12,19 @@ from fretflow.solvers.fourier import to_complex
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.structure.two_mass_rig.condensed import condensed
-from fretflow.structure.two_mass_rig.joint import RigJoint, rig_loads
+from fretflow.structure.two_mass_rig.joint import RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 NODES, MODES = 4, 3
 LOADS = (53.0, 60.0)
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
+
+
+def rig_loads(harmonics, excitation, normal_load):
+    """Return loads (H + 1, 3) in N: a vibrating force on the block, and a constant normal load."""
+    loads = np.zeros((harmonics + 1, 3), dtype=complex)
+    loads[1, 0], loads[0, 2] = excitation, normal_load
+    return loads
 
 
 def specimen(seed):

@@ -170,7 +170,7 @@ def test_the_exact_motion_without_stops_is_the_closed_form(ratio, limit):
 def test_time_integration_without_stops(ratio, limit):
     history = integrate(problem(ratio, limit), None, 40, 200)
     assert history.sliding_distance[-1] / 2 == pytest.approx(closed_form(ratio, limit), rel=5e-3)
-    assert error(history.of_period(history.arm), exact(ratio, limit)[0])[1] < 2e-3
+    assert error(history.of_period(history.outputs["arm"]), exact(ratio, limit)[0])[1] < 2e-3
 
 
 @pytest.mark.parametrize(("ratio", "limit", "stops"), [
@@ -180,7 +180,7 @@ def test_time_integration_with_stops(ratio, limit, stops):
     expected, found_stops = exact(ratio, limit)
     assert found_stops == stops
     history = integrate(problem(ratio, limit), None, 12, 400)
-    amplitude, distance = error(history.of_period(history.arm), expected)
+    amplitude, distance = error(history.of_period(history.outputs["arm"]), expected)
     assert amplitude < 5e-3
     assert distance < 5e-3
     slid = history.of_period(history.relative_displacement)
@@ -193,7 +193,7 @@ def test_time_integration_gains_two_orders_a_halving_also_with_stops(ratio, limi
     errors = []
     for steps in (50, 100, 200):
         history = integrate(problem(ratio, limit), None, 12, steps)
-        errors.append(error(history.of_period(history.arm), exact(ratio, limit)[0])[1])
+        errors.append(error(history.of_period(history.outputs["arm"]), exact(ratio, limit)[0])[1])
     assert errors[2] < 0.15 * errors[0]
 
 

@@ -16,7 +16,7 @@ from fretflow.contact.interface import Interface
 from fretflow.core.errors import ConfigError
 from fretflow.effects.catalogue import catalogue, parse_effects, tables
 from fretflow.effects.cycle import respond
-from fretflow.effects.derivative import effect_direction
+from fretflow.effects.derivative import directions_to
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.problem import rig_problem
@@ -103,24 +103,27 @@ def acting_in_the_period():
             yield from ((name, parameter) for parameter in kind.priors())
 
 
+def shown(period):
+    """Return the motion of block and arm, and the friction force, of a period or of its sensitivities."""
+    return {"block": period.outputs["block"], "arm": period.outputs["arm"], "friction force": period.friction_force}
+
+
 @pytest.mark.parametrize(("name", "parameter"), list(acting_in_the_period()))
 def test_derivatives_are_those_of_central_differences(name, parameter):
     effect = modest(catalogue()[name])
     model = EffectModel.build(baseline(), [effect])
     slow = later(model)
     found = SOLVER.solve(model.problem(slow), solved())
-    direction = effect_direction(model, slow, found, name, parameter)
-    exact = sensitivities(model.problem(slow), found, [direction], HARMONICS)
     step = 1e-4 * max(abs(getattr(effect, parameter)), 0.01 * abs(effect.priors()[parameter].high))
-    both = []
-    for sign in (-1.0, 1.0):
-        changed = effect.changed(**{parameter: getattr(effect, parameter) + sign * step})
-        varied = EffectModel.build(baseline(), [changed])
-        both.append(SOLVER.solve(varied.problem(slow), found))
-    for part, own in (("rig_displacement", exact.rig_displacement[0]), ("friction_force", exact.friction_force[0])):
-        difference = (getattr(both[1], part) - getattr(both[0], part)) / (2.0 * step)
+    changed = [effect.changed(**{parameter: getattr(effect, parameter) + by}) for by in (-step, step)]
+    varied = [EffectModel.build(baseline(), [one]).problem(slow) for one in changed]
+    directions = directions_to(varied, model.problem(slow), found)
+    exact = sensitivities(model.problem(slow), found, directions, HARMONICS)
+    both = [shown(SOLVER.solve(one, found)) for one in varied]
+    for part, value in shown(found).items():
+        own, difference = ((two - one) / (2.0 * step) for one, two in (shown(exact)[part], [one[part] for one in both]))
         # what a step of the size of the parameter's range would change, against what the period itself is
-        visible = 1e-7 * np.abs(getattr(found, part)).max() / effect.priors()[parameter].high
+        visible = 1e-7 * np.abs(value).max() / effect.priors()[parameter].high
         assert np.abs(own - difference).max() < max(1e-5 * np.abs(difference).max(), abs(visible)), part
 
 

@@ -144,7 +144,7 @@ def diagnosed(effects, monkeypatch):
     detection = detect(hypotheses)
     found = detected(decide(hypotheses), detection)
     recording = FactsRecording(path=Path("facts.toml"), title="made", file=file)
-    return told(recording, case_of_facts(file), hypotheses, found, detection, True, 0.0)
+    return told(recording, case_of_facts(file), hypotheses, found, detection)
 
 
 def test_facts_that_a_change_made_are_explained_by_it(monkeypatch, tmp_path):

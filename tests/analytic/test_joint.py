@@ -11,13 +11,20 @@ import numpy as np
 import pytest
 from fretflow.core.errors import InputError
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
-from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, RigJoint, rig_loads
+from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.linalg import eigh
 
 CONTACT, FACE, INNER = 4, 3, 5
 FREQUENCY, EXCITATION, LOAD, HARMONICS = 100.0, 53.0, 60.0, 3
 RAYLEIGH = {"rayleigh_mass": 2e3, "rayleigh_stiffness": 1e-6}  # each of them felt in the joint's stiffness
+
+
+def rig_loads(harmonics, excitation, normal_load):
+    """Return loads (H + 1, 3) in N: a vibrating force on the block, and a constant normal load."""
+    loads = np.zeros((harmonics + 1, 3), dtype=complex)
+    loads[1, 0], loads[0, 2] = excitation, normal_load
+    return loads
 
 
 def lattice(seed, density):

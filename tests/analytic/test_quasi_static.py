@@ -21,9 +21,9 @@ from fretflow.solvers.audit import audit_period
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix, to_complex
 from fretflow.solvers.periodic import NormalLoad
 from fretflow.solvers.quasi_static import solver as quasi_static
-from fretflow.solvers.quasi_static.march import ContactMarch, Rest, press
+from fretflow.solvers.quasi_static.march import ContactMarch, press
 from fretflow.solvers.quasi_static.newton import InternalNewton
-from fretflow.solvers.quasi_static.sample import ContactSystem, SampleState
+from fretflow.solvers.quasi_static.sample import SampleState
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, change_rig
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -33,6 +33,7 @@ MU, LOAD = 0.88, 60.0
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 JOINT = QuasiStaticJoint.from_stiffness(1e3 * DATA["K"], RIG)
 NODES = len(DATA["x"])
+ARM = np.array([1])  # the internal coordinate that moves the contact
 DOME = 4e-7 * np.sum((DATA["x"][:, :2] / 0.5)**2, axis=1)  # m; opens the corners in part of the period
 
 
@@ -150,14 +151,13 @@ def friction(march):
 def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
     """In partial slip, where the contact remembers, and in gross slip, where it forgets."""
     samples, harmonics = 64, 5
-    system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
     synthesis = synthesis_matrix(harmonics, samples)
     arm = np.zeros(2 * harmonics + 1)
     arm[[1, 2, 5]] = 0.5 * stroke, 0.02 * stroke, 0.05 * stroke
     direction = np.random.default_rng(3).normal(size=len(arm)) * 1e-6
 
     def march(coefficients):
-        marching = ContactMarch(system, rest=Rest.under(JOINT.flexibility, LOAD))
+        marching = ContactMarch.of(problem(1.0), ARM)
         return marching.period((synthesis @ coefficients)[:, None], synthesis[:, None], marching.preloaded(), None,
                                1e-12)
 
@@ -172,13 +172,12 @@ def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
 def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
     """Where a contact just slides as a whole, its memory fades over periods, and that of its tangent likewise."""
     samples, harmonics = 64, 5
-    system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
     synthesis = synthesis_matrix(harmonics, samples)
     arm = synthesis[:, [1, 2, 5]] @ np.array([0.5, 0.02, 0.05]) * stroke
     direction = synthesis @ np.random.default_rng(3).normal(size=2 * harmonics + 1)
 
     def march(position, directions, before=None, repeat=0.0):
-        marching = ContactMarch(system, rest=Rest.under(JOINT.flexibility, LOAD))
+        marching = ContactMarch.of(problem(1.0), ARM)
         start, near = (marching.preloaded(), None) if before is None else (SampleState.of(before), before)
         return marching.period(position[:, None], directions[:, None], start, near, 1e-12, repeat)
 
@@ -192,14 +191,13 @@ def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
 @pytest.mark.parametrize("stroke", [3.0e-6, 3.4e-6, 3.8e-6])
 def test_a_period_is_the_same_with_what_another_taught_of_the_memory(stroke):
     """How a period's end follows its start is kept from motion to motion; only the periods needed may differ."""
-    system = ContactSystem.build(JOINT.stiffness, np.zeros(NODES), np.asarray(MU), LOAD)
     motion = synthesis_matrix(5, 64)[:, [1, 2, 5]] @ np.array([0.5, 0.02, 0.05])
     none = np.zeros((64, 1, 0))
 
     def march(marching, amplitude):
         return marching.period(amplitude * motion[:, None], none, marching.preloaded(), None, 1e-12)
 
-    fresh, taught = (ContactMarch(system, rest=Rest.under(JOINT.flexibility, LOAD)) for _ in range(2))
+    fresh, taught = (ContactMarch.of(problem(1.0), ARM) for _ in range(2))
     march(taught, 0.98 * stroke)
     expected, found = march(fresh, stroke), march(taught, stroke)
     assert friction(found) == pytest.approx(friction(expected), abs=1e-8 * LOAD)

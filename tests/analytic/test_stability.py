@@ -17,6 +17,7 @@ from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.sample import STICK, PeriodHistory, SampleSolver, SampleState
 from fretflow.solvers.stability import Around, floquet_multipliers, is_stable, monodromy_matrix
+from fretflow.structure.internal_forces import ForceAndSlopes
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint, change_rig
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -43,6 +44,13 @@ def converged(force, frequency, samples, rig_, nodes=1, gap=None, mu=0.6):
     return system, system.at_frequency(omega, guess, system.march.preloaded())
 
 
+def nothing_around(samples):
+    """Return that nothing beside structure and contact follows the motion of block and arm."""
+    none, slopes = np.zeros(samples), np.zeros((samples, 2, 2))
+    return Around(np.array([1]), np.ones(1), FactorAndSlopes(np.ones(samples), none, none),
+                  ForceAndSlopes(np.zeros((samples, 2)), slopes, slopes))
+
+
 @pytest.mark.parametrize("ground_damping", [60.0, -40.0, 3.0])
 def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping):
     own, frequency = rig(ground_damping), 60.0
@@ -50,7 +58,7 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
     for samples in (128, 256):
         system, point = converged(1.0, frequency, samples, own)
         assert np.all(point.history.state == STICK)
-        found = floquet_multipliers(own, system.march.system, point.history, frequency)
+        found = floquet_multipliers(own, system.march.system, point.history, frequency, nothing_around(samples))
         stiffness = own.stiffness + np.diag([0.0, STIFFNESS])
         companion = np.block([[np.zeros((2, 2)), np.eye(2)],
                               [-np.linalg.solve(own.mass, stiffness), -np.linalg.solve(own.mass, own.damping)]])
@@ -106,7 +114,7 @@ def test_monodromy_is_that_of_perturbed_nonlinear_marches(force, nodes):
             x, v, phi, before = x1, 2.0 / h * (x1 - x) - v, new, after
         return np.concatenate([x, v, [phi], (before.displacement - period.displacement[-1])[memory]])
 
-    matrix = monodromy_matrix(own, contact, period, frequency)
+    matrix = monodromy_matrix(own, contact, period, frequency, nothing_around(len(period.state)))
     rng = np.random.default_rng(5)
     scales = np.concatenate([[1e-6, 1e-6, 1e-3, 1e-3, 1.0], np.full(len(memory), 1e-6)])
     direction = rng.normal(size=len(matrix)) * scales * 1e-5
@@ -122,14 +130,14 @@ def test_forces_on_the_rig_take_part():
     system, point = converged(60.0, frequency, samples, rig(60.0))
     contact, period = system.march.system, point.history
     more = np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([[100.0, 0.0], [0.0, 0.0]])
-    around = Around.nothing(samples)
+    around = nothing_around(samples)
     forced = replace(around, forces=around.forces._replace(
         by_displacement=np.broadcast_to(more[0], (samples, 2, 2)),
         by_velocity=np.broadcast_to(more[1], (samples, 2, 2))))
     found = monodromy_matrix(rig(60.0), contact, period, frequency, forced)
-    own = monodromy_matrix(rig(-40.0), contact, period, frequency)
+    own = monodromy_matrix(rig(-40.0), contact, period, frequency, around)
     np.testing.assert_allclose(found, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
-    assert not np.allclose(found, monodromy_matrix(rig(60.0), contact, period, frequency), rtol=1e-3)
+    assert not np.allclose(found, monodromy_matrix(rig(60.0), contact, period, frequency, around), rtol=1e-3)
 
 
 @dataclass(frozen=True)
@@ -190,7 +198,7 @@ def test_friction_and_load_that_follow_the_motion_take_part():
     found = 0.5 * (differences(direction) - differences(-direction))
     size = np.abs(matrix) @ np.abs(direction)
     assert np.all(np.abs(found - expected) < 1e-5 * size + 1e-9 * np.abs(scales))
-    plain = monodromy_matrix(own, system.march.system, period, frequency)
+    plain = monodromy_matrix(own, system.march.system, period, frequency, nothing_around(len(period.state)))
     assert np.abs((plain - matrix) @ direction / size).max() > 1e-3  # they matter
 
 
@@ -199,5 +207,6 @@ def test_sliding_damps():
     moduli = {}
     for force in (1.0, 60.0):
         system, point = converged(force, 45.0, 96, own)
-        moduli[force] = np.abs(floquet_multipliers(own, system.march.system, point.history, 45.0)[0])
+        found = floquet_multipliers(own, system.march.system, point.history, 45.0, nothing_around(96))
+        moduli[force] = np.abs(found[0])
     assert moduli[60.0] < 0.9 * moduli[1.0] < 0.9

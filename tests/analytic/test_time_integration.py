@@ -74,7 +74,7 @@ def test_work_of_the_excitation_is_friction_and_damping(force):
     """Over the last period; sums of the motion alone, by the trapezoidal rule and central differences."""
     history = integrated(force)
     steps = history.steps_per_period
-    block, arm = (history.of_period(x) for x in (history.block, history.arm))
+    block, arm = (history.of_period(history.outputs[name]) for name in ("block", "arm"))
     push = force * np.cos(2 * np.pi * np.arange(steps) / steps)
     given = np.sum(0.5 * (push + np.roll(push, 1)) * (block - np.roll(block, 1)))
     moved = np.column_stack([block, arm]) - np.roll(np.column_stack([block, arm]), 1, axis=0)
@@ -100,7 +100,7 @@ def test_a_joint_that_sticks_follows_the_matrix_exponential_with_order_two():
         for _ in range(3 * steps):
             state = hop @ state
             exact.append(state[:2])
-        found = np.column_stack([history.block, history.arm])
+        found = np.column_stack([history.outputs["block"], history.outputs["arm"]])
         errors.append(np.abs(found - exact).max() / np.ptp(exact))
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert rates == pytest.approx(2.0, abs=0.15)
@@ -109,7 +109,7 @@ def test_a_joint_that_sticks_follows_the_matrix_exponential_with_order_two():
 
 def test_a_joint_at_rest_stays_at_rest():
     history = integrate(problem(0.0), None, 1, 16)
-    assert np.abs(history.arm).max() < 1e-16
+    assert np.abs(history.outputs["arm"]).max() < 1e-16
     assert np.abs(history.friction_force).max() < 1e-6
     assert np.abs(history.friction_work).max() < 1e-18
 
@@ -122,10 +122,10 @@ def test_a_step_far_longer_than_the_hinge_mode_is_stable():
 
 def test_change_is_that_of_the_arm_from_period_to_period():
     history = integrate(problem(60.0), None, 3, 32)
-    periods = history.arm.reshape(3, 32)
+    periods = history.outputs["arm"].reshape(3, 32)
     assert history.change[1] == pytest.approx(np.abs(periods[2] - periods[1]).max() / np.ptp(periods[2]))
-    assert history.of_period(history.arm)[0] == history.arm[-1]
-    assert history.of_period(history.arm, 0)[1] == history.arm[0]
+    assert history.of_period(history.outputs["arm"])[0] == history.outputs["arm"][-1]
+    assert history.of_period(history.outputs["arm"], 0)[1] == history.outputs["arm"][0]
 
 
 @pytest.mark.parametrize(("periods", "steps"), [(0, 64), (1, 7)])

@@ -1,5 +1,6 @@
 """Both specimens reduced at once: where there is room for it, with the bits of one after the other."""
 
+import multiprocessing
 import os
 from dataclasses import fields
 from pathlib import Path
@@ -11,9 +12,7 @@ from fretflow.core.errors import InputError
 from fretflow.core.store import read_record
 from fretflow.pipeline import estimate, stages
 from fretflow.pipeline.ensemble import THREAD_VARIABLES
-from fretflow.pipeline.ranks import Ranks
-from fretflow.pipeline.run import leading
-from fretflow.pipeline.runner import Runner, Silent
+from fretflow.pipeline.ranks import SIZE_VARIABLES
 from fretflow.pipeline.stage import StageContext
 from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 
@@ -32,19 +31,28 @@ def meshed(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def worth(monkeypatch):
-    """Call the smallest specimen worth a process."""
+    """Call the smallest specimen worth a process, on a machine of two cores whose user limits no threads."""
     monkeypatch.setattr(stages, "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1})
+    limit_threads(monkeypatch, "2")
 
 
-def context(meshed, folder, processes):
+def limit_threads(monkeypatch, count):
+    for name in THREAD_VARIABLES:
+        monkeypatch.setenv(name, count)
+
+
+def context(meshed, folder):
     folder.mkdir(exist_ok=True)
-    return StageContext(meshed[0], folder, {"mesh": meshed[1]}, lambda share, text: None, processes=processes)
+    return StageContext(meshed[0], folder, {"mesh": meshed[1]}, lambda share, text: None)
 
 
-def test_two_processes_give_the_bits_of_one(meshed, tmp_path):
-    both, alone = (context(meshed, tmp_path / name, count) for name, count in (("both", 2), ("alone", 1)))
-    assert [stages._at_once(one) for one in (both, alone)] == [2, 1]
+def test_two_processes_give_the_bits_of_one(meshed, tmp_path, monkeypatch):
+    both, alone = (context(meshed, tmp_path / name) for name in ("both", "alone"))
+    assert stages._at_once(both) == 2
     figures = stages.REDUCE.run(both)
+    limit_threads(monkeypatch, "1")
+    assert stages._at_once(alone) == 1
     assert stages.REDUCE.run(alone) == figures
     for side in stages.SIDES:
         for name, kind in ((f"{side}.h5", ReducedSpecimen), (f"{side}_modes.h5", ModeShapes)):
@@ -54,7 +62,7 @@ def test_two_processes_give_the_bits_of_one(meshed, tmp_path):
 
 
 def test_one_after_the_other_where_there_is_no_room_for_both(meshed, tmp_path, monkeypatch):
-    asked = context(meshed, tmp_path, 4)
+    asked = context(meshed, tmp_path)
     one = estimate.REDUCING[0] * 1.5
     monkeypatch.setattr(estimate, "free_memory", lambda: one)
     assert stages._at_once(asked) == 1
@@ -67,16 +75,11 @@ def test_one_after_the_other_where_there_is_no_room_for_both(meshed, tmp_path, m
     assert stages._at_once(asked) == 1
 
 
-def test_the_command_line_shares_work_out_and_a_script_does_not(tmp_path, monkeypatch):
-    """A script's main module may not be meant to be imported again, which fresh interpreters do."""
-    asked = []
-    stage = stages.Stage("mesh", 1, lambda case: 0, (), lambda context: asked.append(context.processes) or {})
-    monkeypatch.setattr(stages, "pipeline", lambda: (stage,))
-    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1})
-    for threads in ("2", "1"):
-        for name in THREAD_VARIABLES:
-            monkeypatch.setenv(name, threads)
-        with leading(tmp_path / threads, Silent()) as runner:
-            runner.run(load_case(QUICK))
-    Runner((stage,), tmp_path / "script", Ranks(), Silent()).run(load_case(QUICK))
-    assert asked == [2, 1, 1]
+def test_one_after_the_other_beside_other_processes(meshed, tmp_path, monkeypatch):
+    """A worker, or a rank of mpirun, leaves the other cores to those that it shares the work with."""
+    asked = context(meshed, tmp_path)
+    with monkeypatch.context() as worker:
+        worker.setattr(multiprocessing, "parent_process", multiprocessing.current_process)
+        assert stages._at_once(asked) == 1
+    monkeypatch.setenv(SIZE_VARIABLES[0], "2")
+    assert stages._at_once(asked) == 1

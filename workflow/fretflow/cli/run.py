@@ -143,11 +143,12 @@ def _in_turn(cases: Sequence[Case], until: str | None, out: Path, force: bool) -
 
 def _at_once(cases: Sequence[Case], until: str | None, out: Path, force: bool, workers: Workers) -> None:
     """Run cases by several workers; one that fails does not stop the others."""
-    from fretflow.pipeline.run import CaseTask, run_at_once
+    from fretflow.pipeline.ensemble import run_ensemble
+    from fretflow.pipeline.run import CaseTask, run_task
 
     ends = [_Ended()] * len(cases)
     tasks = [CaseTask(case, out.absolute(), until, force) for case in cases]  # a worker may run in another folder
-    for done, outcome in run_at_once(tasks, workers):
+    for done, outcome in enumerate(run_ensemble(run_task, tasks, workers), start=1):
         if outcome.error is not None:
             message, code = describe(outcome.error)
             ends[outcome.index] = _Ended(code, message)

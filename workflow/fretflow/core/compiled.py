@@ -81,6 +81,17 @@ _dsymv = _routine("cython_blas", "dsymv", 10)
 
 
 @compiled
+def largest(values: NDArray[np.float64]) -> float:
+    """Return the largest size, nan if there is any."""
+    most = 0.0
+    for value in values:
+        if np.isnan(value):
+            return np.nan
+        most = max(most, abs(value))
+    return most
+
+
+@compiled
 def factorise(columns: NDArray[np.floating[Any]], pivots: NDArray[np.int32]) -> bool:
     """Replace a matrix, given by its columns (q, q), by its LU factors; `pivots` (q,). Return whether it is regular.
 

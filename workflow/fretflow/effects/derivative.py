@@ -1,7 +1,7 @@
-"""Derivatives by parameters of effects, and of the baseline, without solving again.
+"""Changes of a problem by parameters of effects, and of the baseline, without solving again.
 
 What a parameter changes in the data of a solved problem is differenced, not its solution: friction, load and forces at
-the motion that was found, the gap, the flexibility, the rig. `harmonic.sensitivity` carries that on to the period by
+the motion that was found, the gap, the flexibility, the rig. `solvers.sensitivity` carries that on to the period by
 the implicit function theorem. The state over cycles is held.
 """
 
@@ -14,17 +14,13 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.effect import Array
-from fretflow.effects.model import EffectModel
 from fretflow.solvers.audit import friction_factor
-from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.structure.internal_forces import total_force
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import MATRICES, LumpedRig
-from fretflow.wear.slow import SlowState
-
-STEP = 1e-4  # of a parameter's range
 
 
 @dataclass(frozen=True)
@@ -71,28 +67,6 @@ def _force(problem: PeriodicProblem, motion: PeriodicSolution) -> Array:
     return np.asarray(force)
 
 
-def effect_direction(model: EffectModel, slow: SlowState, solution: PeriodicSolution, effect_id: str, name: str
-                     ) -> Direction:
-    """Return the direction of parameter `name` of an effect of `model`, at a period solved with it.
-
-    Raises
-    ------
-    KeyError
-        If the model has no such effect or parameter.
-    """
-    effect = {one.id: one for one in model.effects}[effect_id]
-    prior, value = effect.priors()[name], getattr(effect, name)
-    step = STEP * max(abs(value), 0.01 * max(abs(prior.high), abs(prior.low)))
-
-    def varied(by: float) -> PeriodicProblem:
-        others = tuple(effect.changed(**{name: value + by}) if one.id == effect_id else one for one in model.effects)
-        return replace(model, effects=others).problem(slow)
-
-    grips = _grips(model.problem(slow), solution)
-    return _difference(_Data.of(varied(-step), solution), _Data.of(varied(step), solution), 2.0 * step, grips,
-                       f"{effect_id}.{name}")
-
-
 def directions_to(others: Sequence[PeriodicProblem], at: PeriodicProblem, solution: PeriodicSolution
                   ) -> list[Direction]:
     """Return the whole changes from the problem `at` to each of `others`, as directions of unit length.
@@ -100,7 +74,7 @@ def directions_to(others: Sequence[PeriodicProblem], at: PeriodicProblem, soluti
     `solution` is the period of `at`; the directions are named by their place.
     """
     here, grips = _Data.of(at, solution), _grips(at, solution)
-    return [_difference(here, _Data.of(other, solution, (at, here)), 1.0, grips, str(v))
+    return [_difference(here, _Data.of(other, solution, (at, here)), grips, str(v))
             for v, other in enumerate(others)]
 
 
@@ -110,9 +84,9 @@ def _grips(at: PeriodicProblem, solution: PeriodicSolution) -> Array:
     return unit.directed_limit(solution.force, friction_factor(at, solution)[:, None])
 
 
-def _difference(one: _Data, other: _Data, step: float, grips: Array, name: str) -> Direction:
-    """Return the direction from the data `one` to the data `other`, `step` apart in a parameter."""
-    slopes = {part.name: (getattr(other, part.name) - getattr(one, part.name)) / step for part in fields(_Data)
+def _difference(one: _Data, other: _Data, grips: Array, name: str) -> Direction:
+    """Return the direction from the data `one` to the data `other`."""
+    slopes = {part.name: getattr(other, part.name) - getattr(one, part.name) for part in fields(_Data)
               if getattr(other, part.name) is not getattr(one, part.name)}
     rig = LumpedRig(**dict(zip(MATRICES, slopes.pop("rig"), strict=True)))
     if "friction" in slopes:  # the coefficient that makes this change of the limit

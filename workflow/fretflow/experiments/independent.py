@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -74,10 +74,13 @@ class IndependentExperiment(Experiment, Protocol):
         ...
 
 
-class IndependentSearch(Search):
+E = TypeVar("E", bound=IndependentExperiment)
+
+
+class IndependentSearch(Search, Generic[E]):
     """A search among hypotheses from which the rows differ independently."""
 
-    experiment: IndependentExperiment
+    experiment: E
 
     @property
     def discrepancy(self) -> Discrepancy:
@@ -115,7 +118,7 @@ class IndependentSearch(Search):
         return Fitter(self.experiment, self.experiment.measurement.covariance())
 
 
-def estimates(hypotheses: IndependentSearch, names: Names) -> tuple[Estimate, ...]:
+def estimates(hypotheses: IndependentSearch[E], names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
     mean, covariance = hypotheses.evidence(names).coordinates(hypotheses.any_size(names))
     return tuple(estimate(one, float(middle), HALF * float(sd), draws, hypotheses.experiment.described(one))
@@ -123,7 +126,7 @@ def estimates(hypotheses: IndependentSearch, names: Names) -> tuple[Estimate, ..
                                                    np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
 
 
-def visible(hypotheses: IndependentSearch) -> dict[str, float]:
+def visible(hypotheses: IndependentSearch[E]) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been as probable as none.
 
     There half the square of its signature's norm is the logarithm of how many effects there are; the signature is that

@@ -215,8 +215,3 @@ class Covariance:
         scaled = self.modes / np.sqrt(self.variance)[:, None]
         inner = np.eye(scaled.shape[1]) + scaled.T @ scaled
         return np.asarray(np.linalg.solve(inner, scaled.T @ (error / np.sqrt(self.variance))))
-
-    def draw(self, generator: np.random.Generator, count: int) -> Array:
-        """Return `count` samples of the error, (M, count)."""
-        alone = generator.standard_normal((len(self.variance), count)) * np.sqrt(self.variance)[:, None]
-        return np.asarray(alone + self.modes @ generator.standard_normal((self.modes.shape[1], count)))

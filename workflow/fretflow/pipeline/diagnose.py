@@ -74,7 +74,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     given = Path(recording) if isinstance(recording, str) else recording
     if isinstance(given, Path) and not given.exists():
         raise InputError(f"{given}: there is no such folder or file; give a folder with a {FILE}")
-    tell = Stages(progress or (lambda share, text: None))
+    began, tell = monotonic(), Stages(progress or (lambda share, text: None))
     with tempfile.TemporaryDirectory() as scratch, LocalPool(len(os.sched_getaffinity(0))) as pool:
         models = kept_models(Path(scratch) if home is None else home)
         tell(0.0, "reading")
@@ -86,7 +86,8 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
         found: Diagnosis = resolve_name(recorded.kind.experiment)(
             recorded, fast, tell, RigTools(lambda case: reduced_problem(case, models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
-    return replace(found, case_file=runnable(found, name), stages=tell.ended(), memory=memory())
+    return replace(found, case_file=runnable(found, name), seconds=monotonic() - began, fast=fast, stages=tell.ended(),
+                   memory=memory())
 
 
 @dataclass

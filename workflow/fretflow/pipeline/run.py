@@ -13,7 +13,6 @@ from fretflow.core.errors import InputError, StoreError
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.effects.catalogue import parse_effects
 from fretflow.pipeline.comparison import CaseComparison, compare
-from fretflow.pipeline.ensemble import Outcome, Workers, run_ensemble, threads_each
 from fretflow.pipeline.ranks import Ranks, keep_to_itself, started_size
 from fretflow.pipeline.response_curves import FOLDER, RunCurve, asked_curves, make_curve, sweep_of, write_curves
 from fretflow.pipeline.results import RunResults
@@ -65,7 +64,7 @@ def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
     from fretflow.pipeline.stages import pipeline
 
     ranks = Ranks()
-    runner = Runner(pipeline(), out, ranks, watcher, threads_each(1) if ranks.size == 1 else 1)
+    runner = Runner(pipeline(), out, ranks, watcher)
     if ranks.rank > 0:
         runner.serve()
         sys.exit(0)
@@ -147,11 +146,6 @@ def run_task(task: CaseTask) -> None:
     if started_size() > 1:
         keep_to_itself()
     run(task.case, task.out, until=task.until, force=task.force)
-
-
-def run_at_once(tasks: Sequence[CaseTask], workers: Workers) -> Iterator[tuple[int, Outcome[None]]]:
-    """Run `tasks` on `workers` and yield each with how many have ended, as it ends."""
-    yield from enumerate(run_ensemble(run_task, tasks, workers), start=1)
 
 
 def compare_run(case: Case, home: Path) -> CaseComparison:

@@ -102,13 +102,10 @@ class Runner:
         The processes of the run.
     watcher : Watcher
         Told about the progress.
-    processes : int
-        How many processes of this machine a stage may use: 1, unless fresh interpreters can import the main module.
     """
 
-    def __init__(self, stages: Sequence[Stage], root: Path, ranks: Ranks, watcher: Watcher, processes: int = 1) -> None:
+    def __init__(self, stages: Sequence[Stage], root: Path, ranks: Ranks, watcher: Watcher) -> None:
         self._stages = tuple(stages)
-        self._processes = processes
         self._root = root
         self._ranks = ranks
         self._watcher = watcher
@@ -223,7 +220,7 @@ class Runner:
         cost = CostMeter()
         context = StageContext(
             case, partial, inputs, lambda share, text: self._watcher.advance(stage.name, share, text),
-            self._ranks.comm if together else None, self._processes)
+            self._ranks.comm if together else None)
         if together:
             memory = self._ranks.lead(_StageTask(stage.name, case, partial, inputs), work)
         else:

@@ -40,8 +40,6 @@ class StageContext:
         ``progress(share done, what is going on)``.
     comm : MPI communicator or None
         Given to a collective stage under mpirun, else None.
-    processes : int
-        How many processes of this machine the stage may use at once.
     """
 
     case: Case
@@ -49,7 +47,6 @@ class StageContext:
     inputs: Mapping[str, Path]
     progress: Progress
     comm: Any = None
-    processes: int = 1
 
 
 @dataclass(frozen=True)

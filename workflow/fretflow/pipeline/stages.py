@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import multiprocessing
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +22,9 @@ from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record, write_record
 from fretflow.pipeline import response
-from fretflow.pipeline.ensemble import LocalPool
+from fretflow.pipeline.ensemble import LocalPool, threads_each
 from fretflow.pipeline.estimate import check_memory, reductions_at_once
+from fretflow.pipeline.ranks import started_size
 from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
 
 if TYPE_CHECKING:
@@ -88,12 +90,13 @@ def _reduce(context: StageContext) -> Figures:
 def _at_once(context: StageContext) -> int:
     """Return how many specimens are reduced at once, each in a process of its own if not one.
 
-    Both, where they are worth it and there is memory for both.
+    Both, where they are worth it, memory and threads are there for both, and no other process shares this one's work.
     """
     meshes = [read_record(context.inputs["mesh"] / f"{side}.h5", MeshSummary) for side in SIDES]
     fitting = reductions_at_once([3 * mesh.nodes for mesh in meshes])
     worth = min(3 * mesh.nodes for mesh in meshes) >= WORTH_A_PROCESS
-    return min(fitting, context.processes) if worth else 1
+    alone = started_size() == 1 and multiprocessing.parent_process() is None
+    return min(fitting, threads_each(1)) if alone and worth else 1
 
 
 def _reduce_side(call: tuple[Case, str, Path, Path, Any]) -> Figures:

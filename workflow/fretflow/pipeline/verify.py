@@ -123,7 +123,7 @@ def check_period(name: str, cycles: int, problem: PeriodicProblem, solution: Per
         integrated_force=at_samples(history.friction_force),
         sliding_distance=(response.sliding_distance, float(history.sliding_distance[-1])),
         dissipated_energy=(response.dissipated_energy, float(history.dissipated_energy[-1])),
-        arm_range=float(np.ptp(history.of_period(history.arm))), drift=history.change)
+        arm_range=float(np.ptp(history.of_period(history.outputs["arm"]))), drift=history.change)
 
 
 def verify_run(case: Case, folders: Mapping[str, Path], periods: int, steps: int | None,

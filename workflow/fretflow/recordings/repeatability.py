@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 
 SMOOTH = 5  # harmonics, of which white noise of N samples has 10 / N
 COLOURED = 0.05  # p-value of white noise below which noise has a colour
-LEAST_COUNTS = 7  # cycle counts for the scatter about their trend
 
 
 @record
@@ -37,8 +36,6 @@ class Repeatability:
     gain_sd: float = quantity("1")  # between repeats, relative, beyond what noise explains
     offset_sd: float  # between repeats, beyond what noise explains
     repeat_sd: Array = quantity("", "(N,), between repeats in all: the floor of a single loop")
-    cycle_sd: Array | None = quantity("", "(N,), of a cycle count about its neighbours, beyond the repeats")
-    degrees_of_freedom: int  # of the differences between repeats, per phase
     smooth_share: float = quantity("1", default=0.0)  # of what is left of these differences, in `SMOOTH` harmonics
     smooth_excess: float = quantity("1", default=0.0)  # of these harmonics' variance over that of all others, less one
 
@@ -51,11 +48,6 @@ class Repeatability:
 
 def repeatability(values: Array) -> Repeatability:
     """Return what the repeats of a channel (K, R, N) say, nan where there is no repeat.
-
-    The scatter of a cycle count about its neighbours, where there are enough of them, is that of the mean loops
-    about the cubic through two neighbours on either side, ``m_k - (4 m_(k-1) + 4 m_(k+1) - m_(k-2) - m_(k+2)) / 6``,
-    35/18 of one loop's variance. Its median is taken, so that one jump does not count. An evolution that is smooth
-    from count to count is no part of it; one that is not cannot be told from scatter, so it is an upper bound.
 
     Raises
     ------
@@ -89,10 +81,8 @@ def repeatability(values: Array) -> Repeatability:
     samples = values.shape[2]
     noise = moderated(rest / freedom * samples / (samples - 2), freedom)
     fitted = np.sqrt(np.maximum(between - noise_of_fit * noise.mean(), 0.0) / freedom)
-    repeat_variance = total / freedom
     return Repeatability(mean=mean, repeats=repeats, noise_sd=np.sqrt(noise), gain_sd=float(fitted[0]),
-                         offset_sd=float(fitted[1]), repeat_sd=np.sqrt(repeat_variance),
-                         cycle_sd=_about_neighbours(mean, repeats, repeat_variance), degrees_of_freedom=freedom,
+                         offset_sd=float(fitted[1]), repeat_sd=np.sqrt(total / freedom),
                          smooth_share=smooth / max(float(rest.sum()), 1e-300),
                          smooth_excess=_excess(smooth, float(rest.sum()), freedom, samples))
 
@@ -166,14 +156,3 @@ def _excess(smooth: float, rest: float, freedom: int, samples: int) -> float:
         return 0.0
     ratio = (smooth / low) / ((rest - smooth) / high)
     return ratio - 1.0 if stats.f.sf(ratio, low, high) < COLOURED else 0.0
-
-
-def _about_neighbours(mean: Array, repeats: NDArray[np.int64], repeat_variance: Array) -> Array | None:
-    known = np.flatnonzero(repeats)
-    if len(known) < LEAST_COUNTS:
-        return None
-    loops = mean[known]
-    away = loops[2:-2] - (4.0 * loops[1:-3] + 4.0 * loops[3:-1] - loops[:-4] - loops[4:]) / 6.0
-    # The median of squared normal deviates is 0.455 of their variance.
-    variance = np.median(away**2, axis=0) / 0.455 / (35.0 / 18.0)
-    return np.asarray(np.sqrt(np.maximum(variance - repeat_variance / repeats[known].mean(), 0.0)))

@@ -21,11 +21,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
-from fretflow.solvers.direction import Direction
 from fretflow.solvers.fourier import to_complex, to_real
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.internal import InternalBalance, InternalEquations, seen_coordinates
@@ -33,6 +31,7 @@ from fretflow.solvers.quasi_static.march import Surroundings
 from fretflow.solvers.quasi_static.sample import Array, ContactSystem, PeriodHistory, plain
 from fretflow.solvers.quasi_static.sensitivity import (
     ContactDerivative,
+    Direction,
     LinearOutputs,
     SolvedContact,
     differentiate_contact,
@@ -65,31 +64,6 @@ class PeriodSensitivity:
         """Return `solution` with its motion, not its contact, changed to first order by one of parameter v."""
         outputs = {name: values + self.outputs[name][v] for name, values in solution.outputs.items()}
         return replace(solution, internal=solution.internal + self.internal[v], outputs=outputs)
-
-    @property
-    def arm(self) -> Array:
-        """Return the coefficients of the rig's arm, (P, 2 H + 1) m."""
-        return self.seen
-
-    @property
-    def rig_displacement(self) -> Array:
-        """Return the motion of the rig's block and arm along x, (P, N, 2) m."""
-        return np.stack([self.outputs["block"], self.outputs["arm"]], axis=-1)
-
-    @property
-    def upper_observation(self) -> Array:
-        """Return the motion of the rig's upper observation node, (P, N, 3) m."""
-        return self.outputs["upper"]
-
-    @property
-    def lower_observation(self) -> Array:
-        """Return the motion of the rig's lower observation node, (P, N, 3) m."""
-        return self.outputs["lower"]
-
-    @property
-    def approach(self) -> Array:
-        """Return that of the rig's arm, positive upward, (P, N) m."""
-        return self.outputs["approach"]
 
 
 def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
@@ -150,25 +124,13 @@ class _RigChange:
     @classmethod
     def build(cls, problem: PeriodicProblem, equations: InternalEquations, balance: InternalBalance,
               solution: PeriodicSolution, directions: Sequence[Direction]) -> _RigChange:
-        internal = problem.boundary.internal
-        if problem.boundary.forces and any(direction.frequency for direction in directions):
-            raise InputError("sensitivities: the frequency's is not known where further forces act on the structure")
         moved = to_complex(equations.analysis @ solution.internal)
-        order = np.arange(len(moved))
-        omega = problem.omega * order
-        k = order[:, None, None]
-        by_omega: NDArray[np.complex128] = 1j * k * internal.damping - 2.0 * problem.omega * k**2 * internal.mass
+        omega = problem.omega * np.arange(len(moved))
         load = np.zeros((*moved.shape, len(directions)), dtype=complex)
-        fundamental = replace(problem.excitation, overtones=()).by_harmonic(len(moved) - 1)
-        unit = problem.boundary.loads(fundamental, len(moved)) @ problem.boundary.input_force.T
-        unit = unit / (problem.excitation.amplitude or 1.0)
         for i, direction in enumerate(directions):
-            load[:, :, i] += direction.excitation * unit
-            change: NDArray[np.complex128] = 2.0 * np.pi * direction.frequency * by_omega
             if direction.rig is not None:
                 rig_of(problem.structure)
-                change += direction.rig.impedance(omega)
-            load[:, :, i] -= np.einsum("kab,kb->ka", change, moved)
+                load[:, :, i] -= np.einsum("kab,kb->ka", direction.rig.impedance(omega), moved)
             if direction.force is not None:
                 load[:, :, i] += to_complex(equations.analysis @ direction.force)
         on_other, on_seen = (to_real(load[:, part]).reshape(-1, len(directions))

@@ -49,13 +49,6 @@ class Around:
     forces: ForceAndSlopes
 
     @classmethod
-    def nothing(cls, samples: int, size: int = 2) -> Around:
-        """Return nothing else, for `size` coordinates, of which the contact sees the last."""
-        none, slopes = np.zeros(samples), np.zeros((samples, size, size))
-        return cls(np.array([size - 1]), np.ones(1), FactorAndSlopes(np.ones(samples), none, none),
-                   ForceAndSlopes(np.zeros((samples, size)), slopes, slopes))
-
-    @classmethod
     def of(cls, problem: PeriodicProblem, motion: Array) -> Around:
         """Return what `problem` holds about the `motion` (N, d) of its coordinates, m."""
         b, velocity = problem.boundary, time_derivative(motion, problem.omega)
@@ -65,7 +58,7 @@ class Around:
 
 
 def floquet_multipliers(internal: Internal, system: ContactSystem, period: PeriodHistory, frequency: float,
-                        around: Around | None = None) -> NDArray[np.complex128]:
+                        around: Around) -> NDArray[np.complex128]:
     """Return the multipliers of a period, largest modulus first.
 
     Parameters
@@ -76,8 +69,8 @@ def floquet_multipliers(internal: Internal, system: ContactSystem, period: Perio
         A period of the contact that repeats, N samples.
     frequency : float
         Hz.
-    around : Around, optional
-        What else follows the motion; by default nothing.
+    around : Around
+        What else follows the motion.
     """
     values = np.linalg.eigvals(monodromy_matrix(internal, system, period, frequency, around))
     return np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)
@@ -89,15 +82,14 @@ def is_stable(multipliers: NDArray[np.complex128]) -> bool:
 
 
 def monodromy_matrix(internal: Internal, system: ContactSystem, period: PeriodHistory, frequency: float,
-                     around: Around | None = None) -> Array:
+                     around: Around) -> Array:
     """Return the matrix that takes a perturbation over one period, (2 d + d_a + 2 m, ...).
 
     Rows: displacements of the coordinates, their velocities, the contact's force on those that it sees, then the x and
     y displacements of the m nodes that do not stick throughout.
     """
     samples, d = len(period.state), len(internal.mass)
-    at = Around.nothing(samples, d) if around is None else around
-    sees = len(at.seen)
+    sees = len(around.seen)
     moving = np.flatnonzero(np.any(period.state != STICK, axis=0))
     memory = np.concatenate([3 * moving, 3 * moving + 1])
     size = 2 * d + sees + len(memory)
@@ -105,17 +97,17 @@ def monodromy_matrix(internal: Internal, system: ContactSystem, period: PeriodHi
     position, velocity, felt = start[:d], start[d:2 * d], start[2 * d:2 * d + sees]
     slope: Array = np.zeros((3 * system.size, size))
     slope[memory] = start[2 * d + sees:]
-    solver, step = SampleSolver(system), _TrapezoidalStep(internal, at, 1.0 / (frequency * samples))
+    solver, step = SampleSolver(system), _TrapezoidalStep(internal, around, 1.0 / (frequency * samples))
     # columns more: each coordinate's position, 1 m, and the friction's factor by the faces' velocity, 1 m/s
     motion = np.hstack([np.zeros((sees, size)), np.eye(sees, sees + 1)])
     for j in range(samples):
         history = np.column_stack([slope, np.zeros((len(slope), sees + 1))])
-        factor_slope = np.concatenate([np.zeros(size), at.factor.by_position[j] * at.sliding,
-                                       [at.factor.by_velocity[j]]])
+        factor_slope = np.concatenate([np.zeros(size), around.factor.by_position[j] * around.sliding,
+                                       [around.factor.by_velocity[j]]])
         moved, force = solver.tangent(SampleState.of(period, j), period.displacement[j - 1], history, motion,
-                                      float(at.factor.factor[j]), factor_slope)
+                                      float(around.factor.factor[j]), factor_slope)
         position, velocity = step.advance(j, position, velocity, felt, force)
-        own = np.vstack([position[at.seen], at.sliding @ velocity[at.seen]])
+        own = np.vstack([position[around.seen], around.sliding @ velocity[around.seen]])
         slope, felt = moved[:, :size] + moved[:, size:] @ own, force[:, :size] + force[:, size:] @ own
     return np.vstack([position, velocity, felt, slope[memory]])
 

@@ -63,16 +63,6 @@ class TimeHistory:
         return np.roll(values.reshape(-1, self.steps_per_period)[period], 1)
 
     @property
-    def block(self) -> NDArray[np.float64]:
-        """Return the motion of the rig's block, (M,) m."""
-        return np.asarray(self.outputs["block"])
-
-    @property
-    def arm(self) -> NDArray[np.float64]:
-        """Return the motion of the rig's arm along x, (M,) m."""
-        return np.asarray(self.outputs["arm"])
-
-    @property
     def sliding_distance(self) -> NDArray[np.float64]:
         """Return the peak-to-peak of the relative displacement in each period, m."""
         return np.asarray(np.ptp(self.relative_displacement.reshape(-1, self.steps_per_period), axis=1))

@@ -61,11 +61,6 @@ class Sliders:
         """Return one slider of `stiffness` (N/m) and `limit` (N)."""
         return cls(stiffness=np.array([stiffness]), reach=np.array([limit / stiffness]))
 
-    @property
-    def limit(self) -> float:
-        """Return the force at which all of them slide, N."""
-        return float(self.stiffness @ self.reach)
-
     def force(self, motion: Motion, up: Array | float = 1.0, down: Array | float = 1.0) -> Array:
         """Return their force (N,) in N, positive against positive motion.
 

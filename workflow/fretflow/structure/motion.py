@@ -94,11 +94,6 @@ class MeasuredMotion:
     half_width: int = quantity("1")  # samples to either side
     noise: float = quantity("m")  # standard deviation of the displacement as measured
 
-    def bias(self, frequency: float) -> tuple[float, float, float]:
-        """Return the relative errors of displacement, velocity and acceleration at `frequency` (Hz)."""
-        phase = 2.0 * np.pi * frequency * self.half_width * self.motion.step
-        return -phase**6 / 33264.0, -phase**6 / 61776.0, -phase**4 / 792.0
-
 
 def measure(displacement: Array, step: float, half_width: int | None = None) -> MeasuredMotion:
     """Return the motion of a measured displacement.

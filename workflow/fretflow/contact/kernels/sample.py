@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.kernels.cone import limit
 from fretflow.contact.law import ContactState
-from fretflow.core.compiled import compiled, factorise, multiply_symmetric, substitute
+from fretflow.core.compiled import compiled, factorise, largest, multiply_symmetric, substitute
 
 Array = NDArray[np.float64]
 States = NDArray[np.int8]
@@ -86,17 +86,6 @@ def empty_period(samples: int, nodes: int, coordinates: int = 0) -> PeriodHistor
     """Return room for a period."""
     return PeriodHistory(np.zeros((samples, coordinates)), np.zeros((samples, 3 * nodes)),
                          np.zeros((samples, 3 * nodes)), np.zeros((samples, nodes), dtype=np.int8))
-
-
-@compiled
-def _largest(values: Array) -> float:
-    """Return the largest size, nan if there is any."""
-    most = 0.0
-    for value in values:
-        if np.isnan(value):
-            return np.nan
-        most = max(most, abs(value))
-    return most
 
 
 @compiled
@@ -326,7 +315,7 @@ def find(c: Contact, factor: Factor, pull: Array, friction_factor: float, previo
                 _hold(c, u, f, previous, state, pull, trial, False)
         turn_cone(c, f, trial, friction_factor, cone)
         before, residual = residual, _residual(f, trial, cone, m, unknown)
-        error = _largest(residual)
+        error = largest(residual)
         if not np.isfinite(error):
             return False
         if error < tolerance:

@@ -22,35 +22,21 @@ class Histories(NamedTuple):
     values: Array
 
 
-class Springs(NamedTuple):
-    """Springs in series with the DOFs by parameters: those from ``starts[k]`` to ``starts[k + 1]``, (d + 1,), are of k.
-
-    `dofs`, `softness` (s,): where each is, and its compliance in m/N.
-    """
-
-    starts: Indices
-    dofs: Indices
-    softness: Array
-
-
 class Acting(NamedTuple):
     """What the columns change by themselves.
 
     `motion` (N, e, a), of the coordinates by the motions, the last one being the load, and `friction_slope` (N, a), of
-    the `factor` (N,) on friction. By the parameters what is the same at all samples: `own_load` (d,) N, `own_friction`
-    (n, d), and `own_force` (3 n, d) N, the elastic contact force, (0, d) if nothing changes that; then what is not.
+    the `factor` (N,) on friction. By the parameters `own_force` (3 n, d) N, the elastic contact force as far as it is
+    the same at all samples, (0, d) if nothing changes that force; then what varies.
     """
 
     motion: Array
     friction_slope: Array
     factor: Array
-    own_load: Array
-    own_friction: Array
     own_force: Array
     loads: Histories
     frictions: Histories
     forces: Histories
-    springs: Springs
 
 
 class Weights(NamedTuple):
@@ -112,7 +98,7 @@ def march_columns(c: Contact, factor: Factor, period: PeriodHistory, acting: Act
         _change_coordinates(acting, j, change[0])
         _change_friction(c, acting, j, change[1])
         if len(change[2]):
-            _change_force(c, acting, period.force[j], j, change[2])
+            _change_force(acting, j, change[2])
         m = _slipping(period.state[j])
         differentiate(c, factor, acting.factor[j], period.displacement[j - 1], period, j, slope, change, moved,
                       pressing[:m])
@@ -139,8 +125,6 @@ def _change_coordinates(acting: Acting, j: int, motion: Array) -> None:
     for i in range(load + 1):
         for k in range(a):
             motion[i, k] = acting.motion[j, i, k]
-    for k in range(len(acting.own_load)):
-        motion[load, a + k] = acting.own_load[k]
     for v in range(len(acting.loads.columns)):
         motion[load, a + acting.loads.columns[v]] = acting.loads.values[v, j, 0]
 
@@ -152,28 +136,20 @@ def _change_friction(c: Contact, acting: Acting, j: int, friction: Array) -> Non
     for i in range(len(friction)):
         for k in range(a):
             friction[i, k] = c.friction[i] * acting.friction_slope[j, k]
-        for k in range(len(acting.own_load)):
-            friction[i, a + k] = factor * acting.own_friction[i, k]
         for v in range(len(acting.frictions.columns)):
             friction[i, a + acting.frictions.columns[v]] = factor * acting.frictions.values[v, j, i]
 
 
 @compiled
-def _change_force(c: Contact, acting: Acting, f: Array, j: int, force: Array) -> None:
-    """Put what the parameters change of the elastic force at sample j, of forces f (3 n,), into `force` (3 n, p)."""
-    a, springs = acting.motion.shape[2], acting.springs
+def _change_force(acting: Acting, j: int, force: Array) -> None:
+    """Put what the parameters change of the elastic force at sample j into `force` (3 n, p)."""
+    a = acting.motion.shape[2]
     for i in range(len(force)):
-        for k in range(len(acting.own_load)):
+        for k in range(acting.own_force.shape[1]):
             force[i, a + k] = acting.own_force[i, k]
     for v in range(len(acting.forces.columns)):
         for i in range(len(force)):
             force[i, a + acting.forces.columns[v]] += acting.forces.values[v, j, i]
-    for k in range(len(acting.own_load)):
-        for s in range(springs.starts[k], springs.starts[k + 1]):
-            row = springs.dofs[s]
-            shorter = springs.softness[s] * f[row]
-            for i in range(len(force)):
-                force[i, a + k] -= c.stiffness[row, i] * shorter
 
 
 @compiled

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.kernels.cone import limit
 from fretflow.contact.law import ContactState
-from fretflow.core.compiled import compiled, factorise, multiply_symmetric, substitute
+from fretflow.core.compiled import compiled, factorise, largest, multiply_symmetric, substitute
 
 Array = NDArray[np.float64]
 States = NDArray[np.int8]
@@ -154,16 +154,6 @@ def _differentiate(c: StaticContact, f: Array, trial: Array, m: int, unknown: In
 
 
 @compiled
-def _largest(values: Array) -> float:
-    most = 0.0
-    for value in values:
-        if np.isnan(value):
-            return np.inf
-        most = max(most, abs(value))
-    return most
-
-
-@compiled
 def _step(c: StaticContact, load: Array, before: Array, u: Array, f: Array, state: States, tolerance: float,
           careful: int) -> bool:
     """Find displacement, force and state under `load` after the displacement `before`; they hold the guess.
@@ -182,7 +172,7 @@ def _step(c: StaticContact, load: Array, before: Array, u: Array, f: Array, stat
         m, unknown = _unknowns(state)
         q = len(unknown)
         residual = _residual(c, f, trial, m, unknown)
-        if settled and _largest(residual) < tolerance:
+        if settled and largest(residual) < tolerance:
             return True
         if q > 0:
             columns = matrix[:q * q].reshape(q, q)

@@ -153,7 +153,7 @@ def _of_series(kind: RecordingKind, series: Series) -> DrivenData:
         notes.append(f"series: every row of {group} is used, as the record is longer than {MOST_ROWS:,} rows")
     cuts = p.cycle_cuts(x)
     if len(cuts) < 2 and kind is IMPOSED_DISPLACEMENT and closes(x, force):
-        closed = _closed(kind, [(1, x, force)], [step], series.time is not None, ())
+        closed = _closed(kind, [(1, x, force)], [step], series.time is not None)
         return replace(closed, notes=(*notes, *closed.notes))
     measured = measure(x, step)
     timed, cycles = series.time is not None, _cycles(cuts, usable)
@@ -205,11 +205,11 @@ def _of_loops(kind: RecordingKind, loops: LoopSet) -> DrivenData:
         frequency = loops.frequency[k]
         found.append((int(loops.cycles[k]), x[k, r, ::thin], force[k, r, ::thin]))
         steps.append(thin / (samples * frequency) if np.isfinite(frequency) else 1.0)
-    return _closed(kind, found, steps, bool(np.isfinite(loops.frequency).all()), ())
+    return _closed(kind, found, steps, bool(np.isfinite(loops.frequency).all()))
 
 
-def _closed(kind: RecordingKind, loops: Sequence[tuple[int, Array, Array]], steps: Sequence[float], timed: bool,
-            notes: tuple[str, ...]) -> DrivenData:
+def _closed(kind: RecordingKind, loops: Sequence[tuple[int, Array, Array]], steps: Sequence[float], timed: bool
+            ) -> DrivenData:
     """Return loops (number, displacement, force) one after the other, each gone round twice."""
     parts, cycles, at, noise, width = [], [], 0, [], 3
     for (number, x, force), step in zip(loops, steps, strict=True):
@@ -233,9 +233,8 @@ def _closed(kind: RecordingKind, loops: Sequence[tuple[int, Array, Array]], step
     motion = Motion(step=float(np.mean(steps)), displacement=x, velocity=v, acceleration=a)
     data = DrivenData(
         kind=kind, whole=motion, whole_force=force, unsmoothed=raw, every=1, motion=motion, force=force,
-        cycles=tuple(cycles),
-        repeats=pairs, fitted=np.zeros(0, bool), held_out=np.zeros(0, bool), held_out_words="", timed=timed,
-        displacement_noise=float(np.mean(noise)), half_width=width, notes=notes)
+        cycles=tuple(cycles), repeats=pairs, fitted=np.zeros(0, bool), held_out=np.zeros(0, bool), held_out_words="",
+        timed=timed, displacement_noise=float(np.mean(noise)), half_width=width)
     return _split(data, np.ones(len(x), bool))
 
 

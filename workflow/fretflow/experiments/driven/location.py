@@ -11,7 +11,7 @@ from fretflow.core.units import readable_unit
 from fretflow.experiments.driven.data import Array, DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.law import BINS
-from fretflow.experiments.rig.location import PARITIES, PARITY_BINS
+from fretflow.experiments.rig.location import PARITIES, PARITY_BINS, parity_part
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Location, Place, ResidualLaw
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
@@ -100,7 +100,7 @@ def _parities(data: DrivenData, left: Array) -> Iterator[tuple[str, float]]:
             if inside.any():
                 table[way, k] = left[inside].mean()
     for (mirror, turn), name in PARITIES.items():
-        one = 0.25 * (table + mirror * table[:, ::-1] + turn * table[::-1] + mirror * turn * table[::-1, ::-1])
+        one = parity_part(table, mirror, turn)
         if np.isfinite(one).any():
             yield name, float(np.nanmean(one**2))
 

@@ -5,7 +5,6 @@ The baseline is a slider with a spring (imposed displacement) or a mass on a dam
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
@@ -39,6 +38,7 @@ from fretflow.recordings.kinds.joints import LUMPED
 from fretflow.recordings.recording import Recording
 
 Progress = Callable[[float, str], None]
+DrivenSearch = IndependentSearch[DrivenExperiment]
 ROWS = 800  # samples that count in a search, so that all hypotheses are weighed in seconds
 
 
@@ -50,13 +50,12 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
     RecordingError
         If the recording does not hold what is needed.
     """
-    began = time.monotonic()
     data = driven_data(recording)
     progress(0.05, "baseline and noise")
     hypotheses = searched(data, fast, progress)
     found = decide(hypotheses)
     progress(0.9, "parameters and pictures")
-    experiment, fit = own_experiment(hypotheses), hypotheses.fits[found.after]
+    experiment, fit = hypotheses.experiment, hypotheses.fits[found.after]
     before, after = (experiment.force(one) for one in (hypotheses.baseline, fit))
     noise, named = experiment.noise, found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     block = blocks_of(found.effects) or ("rig" if data.kind is LUMPED else "contact law")
@@ -80,11 +79,10 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         residual_maps=residual_maps(data, noise, before, after),
         notes=(*_notes(recording, data, experiment), *implausible(made), *two_stiffnesses(readings, made)),
         after_model=after_model(found.verdict, found.after),
-        case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "",
-        seconds=time.monotonic() - began, fast=fast)
+        case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "")
 
 
-def searched(data: DrivenData, fast: bool, progress: Progress) -> IndependentSearch:
+def searched(data: DrivenData, fast: bool, progress: Progress) -> DrivenSearch:
     """Return the finished search among joints.
 
     The noise is what the fitted baseline leaves between repeats. As many samples count as one as are alike in what the
@@ -111,8 +109,8 @@ def _alike(experiment: DrivenExperiment, fit: Fit) -> float:
     return float(data.used.sum()) / effective(data.force - experiment.force(fit), data.used)
 
 
-def _start_search(experiment: DrivenExperiment, first: Fit, fast: bool) -> IndependentSearch:
-    found = IndependentSearch(experiment, in_turn, FAST if fast else FULL)
+def _start_search(experiment: DrivenExperiment, first: Fit, fast: bool) -> DrivenSearch:
+    found = DrivenSearch(experiment, in_turn, FAST if fast else FULL)
     found.fits[frozenset()] = refitted(experiment, first.prediction.point)
     found.stated = found.fitter.at(Point(first.parameters, np.zeros(len(first.z))), None)
     return found
@@ -132,12 +130,6 @@ def fitted(data: DrivenData, effects: Sequence[str]) -> Fit:
         own = experiment.parameters(effects, dict(zip(fields, ways, strict=True)))
         ends += [refitted(experiment, Point(own, np.r_[start, np.zeros(own.size - 1)])) for start in (-HALF, 0.0, HALF)]
     return min(ends, key=lambda fit: fit.objective)
-
-
-def own_experiment(hypotheses: IndependentSearch) -> DrivenExperiment:
-    """Return the experiment of a search among joints."""
-    found: DrivenExperiment = hypotheses.experiment  # type: ignore[assignment]
-    return found
 
 
 def held_out(experiment: DrivenExperiment, *fits: Fit) -> HeldOut:

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from fretflow.case.casefile import dump_case
-from fretflow.case.config import Case, Reduction, Wear, validate_case
-from fretflow.case.sections import SIDES
+from fretflow.case.config import Case, Wear
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
-from fretflow.effects.catalogue import tables
 from fretflow.experiments.facts.experiment import FactsExperiment, shown
 from fretflow.experiments.independent import IndependentSearch, estimates
-from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.observation import Observation
 from fretflow.experiments.rig.run import RigTools
-from fretflow.experiments.rig.setup import CONFIRMING, DEGREE, GROWTH, MESHES, MESHES_FAST, SAMPLES
-from fretflow.experiments.rig.words import at_bounds, grade, unfinished
+from fretflow.experiments.rig.setup import CONFIRMING, MESHES, MESHES_FAST, SAMPLES, bare_case
+from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
@@ -35,6 +31,7 @@ from fretflow.recordings.schema import DisplacementOf, MeasuredAt
 from fretflow.solvers.periodic import PeriodicProblem
 
 Progress = Callable[[float, str], None]
+FactsSearch = IndependentSearch[FactsExperiment]
 NAMES = {"moving_mass": "rig.moving_mass", "friction_coefficient": "contact.friction_coefficient",
          "wear_coefficient": "wear.coefficient", "compliance": "specimen.compliance"}
 NEXT = ("Loops over cycles at both amplitudes and maps of the wear at several cycle counts, for which facts stand that "
@@ -49,11 +46,9 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
     NonConvergenceError
         If no rig within the ranges shows what the facts are of.
     """
-    began = time.monotonic()
     progress(0.01, "specimens on two meshes")
     case = case_of(recording.file)
-    plain = {"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}
-    coarse, fine = (model_of(recording.file, tools.reduce(case_of(recording.file, elements).model_copy(update=plain)))
+    coarse, fine = (model_of(recording.file, tools.statics(case_of(recording.file, elements)))
                     for elements in (MESHES_FAST if fast else MESHES))
     progress(0.1, "refitting the baseline")
     hypotheses = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
@@ -61,18 +56,12 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
     detection = detect(hypotheses)
     found = detected(decide(hypotheses), detection)
     progress(0.95, "what is held out")
-    return told(recording, case, hypotheses, found, detection, fast, began)
+    return told(recording, case, hypotheses, found, detection)
 
 
 def case_of(file: FactsFile, elements: int = CONFIRMING) -> Case:
     """Return the case of the test that facts are of, with a contact of so many elements a side."""
-    test = file.test
-    case = validate_case({
-        "format": "fretflow-case/1", "name": f"{elements}-elements",
-        "mesh": {"contact_elements": elements, "degree": DEGREE, "growth": GROWTH},
-        "test": {"excitation_amplitude": f"{test.excitation_amplitude!r} N", "cycles": test.cycles,
-                 "normal_load": f"{test.normal_load!r} N",
-                 "excitation_frequency": f"{test.excitation_frequency!r} Hz"}})
+    case = bare_case(file.test, file.test.cycles, elements, f"{elements}-elements")
     return case.model_copy(update={"title": file.title, "rig": file.rig, "specimen": file.specimen,
                                    "contact": file.contact})
 
@@ -87,7 +76,7 @@ def model_of(file: FactsFile, problem: PeriodicProblem) -> RigModel:
                     total_cycles=file.test.cycles)
 
 
-def refitted(experiment: FactsExperiment, finer: RigModel, fast: bool, pool: Pool) -> IndependentSearch:
+def refitted(experiment: FactsExperiment, finer: RigModel, fast: bool, pool: Pool) -> FactsSearch:
     """Return a search with the baseline fitted from the best of several starts, its numerical errors told there.
 
     Raises
@@ -96,7 +85,7 @@ def refitted(experiment: FactsExperiment, finer: RigModel, fast: bool, pool: Poo
         If no start shows what the facts are of.
     """
     effort, space = FAST if fast else FULL, experiment.parameters(())
-    coarse = IndependentSearch(experiment, pool, effort)
+    coarse = FactsSearch(experiment, pool, effort)
     laid = [np.zeros(space.size), *(way * HALF * one for one in np.eye(space.size) for way in (-1.0, 1.0))]
     begun = [one for one in pool(begin_task, [(experiment, Point(space, z)) for z in laid]) if one is not None]
     if not begun:
@@ -107,7 +96,7 @@ def refitted(experiment: FactsExperiment, finer: RigModel, fast: bool, pool: Poo
     coarse.keep(pool(fit_task, [Task(coarse.fitter, one.point, one, effort.last_steps)
                                 for one in begun[:effort.starts]]))
     checked = experiment.checked_by(finer, coarse.baseline.prediction)
-    found = IndependentSearch(checked, pool, effort)
+    found = FactsSearch(checked, pool, effort)
     first = coarse.baseline.prediction
     found.fits[frozenset()] = found.fitter.fit(first.point, first, effort.last_steps)
     return found
@@ -121,7 +110,7 @@ def begin_task(asked: tuple[FactsExperiment, Point]) -> Prediction | None:
         return None
 
 
-def detect(found: IndependentSearch) -> Detection:
+def detect(found: FactsSearch) -> Detection:
     """Return whether any rig within its ranges shows the facts: Box's check of what was predicted beforehand.
 
     Were all linear and normal, the least ``|r|^2 + |z|^2`` of M facts would be a chi-squared of M degrees of freedom,
@@ -132,8 +121,8 @@ def detect(found: IndependentSearch) -> Detection:
     return Detection(p_value=p, statistic=name, tests={name: p}, false_alarm_rate=FALSE_ALARMS)
 
 
-def told(recording: FactsRecording, case: Case, hypotheses: IndependentSearch, found: Found, detection: Detection,
-         fast: bool, began: float) -> Diagnosis:
+def told(recording: FactsRecording, case: Case, hypotheses: FactsSearch, found: Found, detection: Detection
+         ) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     base, after = hypotheses.baseline, hypotheses.fits[found.after]
     made = tuple(replace(one, name=NAMES.get(one.name.removeprefix("baseline."), one.name))
@@ -153,24 +142,19 @@ def told(recording: FactsRecording, case: Case, hypotheses: IndependentSearch, f
         separating_measurement=NEXT if unlisted else separating(found.sets or [()]),
         smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
         notes=(*map(str, recording.notes), *warnings, *comparisons(hypotheses, base, after)),
-        case_file=case_text(case, experiment_of(hypotheses).hypothesis(after.prediction.point))
+        case_file=case_text(case, hypotheses.experiment.hypothesis(after.prediction.point),
+                            case.contact.friction_coefficient, case.wear.coefficient)
         if found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) else "",
-        after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
+        after_model=after_model(found.verdict, found.after))
 
 
-def experiment_of(hypotheses: IndependentSearch) -> FactsExperiment:
-    """Return the experiment of a search among hypotheses on facts."""
-    found: FactsExperiment = hypotheses.experiment  # type: ignore[assignment]
-    return found
-
-
-def comparisons(hypotheses: IndependentSearch, base: Fit, after: Fit) -> list[str]:
+def comparisons(hypotheses: FactsSearch, base: Fit, after: Fit) -> list[str]:
     """Return each fact in words: what is stated, and what the baseline and the model of the verdict give."""
     models = {"the baseline gives": base, "the model of the verdict": after}
     if after is base:
         del models["the model of the verdict"]
     lines = []
-    for k, fact in enumerate(experiment_of(hypotheses).file.facts):
+    for k, fact in enumerate(hypotheses.experiment.file.facts):
         unit = QUANTITIES[fact.quantity][0]
         given = [f"{text} {pretty_quantity(float(shown(fit.prediction).quantities[k]), unit, 3)} "
                  f"({_off(float(fit.residual[k]))})" for text, fit in models.items()]
@@ -183,15 +167,15 @@ def _off(residual: float) -> str:
     return "as stated" if size < 0.05 else f"{size:.1f} sd too {'low' if residual > 0.0 else 'high'}"
 
 
-def listed_misses(hypotheses: IndependentSearch, fit: Fit) -> str:
+def listed_misses(hypotheses: FactsSearch, fit: Fit) -> str:
     """Return the facts that a fit misses by more than their 90 % interval, in words."""
-    facts = experiment_of(hypotheses).file.facts
+    facts = hypotheses.experiment.file.facts
     missed = dict.fromkeys(fact.quantity.replace("-", " ") for fact, off in zip(facts, fit.residual, strict=True)
                            if abs(off) > HALF)
     return listed(missed) if missed else ""
 
 
-def locate(hypotheses: IndependentSearch, found: Found) -> Location:
+def locate(hypotheses: FactsSearch, found: Found) -> Location:
     """Return which facts the refitted baseline misses."""
     own, square = hypotheses.experiment.measurement, hypotheses.baseline.residual**2
     places = tuple(Place(cut="channel", where=label, share=float(one / max(square.sum(), 1e-300)),
@@ -220,7 +204,7 @@ def sentence(found: Found, remainder: Remainder, location: Location) -> str:
             f"{left}. {location.text}")
 
 
-def held_out(hypotheses: IndependentSearch, *fits: Fit) -> HeldOut:
+def held_out(hypotheses: FactsSearch, *fits: Fit) -> HeldOut:
     """Return the errors of each fact as the others predict it, to first order about the fits.
 
     With ``H = J (1 + J^T J)^-1 J^T`` of whitened derivatives, leaving row i out makes its residual
@@ -231,15 +215,3 @@ def held_out(hypotheses: IndependentSearch, *fits: Fit) -> HeldOut:
         own = np.einsum("ij,ji->i", fit.whitened_jacobian, np.linalg.solve(fit.information, fit.whitened_jacobian.T))
         sizes.append(float(np.sqrt(np.mean(np.square(fit.residual / (1.0 - own))))))
     return HeldOut(what="each fact from the others, to first order", before=sizes[0], after=sizes[-1], floor=1.0)
-
-
-def case_text(case: Case, fitted: Hypothesis) -> str:
-    """Return the case of a test with fitted parameters and effects, as a file that `fretflow run` takes."""
-    sides = {side: own.model_copy(update={"youngs_modulus": own.youngs_modulus / fitted.compliance})
-             for side in SIDES for own in (getattr(case.specimen, side),)}
-    return dump_case(case.model_copy(update={
-        "contact": case.contact.model_copy(update={
-            "friction_coefficient": fitted.friction * case.contact.friction_coefficient}),
-        "wear": case.wear.model_copy(update={"coefficient": fitted.wear * case.wear.coefficient}),
-        "rig": case.rig.model_copy(update={"moving_mass": fitted.mass * case.rig.moving_mass}),
-        "specimen": case.specimen.model_copy(update=sides), "effects": tables(fitted.effects)}))

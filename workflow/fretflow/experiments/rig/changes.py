@@ -18,9 +18,9 @@ from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
-from fretflow.solvers.direction import Direction, gap, rig_force
 from fretflow.solvers.fourier import derivative_matrix
 from fretflow.solvers.quasi_static.internal import InternalEquations
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.sensors import Signals, band_limited
 
@@ -79,7 +79,7 @@ class Loop:
         faces = found.relative_displacement[v]
         seen = self.rig.displacement(replace(self.period, solution=moved)) - self.rig.displacement(self.period)
         changes = {"displacement": seen if np.any(seen) else faces, "friction_force": found.friction_force[v],
-                   "arm": found.rig_displacement[v, :, 1], "approach": -found.approach[v]}
+                   "arm": found.outputs["arm"][v], "approach": -found.outputs["approach"][v]}
         return {name: band_limited(change, self.rig.observation.harmonics) for name, change in changes.items()}
 
     @cached_property
@@ -217,7 +217,7 @@ def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
     fine = np.fft.irfft(spectrum, samples) * (samples / len(history))
     force = np.zeros((samples, 2))
     force[:, 0 if on_block else 1] = fine
-    return rig_force(force, "force")
+    return Direction(name="force", force=force)
 
 
 def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
@@ -232,7 +232,7 @@ def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     return shared, np.zeros((len(shared), 0))
 
 
-def _sensor(rig: RigModel, base: Fit, loops: list[Loop], name: str, other: str) -> Columns:
+def _sensor(rig: RigModel, loops: list[Loop], name: str, other: str) -> Columns:
     """Return what the sensor of a channel does: a filter of it or of another, a bent or drifting scale, or anything."""
     size, _ = _sizes(loops, name, other)
 
@@ -279,11 +279,11 @@ def _early(share: float) -> float:
 
 
 def _force_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _sensor(rig, base, loops, "friction_force", "arm")
+    return _sensor(rig, loops, "friction_force", "arm")
 
 
 def _motion_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _sensor(rig, base, loops, "displacement", "friction_force")
+    return _sensor(rig, loops, "displacement", "friction_force")
 
 
 def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float], list[float]]) -> Columns:
@@ -292,7 +292,7 @@ def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float],
     total = max(loop.period.step.cycles for loop in loops)
     times = len(course(0.0))
     found = np.zeros((len(rig.observation.values), nodes * times))
-    directions = [gap(GAP_SIZE * row, "gap") for row in np.eye(nodes)]
+    directions = [Direction(name="gap", gap=GAP_SIZE * row) for row in np.eye(nodes)]
     for loop in loops:
         answers = loop.answers(directions)
         weights = course(loop.period.step.cycles / max(total, 1))

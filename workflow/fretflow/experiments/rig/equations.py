@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
@@ -30,8 +31,21 @@ from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-DISPLACEMENT, FORCE, COMPLIANCE = 0, 2, 4  # places of two inverse gains, each before its delay, and of c among unknowns
 STEPS = 12  # to the delays of a channel that comes late by a tenth of a period
+
+
+class Unknown(IntEnum):
+    """Places of the unknowns: the inverse gains of two channels, each before its delay by it, then c."""
+
+    DISPLACEMENT = 0
+    DISPLACEMENT_DELAY = 1
+    FORCE = 2
+    FORCE_DELAY = 3
+    COMPLIANCE = 4
+
+
+GAINS = [Unknown.DISPLACEMENT, Unknown.FORCE]
+DELAYS = [Unknown.DISPLACEMENT_DELAY, Unknown.FORCE_DELAY]
 
 
 def blocks_of(recording: Recording) -> list[tuple[LoopSet, Array]]:
@@ -62,8 +76,7 @@ class Solution:
         Loops that do not repeat themselves with the drive are none that the equations hold for: gains would follow
         from how their repeats differ.
         """
-        gains = [DISPLACEMENT, FORCE]
-        moved = self.attenuated[gains]**2 / np.diag(self.covariance)[gains]
+        moved = self.attenuated[GAINS]**2 / np.diag(self.covariance)[GAINS]
         return self.lack_of_fit > LEVEL and bool(np.all(stats.f.sf(moved, 1, self.freedom) > LEVEL))
 
     def better_than(self, plain: Solution) -> bool:
@@ -138,7 +151,7 @@ class Equations:
             x, force = np.exp(1j * np.outer(late, self.omega))
             found = replace(self, displacement=x * self.displacement, damped=x * self.damped,
                             friction=force * self.friction, force=force * self.force).solve()
-            step = found.values[[DISPLACEMENT + 1, FORCE + 1]] / found.values[[DISPLACEMENT, FORCE]]
+            step = found.values[DELAYS] / found.values[GAINS]
             if not np.all(np.abs(step) < 1.0 / np.min(self.omega)):
                 break
             late = late + step
@@ -173,7 +186,7 @@ class Equations:
             plain = inverse @ (rows.T @ wanted)
             values = np.linalg.solve((rows.T @ rows - errors) / np.outer(size, size), rows.T @ wanted / size) / size
             left = self.drive - terms @ values
-            terms[:, FORCE + 1] = delayed * (self.friction + values[COMPLIANCE] * self.force)
+            terms[:, Unknown.FORCE_DELAY] = delayed * (self.friction + values[Unknown.COMPLIANCE] * self.force)
         squares = float(np.sum((weight * np.abs(left))**2))
         pure = float(np.sum((weight * np.abs(left - self._repeated(left)))**2))
         lacking = 2 * count - len(values)

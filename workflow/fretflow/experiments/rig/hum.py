@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.experiments.rig.changes import RIG_HARMONICS
-from fretflow.experiments.rig.equations import COMPLIANCE, Equations, blocks_of
+from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of
 from fretflow.experiments.rig.observation import DIGITIZING, HARMONICS
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
@@ -91,7 +91,7 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
     filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, RIG_HARMONICS)
                                     for unit in (1.0, 1j)]).squares
                    for one in (equations.displacement, equations.friction, equations.drive))
-    for name, factor in (("displacement", 1.0), ("friction_force", felt + plain.values[COMPLIANCE]),
+    for name, factor in (("displacement", 1.0), ("friction_force", felt + plain.values[Unknown.COMPLIANCE]),
                          ("excitation", driven)):
         # what forces on the rig do may be bent by them as well, unless the hum alone leaves far less than they
         more = forces if name == "displacement" else []

@@ -21,15 +21,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.sensor_drift import SensorDrift
-from fretflow.experiments.rig.equations import (
-    COMPLIANCE,
-    DISPLACEMENT,
-    FORCE,
-    Equations,
-    Solution,
-    blocks_of,
-    is_periodic,
-)
+from fretflow.experiments.rig.equations import DELAYS, GAINS, Equations, Solution, Unknown, blocks_of, is_periodic
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
 from fretflow.experiments.rig.observation import LOOP_OFFSET, SYNCHRONISED, Array
 from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear
@@ -84,7 +76,7 @@ def _gains(recording: Recording, case: Case) -> list[str]:
     """Return which of displacement and force contradict the rig's periodic motion by more than a stated value may."""
     if recording.loops is not None and not is_periodic(recording.loops):
         return []
-    rows = _fundamentals(recording, case)
+    rows = _fundamentals(recording)
     found, gains = [], _fitted_gains(rows, case)
     for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
         if gain.real < 0.0 and abs(np.angle(gain)) > 0.75 * np.pi:
@@ -131,7 +123,7 @@ def _late(recording: Recording, case: Case) -> list[str]:
     """
     if (equations := Equations.of(recording, _rig(case))) is None:
         return []
-    rows = _fundamentals(recording, case)
+    rows = _fundamentals(recording)
     gains, period = _fitted_gains(rows, case), 2.0 * np.pi / np.median(rows[:, 3].real)
     guesses = [np.zeros(2)] + ([] if gains is None else [-np.angle(gains) * period / (2.0 * np.pi)])
     tried = map(equations.synchronised, guesses if equations.repeated else [])
@@ -141,8 +133,7 @@ def _late(recording: Recording, case: Case) -> list[str]:
     if found is None:  # nothing tells the errors: the fundamentals tell large delays alone
         off = np.abs(late) > ChannelDelay.priors()["delay"].high
     else:
-        places = [DISPLACEMENT + 1, FORCE + 1]
-        covariance = found.covariance[np.ix_(places, places)] + (SYNCHRONISED * period)**2 * np.eye(2)
+        covariance = found.covariance[np.ix_(DELAYS, DELAYS)] + (SYNCHRONISED * period)**2 * np.eye(2)
         off = np.array([_off(found, late[k], covariance[k, k]) for k in (0, 1)])
         across = np.array([1.0, -1.0])
         if off.all() and not _off(found, float(across @ late), float(across @ covariance @ across)):
@@ -202,7 +193,7 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
         free = plain
         for _ in range(2 if name == "friction force" else 1):  # its gain acts on what the specimens yield too
             own = {"displacement": equations.displacement, "excitation": equations.drive,
-                   "friction force": equations.friction + free.values[COMPLIANCE] * equations.force}[name]
+                   "friction force": equations.friction + free.values[Unknown.COMPLIANCE] * equations.force}[name]
             free = equations.solve([np.where(equations.cycles == count, own, 0.0) for count in counts[1:]])
         stated = recording.loops.calibration_sd.get(name.replace(" ", "_"), 0.0)
         if free.holds and free.better_than(plain) and _off(free, free.values[-1], free.covariance[-1, -1] + stated**2):
@@ -210,7 +201,8 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
     if not fitted:
         return []
     _, name, best = max(fitted, key=lambda one: one[0])
-    first = {"displacement": best.values[DISPLACEMENT], "friction force": best.values[FORCE], "excitation": -1.0}[name]
+    first = {"displacement": best.values[Unknown.DISPLACEMENT], "friction force": best.values[Unknown.FORCE],
+             "excitation": -1.0}[name]
     gain = first / (first + best.values[-1])
     return [f"the gain of the {name} drifts: at {int(counts[-1]):,} cycles it is {gain:.3g} times that at "
             f"{int(counts[0]):,}"]
@@ -223,8 +215,8 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
         return [], []
     loops = recording.loops
     stated = [loops.calibration_sd.get(name, 0.0) for name in ("displacement", loops.force_name)]
-    x, force = found.values[[DISPLACEMENT, FORCE]]
-    covariance = found.covariance[np.ix_([DISPLACEMENT, FORCE], [DISPLACEMENT, FORCE])] + np.diag(np.square(stated))
+    x, force = found.values[GAINS]
+    covariance = found.covariance[np.ix_(GAINS, GAINS)] + np.diag(np.square(stated))
     wrong = [_off(found, x - 1.0, covariance[0, 0]), _off(found, force - 1.0, covariance[1, 1])]
     sd = np.sqrt(np.diag(covariance))
     if all(wrong) and not _off(found, x - force, float(np.array([1.0, -1.0]) @ covariance @ np.array([1.0, -1.0]))):
@@ -282,26 +274,19 @@ def _gain(name: str, gain: float, sd: float) -> str:
             f"({gain - half:.3g} to {gain + half:.3g}): check its gain")
 
 
-def _fundamentals(recording: Recording, case: Case) -> Array:
-    """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4)."""
-    rows = []
-    stated = recording.test.excitation_frequency or np.nan
-    first = recording.loops
-    if first is not None:
-        rows += _of(first, [stated] * len(first.cycles))
-    if recording.sweep is not None:
-        own = {one.id: one.excitation_frequency or stated for one in recording.sweep.conditions}
-        rows += _of(recording.sweep.loops, [own[int(k)] for k in recording.sweep.loops.cycles])
-    return np.array([row for row in rows if np.all(np.isfinite(row))]).reshape(-1, 4)
+def _fundamentals(recording: Recording) -> Array:
+    """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4).
 
-
-def _of(loops: LoopSet, stated: list[float]) -> list[list[complex]]:
-    """Return the rows of some loops; none without a record of the drive: a stated amplitude has no phase."""
-    if "excitation" not in loops.channels:
-        return []
-    lines = [np.fft.rfft(loops.mean(name), axis=1)[:, 1] * 2.0 / len(loops.phase)
-             for name in ("excitation", "displacement", loops.force_name)]
-    return [[*map(complex, row), complex(2.0 * np.pi * stated[k])] for k, row in enumerate(zip(*lines, strict=True))]
+    None without a record of the drive: a stated amplitude has no phase.
+    """
+    found = [np.zeros((0, 4), dtype=complex)]
+    for loops, frequency in blocks_of(recording):
+        if "excitation" in loops.channels:
+            lines = [np.fft.rfft(loops.mean(name), axis=1)[:, 1] * 2.0 / len(loops.phase)
+                     for name in ("excitation", "displacement", loops.force_name)]
+            found.append(np.column_stack([*lines, 2.0 * np.pi * frequency]))
+    rows = np.concatenate(found)
+    return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
 
 def _friction(recording: Recording) -> list[str]:

@@ -174,14 +174,17 @@ def _by_parity(observation: Observation, left: Array) -> Iterator[_Part]:
                     float(stats.chi2.sf(squares[key], max(freedom[key], 1))))
 
 
+def parity_part(table: Array, mirror: int, turn: int) -> Array:
+    """Return the part of a table (2, bins), directions by displacement, of one parity in each."""
+    turned = table + turn * table[::-1]
+    return np.asarray(0.25 * (turned + mirror * turned[:, ::-1]))
+
+
 def _symmetric(mean: Array, count: Array, mirror: int, turn: int) -> tuple[float, int]:
     """Return the squares of a table's (2, bins) part of one parity, in units of its variance, and their number."""
-    def part(table: Array, m: int, t: int) -> Array:
-        return np.asarray(0.25 * (table + m * table[:, ::-1] + t * table[::-1] + m * t * table[::-1, ::-1]))
-
     whole = np.all([count > 0, count[:, ::-1] > 0, count[::-1] > 0, count[::-1, ::-1] > 0], axis=0)
-    variance = 0.25 * part(1.0 / np.maximum(count, 1), 1, 1)
-    own = np.where(whole, part(mean, mirror, turn)**2 / variance, 0.0)[0, :mean.shape[1] // 2]
+    variance = 0.25 * parity_part(1.0 / np.maximum(count, 1), 1, 1)
+    own = np.where(whole, parity_part(mean, mirror, turn)**2 / variance, 0.0)[0, :mean.shape[1] // 2]
     return float(own.sum()), int(whole[0, :mean.shape[1] // 2].sum())
 
 

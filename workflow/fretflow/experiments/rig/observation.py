@@ -327,7 +327,7 @@ def _spread(values: Array) -> Repeatability:
     noise = float(np.nanmedian(np.abs(rough))) / 0.6745 / np.sqrt(20.0) * CORRELATED
     flat, within = np.full(limited.shape[2], noise), np.sqrt(limited.shape[2] / values.shape[2])
     return Repeatability(mean=mean, repeats=there.sum(axis=1), noise_sd=within * flat, gain_sd=0.005,
-                         offset_sd=noise, repeat_sd=flat, cycle_sd=None, degrees_of_freedom=0)
+                         offset_sd=noise, repeat_sd=flat)
 
 
 def _add_map(stack: _Stack, recording: Recording, cycles: int) -> Array:

@@ -6,7 +6,6 @@ the covariance; a full diagnosis confirms its answer on a mesh of the pipeline's
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -39,7 +38,7 @@ from fretflow.experiments.rig.setup import (
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
-from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, beyond_noise, decide, detected, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Search
@@ -47,9 +46,9 @@ from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of
 from fretflow.recordings.recording import Recording
+from fretflow.solvers.periodic import PeriodicProblem
 
 Progress = Callable[[float, str], None]
-STEEPER = 1.01  # friction, to see how loops follow it
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,11 @@ class RigTools:
 
     reduce: Reduce
     pool: Pool
+
+    def statics(self, case: Case) -> PeriodicProblem:
+        """Return the problem of a case by its statics: contacts follow these, and specimens' own modes count little."""
+        return self.reduce(case.model_copy(update={
+            "reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}))
 
 
 @dataclass(frozen=True)
@@ -83,14 +87,14 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     NonConvergenceError
         If the baseline cannot be simulated.
     """
-    began = time.monotonic()
     progress(0.01, "specimens on two meshes")
     case = case_of(recording)
     wrong = faults(recording, case)
     if wrong:
-        return faulty(recording, wrong, fast, time.monotonic() - began)
-    for doubted in doubts(recording, case):
-        progress(0.02, doubted)
+        return faulty(recording, wrong)
+    doubted = doubts(recording, case)
+    for one in doubted:
+        progress(0.02, one)
     experiment, first = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
     progress(0.15, "refitting the baseline")
     hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
@@ -105,11 +109,11 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
     judging = [piece for piece in experiment.rig.observation.pieces if piece.label in unseen.labels]
     found = held_to(found, unseen.error, len(judging))
-    return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, tools, fast, began,
+    return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, doubted, tools, fast,
                  progress)
 
 
-def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: float) -> Diagnosis:
+def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
     """Return what is said of a recording whose instruments contradict themselves or the rig: no physics."""
     whole = Remainder(share=1.0, times_noise=np.inf, where="the instruments")
     return Diagnosis(
@@ -118,12 +122,12 @@ def faulty(recording: Recording, wrong: Sequence[str], fast: bool, seconds: floa
         detection=Detection(p_value=FALSE_ALARMS, statistic="instruments", tests={}, false_alarm_rate=FALSE_ALARMS),
         location=Location(block="sensor", channel="", phase="", cycles=(0, 0), zone="", text=""), parameters=(),
         held_out=None, separating_measurement="The channels again, calibrated against each other at rest and unloaded.",
-        smallest_visible={}, remainder=whole, warnings=tuple(wrong), notes=tuple(wrong), seconds=seconds, fast=fast)
+        smallest_visible={}, remainder=whole, warnings=tuple(wrong), notes=tuple(wrong))
 
 
 def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Found, before: Fit,
-          detection: Detection, unseen: HeldOutPrediction, tools: RigTools, fast: bool, began: float,
-          progress: Progress) -> Diagnosis:
+          detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: RigTools,
+          fast: bool, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     observation, base, after = experiment.rig.observation, hypotheses.baseline, hypotheses.fits[found.after]
     behind = before if after is base else _plainly(experiment, after)
@@ -131,7 +135,6 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
     remainder = _remainder(experiment, hypotheses, found, behind)
-    doubted = doubts(recording, case)
     warnings = [*doubted, *map(str, recording.notes), *words.unfinished({
         names for names in (frozenset[str](), found.after) if not hypotheses.fits[names].converged})]
     warnings += words.at_bounds(after.parameters, after.z)
@@ -155,8 +158,10 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
         evolution=evolved(observation, base.predicted, after.predicted),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
-        case_file=case_text(case, experiment.rig, Point(after.parameters, mean)) if named else "",
-        after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
+        case_file=case_text(case, hypothesis(Point(after.parameters, mean)),
+                            float(np.mean(experiment.rig.problem.friction_coefficient)),
+                            experiment.rig.wear_coefficient) if named else "",
+        after_model=after_model(found.verdict, found.after))
 
 
 def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Found:
@@ -188,10 +193,7 @@ def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, 
                   ) -> tuple[RigExperiment, Prediction]:
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
-    # the contact follows its static stiffness; the specimens' own modes are not looked at
-    plain = {"reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}
-    coarse, fine = (tools.reduce(case_of(recording, elements, f"{elements}-elements").model_copy(update=plain))
-                    for elements in meshes)
+    coarse, fine = (tools.statics(case_of(recording, elements, f"{elements}-elements")) for elements in meshes)
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
@@ -201,7 +203,7 @@ def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, 
     denser = model.denser()
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
-    slope = neighbours(model, first, [Hypothesis(friction=STEEPER)])[:, 0]
+    slope = neighbours(model, first, [Hypothesis(friction=1.0 + STEP)])[:, 0]
     observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(
         np.nan_to_num(slope))
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)

@@ -11,8 +11,10 @@ from fretflow.case.config import Case, Rig, Specimens, Wear, validate_case
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import LoopSet, plateau
 from fretflow.recordings.recording import Recording
+from fretflow.recordings.schema import RecordedTest
 from fretflow.solvers.periodic import PeriodicProblem
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
@@ -52,13 +54,7 @@ def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recor
         if getattr(test, field) is None:
             raise UnreliableRecordingError(f"{recording.path}: test.{field} is not given; a recording of the rig is "
                                            "predicted from it")
-    cycles = test.cycles or int(_loops(recording).cycles[-1])
-    case = validate_case({
-        "format": "fretflow-case/1", "name": name,
-        "mesh": {"contact_elements": elements, "degree": DEGREE, "growth": GROWTH},
-        "test": {"excitation_amplitude": f"{test.excitation_amplitude!r} N", "cycles": cycles,
-                 "excitation_frequency": f"{test.excitation_frequency!r} Hz",
-                 "normal_load": f"{test.normal_load!r} N"}})
+    case = bare_case(test, test.cycles or int(_loops(recording).cycles[-1]), elements, name)
     specimen = recording.specimen or Specimens()
     distance = _loops(recording).displacement_of
     if distance is not None and distance.distance > 0.0:
@@ -66,6 +62,16 @@ def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recor
                  for side in ("upper", "lower")}
         specimen = specimen.model_copy(update=sides)
     return case.model_copy(update={"title": recording.title, "rig": recording.rig or Rig(), "specimen": specimen})
+
+
+def bare_case(test: RecordedTest | FactsTest, cycles: int, elements: int, name: str) -> Case:
+    """Return the case of a test on so many elements a side, all else being as the defaults have it."""
+    return validate_case({
+        "format": "fretflow-case/1", "name": name,
+        "mesh": {"contact_elements": elements, "degree": DEGREE, "growth": GROWTH},
+        "test": {"excitation_amplitude": f"{test.excitation_amplitude!r} N", "cycles": cycles,
+                 "excitation_frequency": f"{test.excitation_frequency!r} Hz",
+                 "normal_load": f"{test.normal_load!r} N"}})
 
 
 def _loops(recording: Recording) -> LoopSet:

@@ -28,9 +28,9 @@ from fretflow.experiments.rig.model import (
 )
 from fretflow.experiments.rig.observation import Array
 from fretflow.recordings.schema import MeasuredAt
-from fretflow.solvers.direction import Direction, gap_of_each_node
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.quasi_static.sensitivity import Direction
 from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
 from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals, band_limited
@@ -127,7 +127,8 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
 
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
     """Return the sensitivities to some directions and, after them, to the gap of every node that may wear."""
-    worn = gap_of_each_node(period.problem.interface.size) if period.step.cycles else []
+    worn = [Direction(name=f"gap of node {m}", gap=row)
+            for m, row in enumerate(np.eye(period.problem.interface.size if period.step.cycles else 0))]
     return sensitivities(period.problem, period.solution, [*directions, *worn],
                          harmonics_of(len(period.solution.state)))
 
@@ -137,10 +138,10 @@ def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[in
     """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts."""
     depth = np.zeros((len(simulation.depth), len(beside)))
     found, before = {0: depth}, simulation.loops[0]
-    rate = _rate_change(simulation, before, beside, changes[before.step.cycles])
+    rate = _rate_change(before, beside, changes[before.step.cycles])
     for period in simulation.loops:
         cycles = period.step.cycles - (before.step.cycles if period is not before else 0)
-        last, rate = rate, _rate_change(simulation, period, beside, changes[period.step.cycles])
+        last, rate = rate, _rate_change(period, beside, changes[period.step.cycles])
         if cycles > 0:
             jacobian = 0.5 * (_feedback(simulation, before, cycles) + _feedback(simulation, period, cycles))
             depth = _linear(cycles * jacobian, depth, cycles * last, cycles * rate)
@@ -168,8 +169,7 @@ def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
     return np.asarray(exponential @ start + constant @ first + ramp @ (last - first))
 
 
-def _rate_change(simulation: Simulation, period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity
-                 ) -> Array:
+def _rate_change(period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity) -> Array:
     """Return the change (nodes, V) of the wear rate at the simulated wear."""
     response, rates = period.step.response, []
     for v, one in enumerate(beside):
@@ -206,7 +206,7 @@ def _signals(rig: RigModel, beside: Sequence[_Neighbour], period: Period, proble
             _more_beside(period, other, change.internal[v]) for v, other in enumerate(problems)]),
         "excitation": np.stack([_more_excitation(period, other) for other in problems]),
         "normal_force": np.stack([_load(other, period, change.outputs["arm"][v]) for v, other in enumerate(problems)])
-        - _load(period.problem, period, 0.0), "approach": -change.approach}
+        - _load(period.problem, period, 0.0), "approach": -change.outputs["approach"]}
     shown = {name: getattr(before, name) + band_limited(values, rig.observation.harmonics)
              for name, values in moved.items()}
     return [replace(before, **{name: values[v] for name, values in shown.items()}) for v in range(len(problems))]

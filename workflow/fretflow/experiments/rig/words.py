@@ -9,12 +9,11 @@ import numpy as np
 
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case
+from fretflow.case.sections import SIDES
 from fretflow.effects.catalogue import catalogue, described, tables
-from fretflow.experiments.rig.experiment import hypothesis
-from fretflow.experiments.rig.model import RigModel
+from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.inference.beginnings import BENT
 from fretflow.inference.evidence import drawn
-from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
 from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
@@ -144,17 +143,15 @@ def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half:
                     draws=size * draws)
 
 
-def case_text(case: Case, rig: RigModel, point: Point) -> str:
-    """Return `case` with the fitted parameters and effects, as a file that `fretflow run` takes."""
-    found = hypothesis(point)
-    soft = found.compliance
-    sides = {side: own.model_copy(update={"youngs_modulus": own.youngs_modulus / soft})
-             for side in ("upper", "lower") for own in (getattr(case.specimen, side),)}
-    changed = case.model_copy(update={
-        "contact": case.contact.model_copy(update={
-            "friction_coefficient": found.friction * float(np.mean(rig.problem.friction_coefficient))}),
-        "wear": case.wear.model_copy(update={"coefficient": found.wear * rig.wear_coefficient}),
-        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * found.mass}),
-        "specimen": case.specimen.model_copy(update=sides),
-        "effects": tables(found.effects)})
-    return dump_case(changed)
+def case_text(case: Case, fitted: Hypothesis, friction: float, wear: float) -> str:
+    """Return `case` with fitted parameters and effects, as a file that `fretflow run` takes.
+
+    The hypothesis is one by factors on a coefficient of `friction` and of `wear` (m^2/N), and on values of the case.
+    """
+    sides = {side: own.model_copy(update={"youngs_modulus": own.youngs_modulus / fitted.compliance})
+             for side in SIDES for own in (getattr(case.specimen, side),)}
+    return dump_case(case.model_copy(update={
+        "contact": case.contact.model_copy(update={"friction_coefficient": fitted.friction * friction}),
+        "wear": case.wear.model_copy(update={"coefficient": fitted.wear * wear}),
+        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * fitted.mass}),
+        "specimen": case.specimen.model_copy(update=sides), "effects": tables(fitted.effects)}))

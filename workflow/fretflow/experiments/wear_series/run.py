@@ -6,7 +6,6 @@ of the conditions, a smooth curve through all columns, and repeats; laws of the 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -40,6 +39,7 @@ from fretflow.inference.words import after_model, implausible, listed, number
 from fretflow.recordings.kinds.wear_series import WearSeries
 
 Progress = Callable[[float, str], None]
+WearSearch = IndependentSearch[WearSeriesExperiment]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Form:
     """A law that an effect may have, fitted alone, and its log evidence with a discrepancy beside it."""
 
     law: VolumeLaw
-    hypotheses: IndependentSearch
+    hypotheses: WearSearch
     worth: float
 
     @property
@@ -64,7 +64,6 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     RecordingError
         If the series has too few conditions.
     """
-    began = time.monotonic()
     data = wear_data(series)
     progress(0.2, "tests of one coefficient")
     detection = detect(data)
@@ -73,7 +72,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     search(hypotheses, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
     found = left_to_chance(detected(decide(hypotheses), detection), detection.p_value)
-    experiment, base, fit = experiment_of(hypotheses), hypotheses.baseline, hypotheses.fits[found.after]
+    experiment, base, fit = hypotheses.experiment, hypotheses.baseline, hypotheses.fits[found.after]
     unseen = held_out(experiment, base, fit)
     progress(0.95, "parameters and pictures")
     unknown, none = found.verdict is Verdict.UNKNOWN, found.verdict is Verdict.NONE
@@ -99,7 +98,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
         smallest_visible=visible(hypotheses) if none else {},
         notes=(*words.warnings(data, view), *_of_law(hypotheses, fit, powers, rivals, parameters)),
         case_file=words.case_text(series.title, experiment, found.after, parameters) if found.effects else "",
-        after_model=after_model(found.verdict, found.after), seconds=time.monotonic() - began, fast=fast)
+        after_model=after_model(found.verdict, found.after))
 
 
 def left_to_chance(found: Found, p: float) -> Found:
@@ -144,18 +143,12 @@ def fitted_forms(data: WearData) -> tuple[Form, ...]:
     return tuple(sorted(found, key=lambda one: -one.worth))
 
 
-def start_search(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> IndependentSearch:
+def start_search(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> WearSearch:
     """Return a search with the baseline fitted."""
     counts = {name: len(laws) for name, laws in volume_laws(data.tests).items()}
-    found = IndependentSearch(WearSeriesExperiment(data, forms, counts), in_turn, FAST if fast else FULL)
+    found = WearSearch(WearSeriesExperiment(data, forms, counts), in_turn, FAST if fast else FULL)
     own = found.experiment.parameters(())
     found.fits[frozenset()] = at_rest(found.fitter, Point(own, np.zeros(own.size)))
-    return found
-
-
-def experiment_of(hypotheses: IndependentSearch) -> WearSeriesExperiment:
-    """Return the experiment of a search among laws of wear."""
-    found: WearSeriesExperiment = hypotheses.experiment  # type: ignore[assignment]
     return found
 
 
@@ -175,7 +168,7 @@ def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
                         "together", before=sizes[0], after=sizes[-1], floor=1.0)
 
 
-def _of_law(hypotheses: IndependentSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
+def _of_law(hypotheses: WearSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
             made: Sequence[Estimate]) -> list[str]:
     """Return what limits a named law: rivals, exponents out of range, another growth of the scatter."""
     notes = [f"powers of {listed(one.law.powers)} instead of {listed(powers)} explain "
@@ -187,15 +180,15 @@ def _of_law(hypotheses: IndependentSearch, fit: Fit, powers: tuple[str, ...], ri
         values = {one.name: one.value(float(z)) for one, z in zip(other.parameters.coordinates, other.z, strict=True)}
         if share < 0.5 or any(not one.low <= values[name] <= one.high for name, one in known.items()):
             exponents = ", ".join(f"{name.rpartition('.')[2].replace('_', ' ')} {values[name]:.2f}" for name in known)
-            odds = scatter_odds(experiment_of(hypotheses).data, powers, power)
+            odds = scatter_odds(hypotheses.experiment.data, powers, power)
             notes.append(f"if scatter grew {told}, of which these tests make the law {number(odds, 1.0)} times less "
                          f"probable, it would remove {100.0 * share:.0f} % of all squares, with the {exponents}")
     return notes
 
 
-def other_scatter(hypotheses: IndependentSearch, fit: Fit, power: float) -> tuple[float, Fit]:
+def other_scatter(hypotheses: WearSearch, fit: Fit, power: float) -> tuple[float, Fit]:
     """Return the share of all squares that a law removes, and its fit, if scatter grew with another `power`."""
-    experiment = experiment_of(hypotheses)
+    experiment = hypotheses.experiment
     other = replace(experiment, data=replace(experiment.data, tests=replace(experiment.data.tests, power=power)))
     before, after = (at_rest(Fitter(other, other.measurement.covariance()), one.prediction.point)
                      for one in (hypotheses.baseline, fit))

@@ -133,7 +133,7 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
         after[1] *= np.conj(after[1, own]) / abs(after[1, own]) * np.sign(y[1, own].real)
         history.append(float(np.abs(after - y).max()) / amplitude)
         if history[-1] < tolerance and iteration > 1:
-            return _found(massless, mode, amplitude, y, path, found, (square, loss), history)
+            return _found(massless, amplitude, y, path, found, (square, loss), history)
         y = solve.send(after)
     raise NonConvergenceError(f"nonlinear mode: its motion still changes by {history[-1]:.1e} of the amplitude after "
                               f"{MOST_ITERATIONS} iterations; take smaller steps of amplitude", history)
@@ -176,7 +176,7 @@ def _respond(eigenvalues: Array, pull: Complex, square: float, loss: float, own:
     return np.asarray(eigenvalues * pull / impedance)
 
 
-def _found(massless: MasslessJoint, mode: LinearMode, amplitude: float, y: Complex, path: Array, history: StaticHistory,
+def _found(massless: MasslessJoint, amplitude: float, y: Complex, path: Array, history: StaticHistory,
            square_and_loss: tuple[float, float], residuals: list[float]) -> PeriodicMode:
     square, loss = square_and_loss
     own = massless.joint.structure

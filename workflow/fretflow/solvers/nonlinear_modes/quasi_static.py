@@ -6,13 +6,10 @@ I. Zare, M. Wall, J. Sound Vib. 479 (2020) 115376). Where x goes as ``X cos tau`
 omega^2, and the cycle's work D gives the damping ratio ``D / (2 pi omega^2 X^2)``: averaging (N. M. Krylov,
 N. N. Bogoliubov, Introduction to Non-Linear Mechanics (1943)). The chord between the ends of a cycle, which is usual
 for omega^2, is another mean: it differs from a periodic motion by some 0.3 % of the frequency where points open or
-slide one by one. Cycles follow each other as amplitudes fall, as in a decay; with Masing's rule one loading from rest
-stands for all of them.
+slide one by one. Cycles follow each other as amplitudes fall, as in a decay.
 """
 
 from __future__ import annotations
-
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +23,6 @@ Array = NDArray[np.float64]
 
 STEPS = 12  # of load in half a cycle; chords lose 1 / STEPS^2 of a branch that is a parabola, which is given back
 APPROACH = 4  # of load from one cycle to the next
-
-
-class Loading(Enum):
-    """How the static load is applied."""
-
-    CYCLES = "whole cycles, amplitudes falling"
-    MASING = "one loading from rest, with Masing's rule"
 
 
 @record
@@ -79,8 +69,8 @@ def shaped_load(joint: BoltedJoint, mode: LinearMode) -> Array:
     return np.asarray(own.boundary_mass @ mode.contact + own.coupling.T @ mode.modes)
 
 
-def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, loading: Loading = Loading.CYCLES,
-                          steps: int = STEPS) -> ModalBackbone:
+def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, steps: int = STEPS
+                          ) -> ModalBackbone:
     """Return the backbone of `mode` about the modal `amplitudes` (A,), m kg^0.5; where it softens it reaches further.
 
     Returns
@@ -108,10 +98,8 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     falling = np.argsort(-amplitudes, kind="stable")
     shape = _Shape.of(joint, mode)
     loads = (2.0 * np.pi * mode.frequency)**2 * amplitudes[falling]
-    curve = _masing if loading is Loading.MASING else _cycles
-    values = curve(joint, shape, loads, steps)
     back = np.argsort(falling)
-    x, square, work, outputs, sliding, opened = (value[back] for value in values)
+    x, square, work, outputs, sliding, opened = (value[back] for value in _cycles(joint, shape, loads, steps))
     damping = work / (2.0 * np.pi * square * x**2)
     return ModalBackbone(
         amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi),
@@ -139,26 +127,6 @@ def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tupl
         square = _first_harmonic(2.0 * way * x[own], 2.0 * way * level[own])
         found.append((tips[0], square, work, tips[1], *_busy(history.state[own])))
     return tuple(np.array(column) for column in zip(*found, strict=True))
-
-
-def _masing(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tuple[Array, ...]:
-    """Return the same from one rising load; Masing's rule doubles it: ``D = 8 int a dx - 4 a x``."""
-    rising = loads[::-1]
-    share = np.arange(1, steps + 1) / steps
-    level = np.concatenate([low + (high - low) * share for low, high in zip(np.r_[0.0, rising], rising, strict=False)])
-    x, out, history = _respond(joint, shape, level)
-    before, below = np.r_[0.0, x[:-1]], np.r_[0.0, level[:-1]]
-    done = np.cumsum(0.5 * (level + below) * (x - before))
-    at = np.arange(steps - 1, len(level), steps)[::-1]
-    busy = np.array([_busy(history.state[:j + 1]) for j in at])
-    square = np.array([_first_harmonic(*(_doubled(values[:j + 1]) for values in (x, level))) for j in at])
-    return x[at], square, 8.0 * done[at] - 4.0 * level[at] * x[at], out[at], busy[:, 0], busy[:, 1]
-
-
-def _doubled(rising: Array) -> Array:
-    """Return the loop that a rising curve (S,) from rest makes by Masing's rule, from its tip on."""
-    fall = rising[-1] - 2.0 * np.r_[0.0, rising]
-    return np.concatenate([fall, -fall[1:]])
 
 
 def _first_harmonic(x: Array, load: Array) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.march import Forcing, march
 from fretflow.contact.kernels.sample import empty_period
 from fretflow.contact.law import FactorAndSlopes
-from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.internal import seen_coordinates
@@ -161,12 +160,6 @@ class Rest:
     offset: Array
 
     @classmethod
-    def under(cls, flexibility: Array, load: float) -> Rest:
-        """Return faces of this flexibility of which one moves freely along z under the `load` (N)."""
-        up = np.tile([[0.0], [0.0], [1.0]], (len(flexibility) // 3, 1))
-        return cls(flexibility, up, np.array([load]), np.zeros(len(flexibility)))
-
-    @classmethod
     def of(cls, problem: PeriodicProblem) -> Rest:
         """Return the faces of `problem`; internal coordinates are at zero, or where they have to give way."""
         b, loads = problem.boundary, problem.loads(0)[0].real
@@ -191,13 +184,9 @@ class Rest:
 class ContactMarch:
     """Marches the contact of one system through periods of the internal coordinates."""
 
-    def __init__(self, system: ContactSystem, surroundings: Surroundings | None = None,
-                 rest: Rest | Callable[[], Rest | SampleState] | None = None) -> None:
-        """Take the contact, what follows the motion, and the faces at rest, or what makes or presses them."""
-        self.system = system
-        self.surroundings = surroundings or Surroundings(system.law, 1.0, np.zeros(len(system.transfer)),
-                                                         np.zeros((len(system.pull), 0)))
-        self.rest = rest
+    def __init__(self, system: ContactSystem, surroundings: Surroundings, rest: Callable[[], SampleState]) -> None:
+        """Take the contact, what follows the motion, and what presses the faces before anything moves."""
+        self.system, self.surroundings, self.rest = system, surroundings, rest
         self.solver = SampleSolver(system)
         self._kept = KeptFactors(system.size, self.solver.factors[0]) if system.size >= WORTH_KEEPING else None
         self.repeat = 0.0  # N, see `period`
@@ -207,7 +196,8 @@ class ContactMarch:
     @classmethod
     def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp]) -> ContactMarch:
         """Return the contact of `problem` and the coordinates `seen` from it."""
-        return cls(ContactSystem.of(problem, seen), Surroundings.of(problem, seen), partial(Rest.of, problem))
+        return cls(ContactSystem.of(problem, seen), Surroundings.of(problem, seen),
+                   lambda: Rest.of(problem).settled(problem.interface.gap))
 
     @property
     def memory(self) -> Array:
@@ -226,12 +216,7 @@ class ContactMarch:
         NonConvergenceError
             If the contact does not settle.
         """
-        if frictional:
-            return self._pressed()
-        if self.rest is None:
-            raise InputError("contact: give the faces at rest to press them")
-        rest = self.rest() if callable(self.rest) else self.rest
-        return rest if isinstance(rest, SampleState) else rest.settled(self.system.gap)
+        return self._pressed() if frictional else self.rest()
 
     def _pressed(self) -> SampleState:
         """Apply the load in small parts against friction, the coordinates held."""

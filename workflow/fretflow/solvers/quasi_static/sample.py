@@ -61,25 +61,6 @@ class ContactSystem:
     penalty: float  # rho in N/m
 
     @classmethod
-    def build(cls, stiffness: Array, gap: Array, friction: Array | float, load: float, coupling: Array | None = None,
-              pull: Array | None = None) -> ContactSystem:
-        """Build a contact with the friction coefficients `friction`, () or (n,).
-
-        By default the bodies' `stiffness` (3 n, 3 n) is that of faces of which one moves rigidly along x, the
-        coordinate, and freely along z under the `load`.
-        """
-        lift, slide = (stiffness[:, c::3].sum(axis=1) for c in (2, 0))
-        z = np.arange(2, len(stiffness), 3)
-        if coupling is None or pull is None:
-            across = lift / lift[z].sum()
-            coupling, pull = (slide - across * slide[z].sum())[:, None], -load * across
-            stiffness = stiffness - np.outer(across, lift)
-        transfer = np.zeros((1, len(gap), 3))
-        transfer[0, :, 0] = 1.0
-        return cls.of_parts(stiffness, coupling, transfer.reshape(1, -1), gap,
-                            Coulomb(np.asarray(friction, dtype=float)), pull, load)
-
-    @classmethod
     def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp] | None = None) -> ContactSystem:
         """Return the contact of `problem`, with the coordinates `seen`, by default all."""
         b = problem.boundary

@@ -11,22 +11,57 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from fretflow.contact.kernels.sample import PeriodHistory, empty_factor
-from fretflow.contact.kernels.sensitivity import (
-    Acting,
-    Histories,
-    Springs,
-    Sums,
-    Weights,
-    empty_sums,
-    march_columns,
-)
+from fretflow.contact.kernels.sensitivity import Acting, Histories, Sums, Weights, empty_sums, march_columns
 from fretflow.contact.law import FactorAndSlopes
-from fretflow.solvers.direction import Direction
+from fretflow.core.errors import InputError
+from fretflow.core.records import quantity, record
 from fretflow.solvers.quasi_static.march import PERSISTS
 from fretflow.solvers.quasi_static.sample import SLIP, STICK, Array, ContactSystem, plain
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+
+@record
+class Direction:
+    """Derivative of the model's data by one parameter, all else held; units are per unit of the parameter.
+
+    Linear combinations of parameters (a wear depth, a tilt) are directions too. Friction and normal load are histories:
+    they may depend on the solution, as a friction that changes with speed does. Arrays over the nodes are in node order
+    (x, y, z per node where they have 3 n entries). None: does not act there.
+    """
+
+    name: str
+    friction: Array | None = quantity("1", "(N, nodes), of the coefficient", default=None)
+    normal_load: Array | None = quantity("N", "(N,)", default=None)
+    gap: Array | None = quantity("m", "(nodes,)", default=None)
+    flexibility: Array | None = quantity("m/N", "(3 n, 3 n), of the faces against each other, springs in series",
+                                         default=None)
+    locked: Array | None = quantity("m", "(nodes, 2), where nodes that stick all the period sit", default=None)
+    rig: LumpedRig | None = None
+    force: Array | None = quantity("N", "(N, 2), on block and arm, x, drive included", default=None)
+
+    @property
+    def acts_in_contact(self) -> bool:
+        """Return whether the contact changes at a given motion of the arm."""
+        return any(part is not None for part in (self.friction, self.normal_load, self.gap, self.flexibility,
+                                                 self.locked))
+
+    def validate(self, samples: int, nodes: int) -> None:
+        """Check the shapes for a period of `samples` and a contact of `nodes`.
+
+        Raises
+        ------
+        InputError
+            Naming the direction and its part.
+        """
+        shapes = {"friction": (samples, nodes), "normal_load": (samples,), "gap": (nodes,),
+                  "flexibility": (3 * nodes, 3 * nodes), "locked": (nodes, 2), "force": (samples, 2)}
+        for part, wanted in shapes.items():
+            value = getattr(self, part)
+            if value is not None and np.shape(value) != wanted:
+                raise InputError(f"direction {self.name}: {part} has shape {np.shape(value)}; give {wanted} "
+                                 f"for {nodes} nodes and {samples} samples")
 
 
 @dataclass(frozen=True)
@@ -91,8 +126,6 @@ def strains(period: PeriodHistory, directions: Sequence[Direction], weights: Arr
     for column, direction in enumerate(directions):
         if direction.gap is not None:
             found[:, column] += weights[2::3] @ direction.gap
-        if direction.compliance is not None:
-            found[:, column] += period.force @ (weights * direction.compliance)
         if direction.flexibility is not None:
             found[:, column] += period.force @ (direction.flexibility.T @ weights)
     return found
@@ -155,35 +188,24 @@ def _acting(solved: SolvedContact, directions: Sequence[Direction]) -> Acting:
     """Return what the columns change."""
     system, period = solved.system, solved.period
     n, samples, force = system.size, len(period.state), np.zeros((0, len(directions)))
-    springs = csc_array(_constant(directions, "compliance", 3 * n, 1))
     strained = {column: -period.force @ direction.flexibility.T @ system.stiffness
                 for column, direction in enumerate(directions) if direction.flexibility is not None}
-    if springs.nnz or strained or any(direction.gap is not None for direction in directions):
-        force = -system.stiffness[:, 2::3] @ _constant(directions, "gap", n, 1)
+    gaps = _given(directions, "gap")
+    if strained or gaps:
+        opened = np.zeros((n, len(directions)))
+        opened[:, list(gaps)] = np.transpose(list(gaps.values()))
+        force = -system.stiffness[:, 2::3] @ opened
     return Acting(
         plain(solved.motion), plain(solved.factor_slope), plain(solved.factor.factor),
-        own_load=_constant(directions, "normal_load", 1, 0)[0],
-        own_friction=_constant(directions, "friction", n, 1), own_force=plain(force),
-        loads=_histories(_varying(directions, "normal_load", 1), samples, 1),
-        frictions=_histories(_varying(directions, "friction", 2), samples, n),
-        forces=_histories(strained, samples, 3 * n),
-        springs=Springs(springs.indptr.astype(np.int64), springs.indices.astype(np.int64), plain(springs.data)))
+        own_force=plain(force), loads=_histories(_given(directions, "normal_load"), samples, 1),
+        frictions=_histories(_given(directions, "friction"), samples, n),
+        forces=_histories(strained, samples, 3 * n))
 
 
-def _constant(directions: Sequence[Direction], part: str, rows: int, dimensions: int) -> Array:
-    """Return a part of the directions that is the same at all samples, (rows, d)."""
-    values = np.zeros((rows, len(directions)))
-    for column, direction in enumerate(directions):
-        value = getattr(direction, part)
-        if value is not None and np.ndim(value) <= dimensions:
-            values[:, column] = value
-    return values
-
-
-def _varying(directions: Sequence[Direction], part: str, dimensions: int) -> dict[int, Array]:
-    """Return a part of those directions in which it varies over the samples."""
+def _given(directions: Sequence[Direction], part: str) -> dict[int, Array]:
+    """Return a part of those directions that have it, by their place."""
     return {column: getattr(direction, part) for column, direction in enumerate(directions)
-            if np.ndim(getattr(direction, part)) == dimensions}
+            if getattr(direction, part) is not None}
 
 
 def _histories(values: dict[int, Array], samples: int, size: int) -> Histories:

@@ -66,8 +66,7 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
             found = np.zeros((len(equations.analysis), internal.shape[1]))
             found[:len(analysis)] = analysis @ internal
             guess = InitialGuess(found[:, equations.seen].ravel(), found[:, equations.other].ravel())
-            yield Settled(guess, contact, count,
-                          change)
+            yield Settled(guess, contact, count, change)
         if count >= SETTLING[-1]:
             return
         last = internal

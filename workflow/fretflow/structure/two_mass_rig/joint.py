@@ -176,15 +176,6 @@ class QuasiStaticJoint(_OnRig):
                      "lower": ObservedMotion(none, force=-self.lower_compliance),
                      "approach": ObservedMotion(np.zeros((1, 2)), free=np.ones((1, 1)))})
 
-    def part(self, nodes: NDArray[np.bool_]) -> QuasiStaticJoint:
-        """Return the joint of the contact `nodes` (n,) alone, the others being free of force."""
-        dofs = np.repeat(nodes, 3)
-        flexibility = self.flexibility[np.ix_(dofs, dofs)]
-        return QuasiStaticJoint(
-            stiffness=invert_stiffness(flexibility, "relative flexibility"), flexibility=flexibility,
-            motion=self.motion[dofs], rig=self.rig, upper_compliance=self.upper_compliance[:, dofs],
-            lower_compliance=self.lower_compliance[:, dofs])
-
     def dynamic_stiffness(self, frequency: float, loads: NDArray[np.complex128]) -> DynamicStiffness:
         """Return the relative dynamic stiffness at the harmonics of `frequency` (Hz) under loads (H + 1, 3) in N.
 
@@ -387,14 +378,6 @@ def _sliding_mass(body: ReducedSpecimen) -> float:
     x = np.zeros(len(body.mass))
     x[0:body.contact_size:3] = x[body.rigid.start] = x[body.observation.start] = 1.0
     return float(x @ body.mass @ x)
-
-
-def rig_loads(harmonics: int, excitation: float, normal_load: float) -> NDArray[np.complex128]:
-    """Return loads (H + 1, 3) in N by `INPUTS`: a vibrating force on the block and a constant normal load."""
-    loads = np.zeros((harmonics + 1, RIG_DOFS), dtype=complex)
-    loads[0, 2] = normal_load
-    loads[1, 0] = excitation
-    return loads
 
 
 def _rigid_motion(size: int) -> NDArray[np.float64]:
