@@ -61,6 +61,12 @@ def test_percent(share, text):
     assert words.percent(share) == text
 
 
+@pytest.mark.parametrize(("probability", "text"), [
+    (0.0, "< 0.1 %"), (1e-300, "< 0.1 %"), (0.56, "56 %"), (1.0, "> 99.9 %"), (math.nan, words.NOTHING)])
+def test_no_probability_is_none_or_all(probability, text):
+    assert words.probability(probability) == text
+
+
 @pytest.mark.parametrize(("p", "text"), [(0.041, "0.041"), (3.2e-7, "3·10⁻⁷"), (0.0, "< 10⁻¹⁵"), (math.nan, "–")])
 def test_p_value(p, text):
     assert words.p_value(p) == text

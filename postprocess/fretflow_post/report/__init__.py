@@ -145,7 +145,7 @@ class Tile:
 
 def _tiles(d: Diagnosis) -> Iterator[Tile]:
     best = _accepted(d)
-    yield Tile("Probability", words.percent(d.probability), words.probability_of(d))
+    yield Tile("Probability", words.probability(d.probability), words.probability_of(d))
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
         yield Tile("Explained", words.percent(best.explained), what)

@@ -93,12 +93,12 @@ def _show(console: Terminal, found: Diagnosis) -> None:
 
     console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
     console.print(f"[bold]{words.headline(found)}.[/bold] {escape(found.sentence)}", soft_wrap=True)
-    console.print(f"probability: {words.percent(found.probability)} {words.probability_of(found)}")
+    console.print(f"probability: {words.probability(found.probability)} {words.probability_of(found)}")
     console.print(f"by chance: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
     if found.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained")
         for one in found.ranking[:MOST_RANKED]:
-            view.add_row(escape(words.together(one.effects)), words.percent(one.probability),
+            view.add_row(escape(words.together(one.effects)), words.probability(one.probability),
                          words.percent(one.explained))
         console.print(view)
     if found.location.text:

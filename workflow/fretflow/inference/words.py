@@ -83,6 +83,11 @@ def percent(share: float) -> str:
     return _signed(f"{100.0 * share:.{digits}f} %")
 
 
+def probability(p: float) -> str:
+    """Return a probability in per cent; none is 0 or 1, whatever round-off leaves of it."""
+    return percent(min(max(p, sys.float_info.min), 1.0 - sys.float_info.epsilon))  # nan stays
+
+
 def p_value(p: float) -> str:
     """Return a p-value with two figures at most."""
     if not math.isfinite(p):
