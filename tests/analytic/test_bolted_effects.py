@@ -40,10 +40,18 @@ def test_a_neutral_effect_changes_nothing_and_a_plain_one_something(joint, name)
     kind = catalogue()[name]
     ranges = {field: kind.bolted_range(field, prior, joint, SIZE) for field, prior in kind.priors().items()}
     inside = {field: float(np.sqrt(one.low * one.high)) if one.low > 0.0 else one.high
-              for field, one in ranges.items()}
+              for field, one in ranges.items() if one is not None}
     changed = curve(kind().changed(**inside).bolted(joint))
     assert max(np.abs(changed.frequency / plain.frequency - 1.0).max(),
                np.abs(changed.damping / plain.damping - 1.0).max()) > 1e-3
+
+
+def test_of_scattered_friction_is_fitted_what_does_something(joint):
+    kind, plain = catalogue()["distributed-micro-slip"], curve(catalogue()["distributed-micro-slip"]().bolted(joint))
+    for field, prior in kind.priors().items():
+        ends = [curve(kind().changed(**{field: end}).bolted(joint)) for end in (prior.low, prior.high)]
+        change = max(np.abs(end.damping / plain.damping - 1.0).max() for end in ends)
+        assert (change > 1e-3) == (kind.bolted_range(field, prior, joint, SIZE) is not None), field
 
 
 def test_unevenly_pulling_bolts_keep_their_sum(joint):

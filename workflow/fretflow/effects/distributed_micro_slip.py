@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fretflow.effects.effect import INTERFACES, Array, Block, Effect, parameter
+from fretflow.effects.effect import INTERFACES, Array, Block, Effect, Prior, RecordedSize, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
@@ -82,6 +82,11 @@ class DistributedMicroSlip(Effect):
         """Spread the friction coefficients of the contact points, which has which being drawn."""
         factors = self._factors(joint.structure.areas, draw)
         return replace(joint, law=replace(joint.law, friction_coefficient=joint.law.friction_coefficient * factors))
+
+    @classmethod
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior | None:
+        """Return the ranges of the distribution: limits of bolted faces know neither direction nor rim."""
+        return None if field in ("lean", "rim") else prior
 
     def _factors(self, areas: Array, draw: int = 0) -> Array:
         """Return the factors on friction (nodes,), whose mean over the areas is 1; a sequence's, or drawn."""

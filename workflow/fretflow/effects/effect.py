@@ -248,8 +248,8 @@ class Effect(Section):
         return self.bolted(joint)
 
     @classmethod
-    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
-        """Return the range of a parameter at the size of a bolted joint.
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior | None:
+        """Return the range of a parameter at the size of a bolted joint; None of one that does nothing there.
 
         Parameters
         ----------

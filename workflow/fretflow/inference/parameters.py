@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 HALF = float(norm.ppf(0.95))  # standard deviations of half a 90 % interval
 FARTHEST = 6.0  # standard deviations that a coordinate may go: beyond, the prior holds two of 1e9
 
-Scaled = Callable[[str, str, Prior], Prior]  # effect, field and its range: the range at the size of what was measured
+# effect, field and its range: the range at the size of what was measured, None where it does nothing there
+Scaled = Callable[[str, str, Prior], Prior | None]
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,8 @@ def _of_effect(kind: type[Effect], signs: Mapping[str, float], scaled: Scaled | 
         if getattr(kind(), name) is None:  # follows the case
             continue
         prior = stated if scaled is None else scaled(kind.id, name, stated)
+        if prior is None:
+            continue
         lowest, highest = parameter_limits(kind, name)
         sign = signs.get(f"{kind.id}.{name}", 1.0) if lowest < 0.0 <= prior.low else 1.0
         found.append(Coordinate.within(kind.id, name, prior.low, prior.high, prior.logarithmic, lowest, highest, sign))

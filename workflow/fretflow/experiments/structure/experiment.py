@@ -216,7 +216,7 @@ class StructureExperiment(Experiment):
                                  "SI; check them")
         return replace(self, recording=replace(self.recording, notes=(*self.recording.notes, note)))
 
-    def _scaled(self, effect: str, field: str, prior: Prior) -> Prior:
+    def _scaled(self, effect: str, field: str, prior: Prior) -> Prior | None:
         """Return a range of the catalogue, which is a rig's, at the size of the structure."""
         own, (joint, mode) = self.points.damping, self._bare
         least, most = TYPICAL["modal_damping"]
