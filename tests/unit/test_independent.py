@@ -56,6 +56,10 @@ class Linear:
         """Return the line."""
         return Prediction(point, SLOPES[:, :len(point.z)] @ point.z)
 
+    def by_chance(self, prediction: Prediction) -> Array:
+        """Return nothing."""
+        return np.zeros((COUNT, 0))
+
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return differences."""
         return differences(self, prediction, points)
