@@ -58,7 +58,7 @@ class Linear:
 
     def by_chance(self, prediction: Prediction) -> Array:
         """Return nothing."""
-        return np.zeros((COUNT, 0))
+        return np.zeros((len(prediction.values), 0))
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return differences."""
