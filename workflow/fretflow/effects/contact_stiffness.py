@@ -25,7 +25,7 @@ TOLERANCE = 1e-13  # of the load, change of a nodal force
 # Tangential stiffness over area of flat metal faces, N/m^3: from milled flanges, a tenth of the least of Fantetti's
 # specimens, up to the stiffest of these.
 FLAT_FACES = (1e12, 1.5e14)
-MACHINED = {"exponent": (0.5, 1.0), "ratio": (1.0, 2.0)}  # rough faces, Pohrt and Popov (2012); Mindlin (1949)
+MINDLIN = (1.0, 2.0)  # normal over tangential stiffness of rough faces, R. D. Mindlin (1949)
 RIGID = 1e-12  # compliance of a node over the bodies' own, below which asperities are left out
 
 
@@ -149,14 +149,17 @@ class ContactStiffness(Effect):
 
     @classmethod
     def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior:
-        """Return the stiffness of all the faces' area, a reference pressure about the mean one, machined faces' law."""
+        """Return the stiffness of all the faces' area, a reference pressure about the mean one, rough faces' ratio.
+
+        The exponent keeps its range: from springs alike at all pressures, as of Jenkins elements, to rough faces'.
+        """
         if field == "stiffness":
             area = float(joint.structure.areas.sum())
             return replace(prior, low=FLAT_FACES[0] * area, high=FLAT_FACES[1] * area, logarithmic=True)
         if field == "reference_pressure":
             return replace(prior, low=joint.bolted_pressure / 1.5, high=joint.bolted_pressure * 1.5)
-        if field in MACHINED:
-            return replace(prior, low=MACHINED[field][0], high=MACHINED[field][1], logarithmic=False)
+        if field == "ratio":
+            return replace(prior, low=MINDLIN[0], high=MINDLIN[1], logarithmic=False)
         return prior
 
     def asperities(self, problem: PeriodicProblem) -> Asperities:
