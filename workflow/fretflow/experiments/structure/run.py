@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -45,7 +44,6 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     NonConvergenceError
         If the baseline has no equilibrium, or no pressure.
     """
-    began = time.monotonic()
     progress(0.02, "building the model")
     room: Any = worn if isinstance(recording, WornRecording) else backbone
     experiment = ProfileExperiment(recording) if isinstance(recording, WornRecording) else StructureExperiment.of(
@@ -76,7 +74,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         detection=detection, parameters=made, remainder=remainder(found, judged),
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
-        after_model=after_model(judged.verdict, judged.after), seconds=time.monotonic() - began, fast=fast, **own)
+        after_model=after_model(judged.verdict, judged.after), **own)
 
 
 def _looked(found: Search, progress: Progress) -> Detection:
