@@ -27,7 +27,7 @@ from fretflow.inference.experiment import Measurement, Point, Prediction, differ
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
-from fretflow.inference.posterior import decide, left_out
+from fretflow.inference.posterior import by_form_alone, decide, left_out
 from fretflow.inference.search import FAST, Search, Start
 from fretflow.inference.strategy import begin_all, search, start_search
 from fretflow.inference.verdict import Verdict
@@ -322,6 +322,31 @@ def test_one_wave_is_named_with_its_size_and_two_as_two() -> None:
     assert size.value(mean[-1] - 2.0 * sd[-1]) < 0.35 < size.value(mean[-1] + 2.0 * sd[-1])
     both = judged(cosine() + 0.35 * wave("viscous") + 0.3 * wave("support-nonlinearity") + noise)
     assert decide(both).effects == ("support-nonlinearity", "viscous")
+
+
+class KnownSizes(Waves):
+    """Waves whose sizes are known to a hundredth."""
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the size of the cosine, and those of the effects."""
+        own = tuple(Coordinate(name, "size", 0.3, 0.003, False, 0.0) for name in sorted(effects))
+        return Parameters(tuple(sorted(effects)), (*BASELINE, *own))
+
+
+@pytest.mark.parametrize(("kept", "alone"), [(0.3, True), (1.0, False)])
+def test_a_law_that_is_not_there_is_not_seen_by_other_forms_of_it(kept: float, alone: bool) -> None:
+    """Both waves are modulated by all of themselves; a third of one is nearer to nothing than to all of it."""
+    own, name = measurement(), "sensor-inertia"
+    shape = kept + np.sqrt(2.0) * np.cos(2.0 * np.pi * own.phase)
+    experiment = KnownSizes(measurement(cosine() + 0.3 * shape * wave(name)), (name,))
+    found = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
+    for effects in ((), (name,)):
+        parameters = experiment.parameters(effects)
+        point = Point(parameters, np.zeros(len(parameters.coordinates)))
+        found.keep([found.fitter.fit(point, experiment.predict(point), 5)])
+    names = frozenset({name})
+    assert found.log_evidence(names) > found.log_evidence(frozenset()) + 10.0  # with forms it explains much
+    assert by_form_alone(found, names, name) is alone
 
 
 def test_noise_and_what_codes_differ_by_are_nothing() -> None:

@@ -96,7 +96,7 @@ def test_the_evidence_is_the_density_of_a_normal_vector(modes):
     """Differences between sizes of the discrepancy, where constants of the recording cancel, to round-off."""
     experiment = linear(modes=modes)
     own = experiment.measurement
-    table = looked(experiment, ["viscous"]).evidence(frozenset({"viscous"}), formed=False).table[0]
+    table = looked(experiment, ["viscous"]).evidence(frozenset({"viscous"}), laws=frozenset()).table[0]
     known = [multivariate_normal.logpdf(own.values, np.zeros(COUNT), np.diag(own.variance + (tau * sizes(own))**2)
                                         + SLOPES @ SLOPES.T + own.modes @ own.modes.T) for tau in SIZES]
     assert table - table[0] == pytest.approx(np.array(known) - known[0], abs=1e-8)
@@ -117,7 +117,7 @@ def test_rows_that_are_alike_count_as_one():
         def courses(self) -> Array:
             return np.zeros((4 * COUNT, 0))
 
-    tables = [looked(own, ["viscous"]).evidence(frozenset({"viscous"}), formed=False).table[0]
+    tables = [looked(own, ["viscous"]).evidence(frozenset({"viscous"}), laws=frozenset()).table[0]
               for own in (one, Copies(repeated))]
     assert tables[1] - tables[1][0] == pytest.approx(tables[0] - tables[0][0], abs=1e-8)
 
@@ -126,7 +126,8 @@ def test_the_choice_of_a_law_is_paid_and_intervals_hold():
     """A law chosen from several loses the logarithm of their number; the true slope lies in its interval."""
     free, paid = (looked(linear(cost=cost), ["viscous"]) for cost in (0.0, np.log(8.0)))
     names = frozenset({"viscous"})
-    assert free.evidence(names, False).table - paid.evidence(names, False).table == pytest.approx(np.log(8.0))
+    tables = [one.evidence(names, frozenset()).table for one in (free, paid)]
+    assert tables[0] - tables[1] == pytest.approx(np.log(8.0))
     slope = next(one for one in estimates(free, names) if one.name == "viscous.slope")
     assert slope.low < 1.5 < slope.high
     assert slope.high - slope.low < 0.8

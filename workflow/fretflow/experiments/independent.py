@@ -88,19 +88,19 @@ class IndependentSearch(Search, Generic[E]):
         own = self.experiment.measurement
         return IndependentDiscrepancy(own, own.covariance())
 
-    def formed(self, names: Names) -> Array:
-        """Return what other forms of the laws of a fitted set change (M, any): signatures, modulated."""
-        return np.hstack([self.experiment.modulations * one[:, None] for one in self.signatures(names).T])
+    def formed(self, names: Names, laws: Names | None = None) -> Array:
+        """Return what other forms of the `laws` of a fitted set change (M, any): signatures, modulated."""
+        return np.hstack([self.experiment.modulations * one[:, None] for one in self.signatures(names, laws).T])
 
-    def evidence(self, names: Names, formed: bool = True) -> Evidence:
+    def evidence(self, names: Names, laws: Names | None = None) -> Evidence:
         """Return the evidence of a set, what the choice of its laws' forms costs taken off."""
-        found, cost = super().evidence(names, formed), sum(self.experiment.choice(name) for name in names)
+        found, cost = super().evidence(names, laws), sum(self.experiment.choice(name) for name in names)
         return replace(found, table=found.table - cost) if cost else found
 
-    def prior(self, names: Names, formed: bool = True, forms: Array | None = None) -> Array:
+    def prior(self, names: Names, laws: Names | None = None, forms: Array | None = None) -> Array:
         """Return the prior (forms, sizes) of law-form errors and of the one general discrepancy."""
-        laws, _ = self.prior_of_sizes(names, formed, forms)
-        return np.asarray(laws[:, None] * size_prior(code_size(self.experiment.measurement)))
+        errors, _ = self.prior_of_sizes(names, laws, forms)
+        return np.asarray(errors[:, None] * size_prior(code_size(self.experiment.measurement)))
 
     def beyond_codes(self) -> Array:
         """Return the prior of sizes without effects where something is missing."""

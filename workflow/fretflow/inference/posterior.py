@@ -143,13 +143,18 @@ def posterior(found: Search) -> Posterior:
         left = found.fits[names].chi_squared
         if any(fewer < names and left > found.fits[fewer].chi_squared for fewer in weight if fewer):
             continue  # its fit was not ended: a wider set can do all that a plainer one does
+        by_form = any(by_form_alone(found, names, one) for one in names)
+        if by_form and len(names) > 1:
+            continue  # beside others it is no more than another form of theirs
         own = found.log_evidence(names)
         beyond = {fewer: beyond_forms(found, fewer, names) for fewer in weight if fewer and _plainer(fewer, names)}
         like[names] = found.evidence(names).averaged(found.prior(names, forms=errors[len(names)]))
+        if by_form:
+            continue  # it is like it, and not it
         for fewer, odds in beyond.items():  # another form of its laws may do the same, or as what is like the wider set
             weight[fewer] = float(np.logaddexp(weight[fewer], max(own, like[names]) - odds + prior[len(fewer)]))
         weight[names] = own + prior[len(names)]
-    values = [[found.evidence(frozenset(), False).averaged(found.beyond_codes())], *(
+    values = [[found.evidence(frozenset()).averaged(found.beyond_codes())], *(
         [prior[size] + own for names, own in like.items() if len(names) == size] for size in errors)]
     unlisted = float(np.logaddexp.reduce([one for own in values for one in own])) - log(len(values))
     top = max(*weight.values(), unlisted)
@@ -172,6 +177,15 @@ def faint(found: Search, names: Names, effect: str) -> bool:
         if sizes and all(_is_off(*one) for one in sizes):  # one of several sizes may be none
             return True
     return False
+
+
+def by_form_alone(found: Search, names: Names, effect: str) -> bool:
+    """Tell whether an effect of a fitted set is probable by other forms of its law alone.
+
+    The law as the catalogue has it makes the set no more probable than it is without the effect.
+    """
+    less, worth = names - {effect}, found.log_evidence
+    return less in found.fits and worth(names, less) <= worth(less) < worth(names)
 
 
 def _is_off(own: Coordinate, at: float, sd: float, off: float) -> bool:
@@ -352,5 +366,6 @@ def _ranking(found: Search, known: Posterior) -> tuple[Candidate, ...]:
     return tuple(Candidate(
         effects=tuple(sorted(names)), probability=known.sets.get(names, 0.0), explained=found.explained(names),
         chi_squared=found.chi_squared(names), degrees_of_freedom=round(expected) - len(found.fits[names].z),
-        log_evidence=found.log_evidence(names, names in known.sets), converged=found.fits[names].converged)
+        log_evidence=found.log_evidence(names, None if names in known.sets else frozenset()),
+        converged=found.fits[names].converged)
         for names in (*known.sets, *rest))

@@ -120,7 +120,7 @@ class Search:
     settled: dict[Names, Array] = field(default_factory=dict)  # where numerical errors were put right at own fits
     _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _chance: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
-    _evidence: dict[Names, tuple[Fit, bool, Evidence]] = field(default_factory=dict)
+    _evidence: dict[tuple[Names, Names], tuple[Fit, Evidence]] = field(default_factory=dict)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
@@ -141,20 +141,20 @@ class Search:
         """Return the prior of the relative law-form error of an effect of the catalogue."""
         return density(law_form_errors(), FORMS)
 
-    def prior(self, names: Names, formed: bool = True, forms: Array | None = None) -> Array:
-        """Return the prior of the discrepancies' sizes, of the shape of a set's evidence.
+    def prior(self, names: Names, laws: Names | None = None, forms: Array | None = None) -> Array:
+        """Return the prior of the discrepancies' sizes, of the shape of a set's evidence with the same `laws`.
 
         A law of another form by e changes all that its effect does by a share e of that, of any smooth shape.
         """
-        laws, sizes = self.prior_of_sizes(names, formed, forms)
-        return np.asarray(laws[:, None, None] * sizes[:, :, None] * sizes[:, None, :])
+        errors, sizes = self.prior_of_sizes(names, laws, forms)
+        return np.asarray(errors[:, None, None] * sizes[:, :, None] * sizes[:, None, :])
 
-    def prior_of_sizes(self, names: Names, formed: bool, forms: Array | None) -> tuple[Array, Array]:
+    def prior_of_sizes(self, names: Names, laws: Names | None, forms: Array | None) -> tuple[Array, Array]:
         """Return the priors of e (forms,) and of one general discrepancy at each (forms, sizes)."""
         code = code_size(self.experiment.measurement)
-        if not names or not formed:
+        if not (names if laws is None else laws):
             return np.ones(1), size_prior(code)
-        own = relative_size(self.experiment.measurement, self.signatures(names))
+        own = relative_size(self.experiment.measurement, self.signatures(names, laws))
         return self.form_prior if forms is None else forms, size_prior(code, own * FORMS)
 
     def beyond_codes(self) -> Array:
@@ -190,35 +190,40 @@ class Search:
         after = self.chi_squared(names) - expected
         return float(np.clip(1.0 - max(after, 0.0) / before, 0.0, 1.0)) if before > 0.0 else 0.0
 
-    def evidence(self, names: Names, formed: bool = True) -> Evidence:
-        """Return the evidence of a set, with law-form errors in it where `formed`."""
-        fit = self.fits[names]
-        known = self._evidence.get(names)
-        if known is None or known[0] is not fit or known[1] != formed:
-            own = self.formed(names) if formed and names else None
-            self._evidence[names] = (fit, formed, self.discrepancy.evidence(fit, own, self.by_chance(names)))
-        return self._evidence[names][2]
+    def evidence(self, names: Names, laws: Names | None = None) -> Evidence:
+        """Return the evidence of a set whose `laws` may be of another form, those of all its effects where None."""
+        fit, laws = self.fits[names], names if laws is None else laws
+        known = self._evidence.get((names, laws))
+        if known is None or known[0] is not fit:
+            own = self.formed(names, laws) if laws else None
+            self._evidence[names, laws] = known = fit, self.discrepancy.evidence(fit, own, self.by_chance(names))
+        return known[1]
 
-    def log_evidence(self, names: Names, formed: bool = True) -> float:
+    def log_evidence(self, names: Names, laws: Names | None = None) -> float:
         """Return the log evidence of a set if nothing is missing from it."""
-        return self.evidence(names, formed).averaged(self.prior(names, formed))
+        return self.evidence(names, laws).averaged(self.prior(names, laws))
 
-    def formed(self, names: Names) -> Array:
-        """Return what other forms of the laws of a fitted set change (M, any), in SI, at a law-form error of one."""
+    def formed(self, names: Names, laws: Names | None = None) -> Array:
+        """Return what other forms of the `laws` of a fitted set change (M, any), in SI, at a law-form error of one."""
         own = self.experiment.measurement
-        return np.hstack([np.zeros((len(own.values), 0)), *(modulations(own, one) for one in self.signatures(names).T)])
+        return np.hstack([np.zeros((len(own.values), 0)),
+                          *(modulations(own, one) for one in self.signatures(names, laws).T)])
 
     def explicable(self, names: Names) -> Array:
         """Return an orthonormal basis (M, any) of what a set's parameters and other forms of its laws can change."""
         formed = self.fitter.covariance.whiten(self.formed(names))
         return basis(np.column_stack([self.fits[names].whitened_jacobian, formed]))
 
-    def signatures(self, names: Names) -> Array:
-        """Return what each effect (sorted) of a fitted set changes, (M, effects) in SI; zero where nothing tells."""
+    def signatures(self, names: Names, of: Names | None = None) -> Array:
+        """Return what each effect (sorted) `of` a fitted set, or of all of it, changes, (M, effects) in SI.
+
+        It is zero where nothing tells.
+        """
         if not names:
             return np.zeros((len(self.experiment.measurement.values), 0))
         self.sign([names])
-        return self._signatures[names][1]
+        own = self._signatures[names][1]
+        return own if of is None else own[:, [place for place, one in enumerate(sorted(names)) if one in of]]
 
     def sign(self, sets: Iterable[Names]) -> None:
         """Predict some sets with each of their effects out of work."""
@@ -282,17 +287,17 @@ class Search:
             self.further(self.fits[names], steps) for names in dict.fromkeys(sets)
             if names in self.fits and not self.fits[names].converged]))
 
-    def best(self, size: int, containing: Names = frozenset(), formed: bool = False) -> list[Names]:
-        """Return the sets of a size, the most probable first."""
+    def best(self, size: int, containing: Names = frozenset()) -> list[Names]:
+        """Return the sets of a size, the most probable by the catalogue's own laws first."""
         own = [names for names in self.fits if len(names) == size and containing <= names]
-        return sorted(own, key=lambda names: -self.log_evidence(names, formed))
+        return sorted(own, key=lambda names: -self.log_evidence(names, frozenset()))
 
     def promising(self, sets: Sequence[Names]) -> list[Names]:
         """Return the sets that may hold a share of the posterior, the most probable of `sets` first among them."""
         if not sets:
             return []
-        best = self.log_evidence(sets[0], False)
-        return [names for names in sets if self.log_evidence(names, False) > best - NEGLIGIBLE]
+        best = self.log_evidence(sets[0], frozenset())
+        return [names for names in sets if self.log_evidence(names, frozenset()) > best - NEGLIGIBLE]
 
 
 def has_moved(fit: Fit, since: Array | None) -> bool:

@@ -136,7 +136,7 @@ def correct(found: Search, of: Sequence[int]) -> None:
     for _ in range(MOST_CORRECTIONS):
         leading = [names for size in of for names in found.best(size)[:found.effort.bases]
                    if not found.is_settled(names) and all(
-                       found.log_evidence(names, False) > found.log_evidence(one, False)
+                       found.log_evidence(names, frozenset()) > found.log_evidence(one, frozenset())
                        for less in range(size) for one in found.best(less)[:1])]
         if not leading:
             break

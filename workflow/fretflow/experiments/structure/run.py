@@ -113,7 +113,7 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
 
     In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording.
     """
-    best = max(found.fits, key=lambda names: found.log_evidence(names, False))
+    best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
     again = start_search(told, told.predict(found.baseline.prediction.point), found.effort, found.pool)
     again.keep(found.pool(fit_task, [Task(again.fitter, fit.prediction.point, fit.prediction, found.effort.last_steps)
