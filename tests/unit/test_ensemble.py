@@ -14,6 +14,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fretflow import cli
 from fretflow.core.errors import InputError, NonConvergenceError, PlatformError
@@ -116,6 +117,23 @@ def test_processes_that_stay_return_values_in_order_and_errors_that_travel(calls
         assert raised.value.history == (1.0, 0.25)
         with pytest.raises(PlatformError, match="a process died"):
             pool(operator.call, [os.abort, os.abort])
+
+
+def test_large_arrays_travel_once_and_none_is_taken_for_another(tmp_path, monkeypatch):
+    """Arrays that have died leave their places in memory to others; a disk that takes nothing does no harm."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with LocalPool(2) as pool:
+        for k in range(6):
+            one, other = np.full((200, 300), float(k)), np.arange(60_000.0).reshape(200, 300).T
+            assert pool(np.sum, [one, one, other, one]) == [60_000.0 * k, 60_000.0 * k, other.sum(), 60_000.0 * k]
+            (folder,) = tmp_path.iterdir()
+            assert len(list(folder.iterdir())) == 2
+        with pytest.raises(ValueError, match="read-only"):
+            one[0] = 7.0
+        monkeypatch.setattr(np, "save", lambda path, array: os.open(tmp_path / "no" / "disk", os.O_RDONLY))
+        full = np.full((200, 300), 0.5)
+        assert pool(np.sum, [full, full]) == [30_000.0] * 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_blas_gets_a_share_of_the_cores_and_the_user_may_ask_for_less(monkeypatch, calls):

@@ -7,30 +7,41 @@ of the cores.
 
 from __future__ import annotations
 
+import copyreg
 import functools
 import multiprocessing
 import os
 import pickle
 import signal
 import sys
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from io import BytesIO
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 from types import ModuleType, TracebackType
 from typing import Any, Generic, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, PlatformError
 from fretflow.core.isolated import call_isolated
 from fretflow.effects.catalogue import import_own
 from fretflow.pipeline.ranks import CLOSED, started_rank, started_size
 
+Array = NDArray[Any]
 T = TypeVar("T")
 R = TypeVar("R")
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 DASK_TIMEOUT = 15  # s to reach the scheduler
+LARGE = 2**17  # bytes of an array that is written faster than it is sent twice
 
 
 class Backend(StrEnum):
@@ -132,6 +143,7 @@ class LocalPool:
         self.processes = processes
         self._stack = ExitStack()
         self._executor: Executor | None = None
+        self._arrays = _Arrays()
 
     def __enter__(self) -> LocalPool:
         return self
@@ -151,11 +163,59 @@ class LocalPool:
         if self.processes < 2 or len(arguments) < 2:
             return [function(argument) for argument in arguments]
         if self._executor is None:
+            self._stack.enter_context(self._arrays)
             self._executor = self._stack.enter_context(_executor(Workers(jobs=self.processes), self.processes))
         try:
-            return list(cast(Executor, self._executor).map(functools.partial(guarded, function), arguments))
+            packed = map(self._arrays.dumps, arguments)
+            return list(cast(Executor, self._executor).map(functools.partial(_unpacked, function), packed))
         except BrokenExecutor as error:
             raise PlatformError("a process died (killed, or out of memory); try again with fewer at a time") from error
+
+
+class _Arrays:
+    """Large arrays that calls have in common: each is written once, for all processes to map into their memory."""
+
+    def __init__(self) -> None:
+        self._folder: TemporaryDirectory[str] | None = None
+        self._written: dict[int, tuple[weakref.ref[Array], Path]] = {}
+        self._places = count()
+
+    def __enter__(self) -> None:
+        self._folder = TemporaryDirectory(prefix="fretflow-arrays-", ignore_cleanup_errors=True)
+
+    def __exit__(self, *_: object) -> None:
+        cast(TemporaryDirectory[str], self._folder).cleanup()
+
+    def dumps(self, argument: object) -> bytes:
+        """Return an argument pickled, its large arrays by where they are written."""
+        buffer = BytesIO()
+        pickler = pickle.Pickler(buffer, pickle.HIGHEST_PROTOCOL)
+        pickler.dispatch_table = {**copyreg.dispatch_table, np.ndarray: self._reduced}
+        pickler.dump(argument)
+        return buffer.getvalue()
+
+    def _reduced(self, array: Array) -> tuple[Any, ...]:
+        if array.nbytes >= LARGE and not array.dtype.hasobject:
+            own, path = self._written.get(id(array), (None, None))
+            if own is not None and own() is array:  # another one may have its place in memory by now
+                return _mapped, (str(path),)
+            path = Path(cast(TemporaryDirectory[str], self._folder).name) / f"{next(self._places)}.npy"
+            with suppress(OSError):  # where a disk is full it is sent
+                np.save(path, array)
+                array.flags.writeable = False  # what is written stays as it is
+                self._written[id(array)] = weakref.ref(array), path
+                weakref.finalize(array, path.unlink, missing_ok=True)
+                return _mapped, (str(path),)
+        return cast(tuple[Any, ...], array.__reduce_ex__(pickle.HIGHEST_PROTOCOL))
+
+
+@functools.lru_cache(maxsize=256)
+def _mapped(path: str) -> Array:
+    return np.asarray(np.load(path, mmap_mode="r"))
+
+
+def _unpacked(function: Callable[[Any], R], packed: bytes) -> R:
+    return guarded(function, pickle.loads(packed))
 
 
 def threads_each(processes: int) -> int:
