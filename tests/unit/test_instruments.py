@@ -100,6 +100,16 @@ def test_loops_without_a_record_of_their_drive_tell_no_gain() -> None:
     assert faults(recording, case) == ()
 
 
+@pytest.mark.parametrize(("scale", "ringing", "told"), [(1.0, 250.0, False), (10.0, 0.0, True), (10.0, 250.0, True)])
+def test_a_force_that_rings_is_no_wrong_unit(scale: float, ringing: float, told: bool) -> None:
+    """Both have peaks beyond what friction has under the load; what rings dissipates no more for them."""
+    recording, case = recorded()
+    loops = recording.loops.channels
+    del loops["excitation"]
+    loops["friction_force"] = scale * loops["friction_force"] + ringing * np.cos(5.0 * recording.loops.phase)
+    assert (["no dry contact" in one for one in faults(recording, case)] == [True]) is told
+
+
 def test_further_forces_on_the_rig_are_no_fault_of_an_instrument() -> None:
     """A force that follows the cube of the motion, of the size of the drive: no two gains make the equations hold."""
     recording, case = recorded()
