@@ -7,7 +7,7 @@ stands, is below the best one's by `NEGLIGIBLE` holds no share of the posterior 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -184,39 +184,49 @@ def begin_all(found: Search) -> None:
     origins = [found.baseline]
     if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
         origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
-    laid = {(place, *key): one for place, beginnings in enumerate(found.pool(
-        beginnings_task, [(found.fitter, one) for one in origins])) for key, one in beginnings.items()}
-    first_fits = found.pool(begin_task, [(found.fitter, one) for one in laid.values()])
-    # an effect that does more than first order tells may be worth it where it does least
-    anew = {key: Beginning(one.origin, one.least) for (key, one), fit in zip(laid.items(), first_fits, strict=True)
-            if one.least is not None and (fit is None or not is_worth(found, one, fit))}
-    weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
-    best: dict[Hashable, list[Fit]] = {place: [] for place in range(len(origins))}
-    for (key, one), first in zip(laid.items(), first_fits, strict=True):
-        fit = min((own for own in (first, weaker.get(key)) if own is not None), key=lambda own: own.promise,
-                  default=None)
-        if fit is not None:
-            found.starts.append(started(found, one.origin, fit))
-            if is_worth(found, one, fit) or not is_told(fit.prediction.point, found.baseline):
-                best[key[0]].append(fit)
-            found.keep([fit])
-    going = [fit for own in best.values() for fit in sorted(own, key=lambda one: one.promise)[:found.effort.going]]
-    go_on(found, going, found.effort.last_steps)
-    if min(fit.chi_squared for fit in found.fits.values()) <= 2.0 * found.experiment.measurement.expected:
-        return  # what is left beyond noise is no larger than that, and so small changes are of first order
-    untold = [one for one, fit in zip(laid.values(), first_fits, strict=True)
-              if one.origin is origins[-1] and is_untold(found, one, fit)]
+    untold: list[Beginning] = []
+    for origin in origins:
+        untold = begin_beside(found, origin)
+        if is_explained(found):
+            return  # what may be left to tell is small, and of first order
     more = [fit for fits in found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
             for fit in fits]
     found.keep(more)
     go_on(found, more, found.effort.last_steps)
 
 
+def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
+    """Fit every effect from its best start beside a baseline; return the starts of which first order does not tell."""
+    (beginnings,) = found.pool(beginnings_task, [(found.fitter, origin)])
+    laid = list(beginnings.values())
+    first_fits = found.pool(begin_task, [(found.fitter, one) for one in laid])
+    # an effect that does more than first order tells may be worth it where it does least
+    anew = {place: Beginning(origin, one.least) for place, (one, fit) in enumerate(zip(laid, first_fits, strict=True))
+            if one.least is not None and (fit is None or not is_worth(found, one, fit))}
+    weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
+    going = []
+    for place, (one, first) in enumerate(zip(laid, first_fits, strict=True)):
+        fit = min((own for own in (first, weaker.get(place)) if own is not None), key=lambda own: own.promise,
+                  default=None)
+        if fit is not None:
+            found.starts.append(started(found, origin, fit))
+            if is_worth(found, one, fit) or not is_told(fit.prediction.point, found.baseline):
+                going.append(fit)
+            found.keep([fit])
+    go_on(found, sorted(going, key=lambda one: one.promise)[:found.effort.going], found.effort.last_steps)
+    return [one for one, fit in zip(laid, first_fits, strict=True) if is_untold(found, one, fit)]
+
+
+def is_explained(found: Search) -> bool:
+    """Tell whether a set leaves no more beyond noise than noise itself."""
+    return min(fit.chi_squared for fit in found.fits.values()) <= 2.0 * found.experiment.measurement.expected
+
+
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
     """Fit some sets of a size on step by step, those that may become the best of that size.
 
-    They still move through their ranges, so that nobody knows where they will end, or fall by factors that would bring
-    them there in the steps that are left.
+    They fall by factors that would bring them there in the steps that are left, or still move through their ranges, so
+    that nobody knows where they will end, and nothing else explains all.
     """
     for left in reversed(range(steps)):
         fits = found.pool(fit_task, [found.further(one, 1) for one in going])
@@ -224,5 +234,5 @@ def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
         best = {size: min(one.objective for names, one in found.fits.items() if len(names) == size)
                 for size in {len(fit.effects) for fit in going}}
         going = [fit for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged and (
-            has_moved(fit, before.z)
+            (has_moved(fit, before.z) and not is_explained(found))
             or fit.objective * (fit.objective / before.objective)**left <= best[len(fit.effects)])]
