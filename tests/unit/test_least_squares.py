@@ -19,7 +19,10 @@ ROUGH, FINE = 1.0, 0.1
 
 @dataclass(frozen=True)
 class Valley:
-    """Rosenbrock's valley as an experiment, ``(z0, 3 (z1 - z0^2))``, with ripples that finer solutions make smaller."""
+    """Rosenbrock's valley as an experiment, ``(z0, 3 (z1 - z0^2))`` seen twice, with ripples of their own.
+
+    Finer solutions make these smaller.
+    """
 
     ripple: float = 0.0
     tolerance: float = ROUGH
@@ -32,13 +35,14 @@ class Valley:
         return SimpleNamespace(values=self.smooth(TRUE))
 
     def smooth(self, z: np.ndarray) -> np.ndarray:
-        """Return the exact model's values (2,)."""
-        return np.array([z[0], self.bend * (z[1] - z[0]**2)])
+        """Return the exact model's values (4,)."""
+        return np.tile([z[0], self.bend * (z[1] - z[0]**2)], 2)
 
     def predict(self, point: Point, near: Any = None) -> Prediction:
         """Return the values with the ripples."""
         z, rough = point.z, self.ripple * self.tolerance
-        return Prediction(point, self.smooth(z) + rough * np.array([np.sin(400.0 * z[1]), np.sin(900.0 * z[0])]))
+        ripples = np.sin([400.0 * z[1], 900.0 * z[0], 700.0 * z[0], 500.0 * z[1]])
+        return Prediction(point, self.smooth(z) + rough * ripples)
 
     def changes(self, prediction: Prediction, points: Any) -> np.ndarray:
         """Return those of the exact model."""
@@ -101,9 +105,33 @@ def test_a_fit_that_goes_on_makes_no_derivatives_anew_where_it_stands() -> None:
     fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
     first, whole = fitter.fit(start, None, 1), fitter.fit(start, None, 2)
     counted.clear()
-    second = fitter.fit(first.prediction.point, first.prediction, 1, first.jacobian)
+    second = fitter.fit(first.prediction.point, first.prediction, 1, first.jacobian, first.secant)
     assert second.z == pytest.approx(whole.z, abs=1e-12)
-    assert [one.z.tolist() for one in counted] == [second.z.tolist()]
+    assert second.secant is whole.secant
+    assert first.z.tolist() not in [one.z.tolist() for one in counted]
+
+
+@pytest.mark.parametrize("bend", [0.5, 3.0])
+def test_derivatives_are_made_anew_where_they_told_too_little_and_where_a_fit_rests(bend: float) -> None:
+    """Secants make the way in fewer derivatives than steps; both valleys' fits end where they should."""
+    made: list[np.ndarray] = []
+    seen: list[np.ndarray] = []
+
+    class Counting(Valley):
+        def changes(self, prediction: Prediction, points: Any) -> np.ndarray:
+            made.append(prediction.point.z)
+            return super().changes(prediction, points)
+
+        def predict(self, point: Point, near: Any = None) -> Prediction:
+            seen.append(point.z)
+            return super().predict(point, near)
+
+    end = found(Counting(bend=bend))
+    assert end.converged
+    assert not end.secant
+    assert end.z == pytest.approx(TRUE, abs=0.05)
+    np.testing.assert_array_equal(made[-1], end.z)
+    assert len(made) < len(seen)
 
 
 def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:

@@ -2,6 +2,8 @@
 
 With whitened residual r(z) and coordinates z that are standard normal beforehand, ``|r|^2 + |z|^2`` is minimised by
 Gauss-Newton. A step that makes the fit worse is damped (D. W. Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431-441).
+Derivatives that told what a step would bring are carried on by its secant (C. G. Broyden, Math. Comput. 19 (1965)
+577-593); no fit comes to rest by these.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from fretflow.inference.parameters import FARTHEST, HALF, Array, Parameters
 # Fall of the objective that is not worth another prediction: a factor e in probability, "not worth more than a bare
 # mention" (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795).
 ENOUGH = 2.0
+TOLD = 0.75  # of a fall: what told as much is right about there (R. Fletcher, Practical Methods of Optimization (1980))
 # Of a step, tried in turn by Marquardt's factor of ten until one improves the fit: from one that leaves the step as it
 # is to one that leaves a hundredth of it.
 DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)
@@ -34,6 +37,7 @@ class Fit:
     whitened_jacobian: Array
     converged: bool
     provisional: bool = False  # whether the derivatives are those of where it was begun
+    secant: bool = False  # whether they were carried on by secants since they were made
 
     @property
     def parameters(self) -> Parameters:
@@ -84,22 +88,27 @@ class Fitter:
     experiment: Experiment
     covariance: Covariance
 
-    def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize, slopes: Array | None = None
-            ) -> Fit:
+    def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize, slopes: Array | None = None,
+            secant: bool = False) -> Fit:
         """Return the most probable parameters from a start, by so many steps at most; each is worth `ENOUGH`.
 
-        The derivatives there, (M, P) in SI, are made where they are not known.
+        The derivatives there, (M, P) in SI, are made where they are not known, if by secants alone.
 
         Raises
         ------
         NonConvergenceError
             If the start itself has no solution.
         """
-        now, first = self.linearised(self.experiment.predict(point, near), slopes), 0
+        now, first = replace(self.linearised(self.experiment.predict(point, near), slopes), secant=secant), 0
         for steps in range(iterations):
+            if now.secant and now.objective - now.promise < ENOUGH:
+                now = self.linearised(now.prediction)
             if now.objective - now.promise < ENOUGH:
                 return replace(now, converged=True)
             better, taken = self._improved(now, first)
+            if now.secant and now.objective - better.objective < ENOUGH:
+                now, first = self.linearised(better.prediction), 0
+                continue
             fell, now, first = now.objective - better.objective, better, max(0, taken - 1)
             if fell < ENOUGH:
                 finer = self.experiment.finer()
@@ -129,8 +138,19 @@ class Fitter:
                 continue
             residual = self.covariance.whiten(self.experiment.measurement.values - found.values)
             if float(residual @ residual + z @ z) < now.objective:
-                return self.linearised(replace(found, point=found.point.turned())), place
+                return self._carried(now, replace(found, point=found.point.turned())), place
         return now, len(DAMPINGS)
+
+    def _carried(self, now: Fit, found: Prediction) -> Fit:
+        """Return a better prediction with derivatives: by a secant where those before told what it would bring."""
+        if found.point.parameters != now.parameters:
+            return self.linearised(found)
+        moved = found.point.z - now.z
+        missed = found.values - now.predicted - now.jacobian @ moved
+        fit = self.linearised(found, now.jacobian + np.outer(missed, moved) / float(moved @ moved))
+        told = now.residual - now.whitened_jacobian @ moved
+        fall = now.objective - float(told @ told + fit.z @ fit.z)
+        return replace(fit, secant=True) if now.objective - fit.objective >= TOLD * fall else self.linearised(found)
 
 
 def _step(now: Fit, damping: float = 0.0) -> Array:

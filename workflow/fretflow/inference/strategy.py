@@ -148,7 +148,7 @@ def correct(found: Search, of: Sequence[int]) -> None:
             now = found.fits[names]
             anew = own.experiment.predict(now.prediction.point, now.prediction)
             found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged,
-                                        provisional=now.provisional)
+                                        provisional=now.provisional, secant=now.secant)
         found.fitters.update(put_right)
         found.sign(put_right)
         again = [names for names in put_right if found.log_evidence(names) > -NEGLIGIBLE + max(
@@ -156,7 +156,7 @@ def correct(found: Search, of: Sequence[int]) -> None:
         for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
             if fit is not None:
                 found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
-                                            converged=fit.converged)
+                                            converged=fit.converged, secant=fit.secant)
 
 
 def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
