@@ -297,6 +297,13 @@ def test_names_that_are_copied_are_never_broken(capsys, monkeypatch, width, tmp_
     assert "e+0" not in said
 
 
+def test_a_sheet_shows_no_markup_of_a_docstring(capsys, tmp_path):
+    assert fretflow("effects", "channel-delay", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "Measured force T(t - tau): " in said
+    assert "`" not in said
+
+
 @pytest.mark.parametrize("width", ["60", "70"])
 def test_a_narrow_terminal_loses_no_letter(capsys, monkeypatch, width, tmp_path):
     said = []
