@@ -220,6 +220,14 @@ def test_where_nothing_is_missing_no_ranking_and_no_place_by_chance_is_shown(cas
     assert "far" in page.text
 
 
+@pytest.mark.parametrize(("p", "told"), [(1e-15, True), (0.5, False)])
+def test_nothing_missing_beside_a_small_p_value_is_explained(cases, p, told):
+    """Its null knows the errors of measurement alone, as of a motion that was smoothed."""
+    found = cases.none()
+    page = page_of(replace(found, detection=replace(found.detection, p_value=p)))
+    assert ("errors of the model itself" in page.text) == told
+
+
 def test_values_of_a_model_that_explains_little_are_no_parameters(cases):
     found = replace(cases.unknown(), parameters=cases.named().parameters)
     assert "of a model that does not explain the recording" in page_of(found).text
