@@ -142,6 +142,12 @@ def test_pictures_and_curves_are_there_and_render_draws_them_again(home, capsys)
     assert [path.name for path in drawn] == ["loops.svg", "loops.pdf", "loops.csv"]
 
 
+def test_pictures_of_every_format_are_listed(home, tmp_path, capsys):
+    own = again(home, tmp_path, "[output]", '[output]\nfigures = ["loops", "period"]\nfigure_formats = ["svg"]', "render")
+    said = capsys.readouterr().out
+    assert all(str(complete_stages(own)["render"] / name) in said for name in ("loops.svg", "period.gif"))
+
+
 def test_a_second_call_computes_nothing_and_modes_reuses_the_meshes(home, capsys):
     assert cli.execute(["run", str(QUICK), "--out", str(home.parent)]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if re.match(r"\w+ +\S+ +/", line)]
