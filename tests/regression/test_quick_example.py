@@ -143,7 +143,8 @@ def test_pictures_and_curves_are_there_and_render_draws_them_again(home, capsys)
 
 
 def test_pictures_of_every_format_are_listed(home, tmp_path, capsys):
-    own = again(home, tmp_path, "[output]", '[output]\nfigures = ["loops", "period"]\nfigure_formats = ["svg"]', "render")
+    asked = '[output]\nfigures = ["loops", "period"]\nfigure_formats = ["svg"]'
+    own = again(home, tmp_path, "[output]", asked, "render")
     said = capsys.readouterr().out
     assert all(str(complete_stages(own)["render"] / name) in said for name in ("loops.svg", "period.gif"))
 
