@@ -94,7 +94,8 @@ def _show(console: Terminal, found: Diagnosis) -> None:
     console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
     console.print(f"[bold]{words.headline(found)}.[/bold] {escape(found.sentence)}", soft_wrap=True)
     console.print(f"probability: {words.probability(found.probability)} {words.probability_of(found)}")
-    console.print(f"by errors of measurement alone: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
+    if found.detection.tests:
+        console.print(f"by errors of measurement alone: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
     if found.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained")
         for one in found.ranking[:MOST_RANKED]:
