@@ -204,6 +204,7 @@ def test_even_wear_is_drawn_on_colours_that_begin_above_zero(cases):
     wear = replace(found.wear_map, measured=even[0], before=even[1], after=even[2])
     text = render_report(replace(found, wear_map=wear))
     assert "The colours begin at 9.30 µm, not at zero" in Page(text).text
+    assert {*re.findall(r"sliding direction \(([^)]*)\)", text)} == {"mm"}  # of maps and profiles alike
     (picture,) = cases.drawn(text, "wear depth measured")[None]["image"]
     assert (picture.min(), picture.max()) == pytest.approx((9.3, 10.2), abs=0.02)
 

@@ -183,8 +183,8 @@ def _physics(d: Diagnosis) -> Iterator[Physics]:
 def _how_sure(d: Diagnosis) -> tuple[str, ...]:
     """Return why something, or nothing, is taken to be missing, and why it is or is not named."""
     if d.detection.statistic == INSTRUMENTS:
-        return ("Before any model was fitted, the channels were held to each other and to the rig's equations of motion, "
-                "which hold whatever the contact does. Once they are put right, diagnose the recording again.",)
+        return ("Before any model was fitted, the channels were held to the rig's equations of motion, which hold "
+                "whatever the contact does. Once they are put right, diagnose the recording again.",)
     p, rate = words.p_value(d.detection.p_value), words.percent(d.detection.false_alarm_rate)
     test = f" ({d.detection.statistic})" if d.detection.statistic else ""
     found = ("The baseline's own parameters were refitted first, so that a wrong friction coefficient is not taken "

@@ -95,7 +95,8 @@ def _show(console: Terminal, found: Diagnosis) -> None:
     console.print(f"[bold]{words.headline(found)}.[/bold] {escape(found.sentence)}", soft_wrap=True)
     console.print(f"probability: {words.probability(found.probability)} {words.probability_of(found)}")
     if found.detection.tests:
-        console.print(f"by errors of measurement alone: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
+        chance = f"p = {words.p_value(found.detection.p_value)}".replace("= <", "<")
+        console.print(f"by errors of measurement alone: {chance}")
     if found.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained")
         for one in found.ranking[:MOST_RANKED]:
