@@ -19,6 +19,7 @@ exclude_patterns = ["_build", "tutorials", "gallery", "_made/effect_list.md", "_
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence", "attrs_block"]
 myst_heading_anchors = 3
 default_role = "literal"  # single backticks of docstrings
+smartquotes = False  # what is copied into a shell keeps its quotes and dashes
 
 html_theme = "furo"
 html_title = f"fretflow {release}"

@@ -40,7 +40,7 @@ study = ff.study_joint(joint, np.geomspace(1e-5, 6e-4, 13) / shape, periodic=2, 
                        title="Half Brake-Reuss beam, coarse mesh")
 curve = study.curve
 for k in range(0, 13, 2):
-    print(f"tip {1e6 * abs(curve.outputs[k, 0]):7.1f} um: {curve.frequency[k]:.2f} Hz, "
+    print(f"tip {1e6 * abs(curve.outputs[k, 0]):7.1f} µm: {curve.frequency[k]:.2f} Hz, "
           f"{100.0 * curve.damping[k]:.2f} % damping, {curve.sliding[k]} points slide")
 assert curve.frequency[-1] < mode.frequency
 print(f"energy of a cycle goes with the amplitude to the power {study.slope:.1f}")
@@ -52,7 +52,7 @@ for motion in study.motions:
 
 worn = study.worn
 print(f"after {worn.cycles[-1]:,} cycles {1e9 * worn.volume[-1]:.3f} mm3 are worn off, "
-      f"{1e6 * worn.depth[-1].max():.2f} um at most")
+      f"{1e6 * worn.depth[-1].max():.2f} µm at most")
 assert abs(worn.volume[-1] * 0.6 / (1e-14 * worn.energy[-1]) - 1.0) < 0.05  # Archard: K_w / mu times the energy
 for file in study.draw(folder):
     print(file)

@@ -43,9 +43,9 @@ history = settle(problem, period, (3, 20), 1024, 1e-4)  # no Fourier series in i
 swing = np.ptp(history.of_period(history.outputs["tip"]))
 for name, found in (("quasi-static", period), ("DLFT", few)):
     moved = np.ptp(found.output("tip"))
-    print(f"{name}: tip moves {1e6 * moved:.2f} um, {1e3 * found.dissipated_energy:.3f} mJ a cycle")
+    print(f"{name}: tip moves {1e6 * moved:.2f} µm, {1e3 * found.dissipated_energy:.3f} mJ a cycle")
     assert abs(moved / swing - 1.0) < 0.01
-print(f"in time: tip moves {1e6 * swing:.2f} um, {1e3 * history.dissipated_energy[-1]:.3f} mJ a cycle")
+print(f"in time: tip moves {1e6 * swing:.2f} µm, {1e3 * history.dissipated_energy[-1]:.3f} mJ a cycle")
 
 balance = energy_balance(problem, period)
 assert balance.error < 1e-7  # the excitation's work is what friction and dashpots take

@@ -22,7 +22,7 @@ for label, chosen in settings.items():
     loop = found.loops.sel(cycles=0)
     loop = loop.isel(phase=[*range(loop.sizes["phase"]), 0])
     error = found.periods[0].error_estimate
-    axes.plot(1e6 * loop.face_displacement, loop.friction_force, label=f"{label}, states {error:.1%}")
+    axes.plot(1e6 * loop.face_displacement, loop.friction_force, label=f"{label}, states {100 * error:.1f} %")
 axes.set(xlabel="displacement of the faces in µm", ylabel="friction force in N")
 axes.legend()
 plt.show()

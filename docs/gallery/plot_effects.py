@@ -3,7 +3,7 @@ All effects at a glance
 =======================
 
 What each effect of the catalogue does, with its default parameters: mostly a loop without (blue) and with it, else the
-law itself.
+law itself. Where both loops look alike here, the :doc:`effect's own page </effects>` draws their difference.
 """
 
 import fretflow as ff

@@ -19,7 +19,7 @@ def write_effects() -> None:
     write("effect_list.md", table(("effect", "changes", "is"), rows))
     for name, kind in known.items():
         write(f"effects/{name}.md", effect_page(name, kind))
-        draw_sketch(kind, MADE / "effects" / f"{name}.svg")
+        draw_picture(kind, MADE / "effects" / f"{name}.svg")
 
 
 def effect_page(name: str, kind: Any) -> str:
@@ -81,23 +81,19 @@ def example_of(name: str, kind: Any) -> str:
     return "\n".join(["```toml", f"[effects.{name}]", *lines, "```"])
 
 
-def draw_sketch(kind: Any, path: Path) -> None:
+def draw_picture(kind: Any, path: Path) -> None:
     """Draw what an effect does; drawn again only when the picture's code or the effect's file is newer."""
     import matplotlib
-    from fretflow_post import style
+    from fretflow_post import effect_sheet, style
 
-    sources = [Path(__file__), *(ROOT / "workflow" / "fretflow" / "effects").glob("*.py")]
+    sources = [Path(__file__), Path(effect_sheet.__file__), *(ROOT / "workflow" / "fretflow" / "effects").glob("*.py")]
     if path.is_file() and path.stat().st_mtime > max(file.stat().st_mtime for file in sources):
         return
     sketch = kind().sketch()
+    beneath = int(effect_sheet.is_comparable(sketch))
     with style.styled(), matplotlib.rc_context({"svg.hashsalt": "fretflow", "font.size": 11, "axes.labelsize": 11,
                                                 "xtick.labelsize": 10, "ytick.labelsize": 10, "legend.fontsize": 10}):
-        figure = Figure(figsize=(7.2, 3.4), layout="constrained")
-        axes = figure.add_subplot()
-        for k, (label, (x, y)) in enumerate(sketch.curves.items()):
-            colour, line = style.curve_look(k)
-            axes.plot(x, y, color=colour, linestyle=line, label=label)
-        axes.set(xlabel=sketch.x_label, ylabel=sketch.y_label)
-        if any(sketch.curves):
-            axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+        figure = Figure(figsize=(7.2, 3.4 + 1.2 * beneath), layout="constrained")
+        panels = figure.subplots(1 + beneath, squeeze=False, height_ratios=[3, 1.4][:1 + beneath])[:, 0]
+        effect_sheet.draw_sketch(panels, sketch)
         figure.savefig(path, metadata={"Date": None})

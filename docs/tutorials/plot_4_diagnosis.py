@@ -49,7 +49,7 @@ force = { column = "force_N", unit = "N" }
 # missing physics.
 
 plain = ff.diagnose(make_recording(Path("runs/plain"), 0.0))
-print(plain.verdict, f"at probability {plain.probability:.2f}")
+print(plain.verdict)
 
 # %%
 # The second is not, and the play is named, with its size and a 90 % interval.

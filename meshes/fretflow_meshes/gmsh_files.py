@@ -172,7 +172,8 @@ def _elements(gmsh: Any, path: Path, name: str, groups: dict[str, NDArray[np.int
     if len(kinds) != 1 or next(iter(kinds)) not in accepted:
         have, need = (" or ".join(gmsh.model.mesh.getElementProperties(k)[0] for k in of) or "no elements"
                       for of in (kinds, accepted))
-        raise MeshError(f"{path}: group {name} holds {have}; it must hold {need} only, so recombine the mesh")
+        raise MeshError(f"{path}: group {name} holds {have}; it must hold {need} only; recombine the mesh, "
+                        "or have gmsh cut it into hexahedra (Mesh.SubdivisionAlgorithm = 2)")
     ((kind, blocks),) = kinds.items()
     width = gmsh.model.mesh.getElementProperties(kind)[3]
     return np.concatenate(blocks).astype(np.int64).reshape(-1, width)

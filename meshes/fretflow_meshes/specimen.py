@@ -24,6 +24,7 @@ from fretflow.core.errors import MeshError, PlatformError
 from fretflow.core.isolated import call_isolated
 from fretflow.core.specimen_mesh import MeshGeometry, MeshSummary
 from fretflow.core.store import write_record
+from fretflow.core.units import per_cent
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -157,7 +158,7 @@ def face_profile(specimen: Specimen, side: Side, nodes: NDArray[np.float64]) -> 
     if profile.max() > limit:
         needed = specimen.face_radius * profile.max() / limit
         raise MeshError(f"specimen.{side}.face_radius: the face falls off by {1e6 * profile.max():.4g} µm, "
-                        f"above {MAX_PROFILE_SHARE:.0%} of ridge_height, too much for an initial gap on a "
+                        f"above {per_cent(MAX_PROFILE_SHARE)} of ridge_height, too much for an initial gap on a "
                         f"flat mesh; give at least {1e3 * needed:.4g} mm")
     return profile
 

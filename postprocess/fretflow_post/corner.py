@@ -79,7 +79,7 @@ def _readable(name: str, si: str, draws: Array) -> tuple[str, Array]:
     middle = float(np.median(np.abs(draws)))
     unit, size = readable_unit(middle, si)
     power = int(np.floor(np.log10(middle / size))) if middle > 0.0 else 0
-    if abs(power) > LONGEST:  # told in the label once
+    if not -LONGEST < power <= LONGEST:  # told in the label once
         unit, size = f"$10^{{{power}}}$ {pretty_unit(unit)}".rstrip(" 1"), size * 10.0**power
     of, _, own = name.rpartition(".")
     unit = pretty_unit(unit)
@@ -119,5 +119,6 @@ def _correlation(figure: Figure, box: tuple[float, float, float, float], x: Arra
     if _varies(x) and _varies(y):
         left, bottom, width, height = box
         r = float(np.corrcoef(x, y)[0, 1])
-        figure.text(left + 0.5 * width, bottom + 0.5 * height, f"{r:.2f}".replace("-", "−"), ha="center", va="center",
-                    fontsize=size, color=style.EDGE_COLOUR, alpha=0.35 + 0.65 * abs(r))
+        told = f"{round(r, 2) + 0.0:.2f}".replace("-", "−")  # no minus before nothing
+        figure.text(left + 0.5 * width, bottom + 0.5 * height, told, ha="center", va="center", fontsize=size,
+                    color=style.EDGE_COLOUR, alpha=0.35 + 0.65 * abs(r))

@@ -142,12 +142,21 @@ def test_pictures_and_curves_are_there_and_render_draws_them_again(home, capsys)
     assert [path.name for path in drawn] == ["loops.svg", "loops.pdf", "loops.csv"]
 
 
+def test_pictures_of_every_format_are_listed(home, tmp_path, capsys):
+    asked = '[output]\nfigures = ["loops", "period"]\nfigure_formats = ["svg"]'
+    own = again(home, tmp_path, "[output]", asked, "render")
+    said = capsys.readouterr().out
+    assert all(str(complete_stages(own)["render"] / name) in said for name in ("loops.svg", "period.gif"))
+
+
 def test_a_second_call_computes_nothing_and_modes_reuses_the_meshes(home, capsys):
     assert cli.execute(["run", str(QUICK), "--out", str(home.parent)]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if re.match(r"\w+ +\S+ +/", line)]
     assert len(lines) == 7
     assert all(" reused " in line for line in lines)
     assert cli.execute(["modes", str(QUICK), "--out", str(home.parent)]) == 0
-    assert "Craig-Bampton" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Craig-Bampton" in said
+    assert re.search(r" \d{3},\d{3}\.\d\d ", said)  # large numbers as elsewhere
     assert (home / "modes.csv").is_file()
     assert (home / "modes.png").is_file()

@@ -194,7 +194,7 @@ def test_a_full_disk_anywhere_is_one_line_that_names_the_file(capsys, monkeypatc
 def test_an_interrupt_says_that_the_run_goes_on_where_it_stopped(case, failing, capsys, tmp_path):
     failing(KeyboardInterrupt())
     assert fretflow("run", case, "--out", tmp_path / "runs") == 130
-    assert "continues where it stopped" in one_line(capsys)
+    assert "goes on from what is complete" in one_line(capsys)
 
 
 def test_the_unexpected_is_one_line_with_its_traceback_in_a_file(case, failing, capsys, tmp_path):
@@ -295,6 +295,13 @@ def test_names_that_are_copied_are_never_broken(capsys, monkeypatch, width, tmp_
     assert all(name in said for name in catalogue()["third-body"].model_fields)
     assert " um" not in said
     assert "e+0" not in said
+
+
+def test_a_sheet_shows_no_markup_of_a_docstring(capsys, tmp_path):
+    assert fretflow("effects", "channel-delay", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "Measured force T(t - tau): " in said
+    assert "`" not in said
 
 
 @pytest.mark.parametrize("width", ["60", "70"])

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 from fretflow.case.config import load_case
-from fretflow.core.errors import MeshError, StoreError
+from fretflow.core.errors import InputError, MeshError, StoreError
+from fretflow.pipeline import estimate
 from fretflow.pipeline import stages as pipeline_stages
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.runner import Runner
@@ -110,6 +111,15 @@ def test_the_mesh_stage_reports_the_quality_of_both_meshes(tmp_path, side):
     assert 0.7 < quality.pop(side) < 0.9  # of the angles outside of the core's corners, halved from 270 degrees
     assert next(iter(quality.values())) == pytest.approx(1.0, abs=1e-9)  # bricks
     assert figures["contact_nodes"] == 25
+
+
+def test_a_mesh_that_is_made_alone_needs_no_memory_for_what_would_follow(tmp_path, monkeypatch):
+    monkeypatch.setattr(estimate, "free_memory", lambda: 1e5)
+    pipeline_stages.MESH.run(StageContext(load_case(QUICK), tmp_path, {}, lambda share, text: None))
+    own = tmp_path / "own.toml"
+    own.write_text(QUICK.read_text().replace("[mesh]", "[mesh]\nupper = 'upper.msh'\nlower = 'lower.msh'"))
+    with pytest.raises(InputError, match="nodes on each contact face = 25: needs"):
+        pipeline_stages.MESH.run(StageContext(load_case(own), tmp_path, {}, lambda share, text: None))
 
 
 def test_a_full_disk_is_named_where_gmsh_only_fails_to_read_back(tmp_path, monkeypatch):

@@ -66,6 +66,17 @@ def test_regions_hold_their_shares_of_a_normal_distribution():
     assert np.median(off) < 0.05
 
 
+def test_small_numbers_are_told_with_a_power_of_ten_and_no_correlation_has_no_sign():
+    """Ticks as long as 0.00184 would run into each other."""
+    x = np.tile([1.0, -1.0], 200)
+    with style.styled():
+        figure = style.new_figure("", "")
+        corner.plot_corner(figure, [("a.damping", "1", 1.84e-3 + 1e-5 * np.repeat([1.0, -1.0], 200)),
+                                    ("a.y", "1", x - 1e-5 * np.repeat([1.0, -1.0], 200))])
+    assert figure.axes[1].get_xlabel() == "a\ndamping\n($10^{-3}$)"
+    assert figure.texts[-1].get_text() == "0.00"
+
+
 def test_draws_tell_the_stated_interval():
     mean, covariance = np.array([0.3, -1.0]), np.array([[0.5, 0.3], [0.3, 0.4]])
     draws = drawn(mean, covariance)

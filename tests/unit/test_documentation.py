@@ -37,6 +37,24 @@ def test_every_effect_says_on_its_page_what_would_confirm_it(monkeypatch):
     assert all(f"[{one}]({one}.md)" in pages[other] for pair in pairs for one, other in (pair, pair[::-1]))
 
 
+def test_what_an_effect_changes_a_little_is_drawn_beneath(monkeypatch, tmp_path):
+    """A dashpot's loop is by a fiftieth another; axes of a picture are named `axes_1` and on."""
+    monkeypatch.syspath_prepend(PROJECT / "docs")
+    pytest.importorskip("sphinx")
+    from fretflow.effects.catalogue import catalogue
+    from pages.effects import draw_picture
+
+    for name, panels in (("viscous", 2), ("friction-run-in", 1)):
+        draw_picture(catalogue()[name], tmp_path / f"{name}.svg")
+        assert (tmp_path / f"{name}.svg").read_text(encoding="utf-8").count('id="axes_') == panels
+
+
+def test_prose_has_micrometres_and_cubes_as_they_are_printed():
+    for page in PAGES:
+        prose = re.sub(r"(?s)```.*?```|`[^`]*`|(?m:^    .*?$)", "", page.read_text(encoding="utf-8"))
+        assert re.findall(r"\d um\b|\bm[23]/", prose) == [], page
+
+
 def test_tables_of_keys_tell_what_a_key_takes(monkeypatch):
     monkeypatch.syspath_prepend(PROJECT / "docs")
     pytest.importorskip("sphinx")

@@ -386,6 +386,8 @@ def test_instruments_at_fault_are_no_missing_physics(recordings: Path, tmp_path:
     assert "Instruments at fault" in page
     assert "Not in the catalogue" not in page
     assert "the catalogue lacks" not in page
+    assert "refitted" not in page
+    assert "p = " not in page
 
 
 @pytest.mark.real_data

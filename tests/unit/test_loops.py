@@ -115,6 +115,12 @@ def test_loops_that_cannot_be_read(change, message):
         HysteresisLoop(displacement=x, force=force)
 
 
+def test_a_force_of_round_off_is_no_friction():
+    x, force = jenkins_loop()
+    with pytest.raises(InputError, match="loop: its force is round-off beside the normal load of 60 N"):
+        read_loop(HysteresisLoop(displacement=x, force=1e-17 * force), LOAD)
+
+
 def test_load_must_be_positive():
     x, force = jenkins_loop()
     with pytest.raises(InputError, match="normal_load"):

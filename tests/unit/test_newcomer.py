@@ -49,6 +49,7 @@ def home(make, tmp_path_factory):
     ("loops quick.toml", "format: is a case, which `fretflow run` takes"),
     ("loops alone", "which `fretflow init --recording FILE` writes for a file of loops"),
     ("diagnose empty", "which `fretflow init --recording FILE` writes for a file of loops"),
+    ("diagnose cases", "for a file of loops, or one table of wear tests"),
     ("init --recording rec", "rec: is no file; name one of loops"),
     ("init nowhere/case.toml", "nowhere/case.toml: cannot be written"),
     ("loops loops.csv --displacement um", 'a unit alone stands in brackets, "[um]"'),

@@ -143,7 +143,7 @@ def test_loop_with_a_long_hole_is_left_out(tmp_path, make, exact):
     assert recording.loops.repeats.tolist() == [1, 2]
     assert np.isnan(recording.loops.force[0, 1]).all()
     assert_readings(recording.loops, exact)
-    assert notes_about(recording, "loop left out: friction_force: more than 5%")[0].rows == ((1, 200),)
+    assert notes_about(recording, "loop left out: friction_force: more than 5 %")[0].rows == ((1, 200),)
 
 
 def test_period_with_a_hole_is_left_out_and_its_neighbours_stay(tmp_path, make, exact):
@@ -163,7 +163,7 @@ def test_gap_in_time_is_bridged_or_refused(tmp_path, make, exact):
     assert_readings(recording.loops, exact, mu=2e-3, stiffness=2e-2, lengths=2e-3)
     made.columns = {name: np.delete(values, np.r_[40:70]) for name, values in made.columns.items()}
     recording = read_joint_recording(made.write(tmp_path / "long"))
-    assert notes_about(recording, "5% of a period is missing in one place")[0].rows == ((1, 166),)
+    assert notes_about(recording, "5 % of a period is missing in one place")[0].rows == ((1, 166),)
 
 
 def test_uneven_sampling(tmp_path, make, exact, spring_slider):
@@ -183,7 +183,7 @@ def test_last_loop_cut_off(tmp_path, make):
     made.columns = {name: values[:-80] for name, values in made.columns.items()}
     recording = read_joint_recording(made.write(tmp_path))
     assert recording.loops.repeats.tolist() == [2, 1]
-    assert notes_about(recording, "60% of a period")[0].rows == ((601, 720),)
+    assert notes_about(recording, "60 % of a period")[0].rows == ((601, 720),)
 
 
 @pytest.mark.parametrize(("spoil", "message"), [
@@ -402,7 +402,7 @@ def test_a_saturated_channel_is_named_with_its_rows(tmp_path, make):
     rows = np.flatnonzero(np.abs(made.columns["friction_force"]) == 18.0)
     (note,) = notes_about(read_joint_recording(made.write(tmp_path)), "saturated")
     assert note.channel == "friction_force"
-    assert note.text.startswith(f"stands still at 18 N, in {len(rows) / 800:.0%} of the samples")
+    assert note.text.startswith(f"stands still at 18 N, in {len(rows) / 8:.0f} % of the samples")
     assert sum(b - a + 1 for a, b in note.rows) == len(rows)
     simulated = make(cycles=(0,), repeats=1, periods=4)  # whose plateaus are exact
     assert not notes_about(read_joint_recording(simulated.write(tmp_path / "b")), "saturated")

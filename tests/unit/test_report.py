@@ -204,6 +204,7 @@ def test_even_wear_is_drawn_on_colours_that_begin_above_zero(cases):
     wear = replace(found.wear_map, measured=even[0], before=even[1], after=even[2])
     text = render_report(replace(found, wear_map=wear))
     assert "The colours begin at 9.30 µm, not at zero" in Page(text).text
+    assert {*re.findall(r"sliding direction \(([^)]*)\)", text)} == {"mm"}  # of maps and profiles alike
     (picture,) = cases.drawn(text, "wear depth measured")[None]["image"]
     assert (picture.min(), picture.max()) == pytest.approx((9.3, 10.2), abs=0.02)
 
@@ -218,6 +219,14 @@ def test_where_nothing_is_missing_no_ranking_and_no_place_by_chance_is_shown(cas
     assert "nothing added (baseline)" not in page.text
     assert "knee" not in page.text
     assert "far" in page.text
+
+
+@pytest.mark.parametrize(("p", "told"), [(1e-15, True), (0.5, False)])
+def test_nothing_missing_beside_a_small_p_value_is_explained(cases, p, told):
+    """Its null knows the errors of measurement alone, as of a motion that was smoothed."""
+    found = cases.none()
+    page = page_of(replace(found, detection=replace(found.detection, p_value=p)))
+    assert ("errors of the model itself" in page.text) == told
 
 
 def test_values_of_a_model_that_explains_little_are_no_parameters(cases):

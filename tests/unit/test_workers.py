@@ -112,7 +112,7 @@ def test_an_interruption_is_one_line_and_ends_the_workers(lasting, whom):
     process, workers = lasting
     whom(process.pid, signal.SIGINT)
     _, error = process.communicate(timeout=PATIENCE)
-    assert error == "fretflow: interrupted; the same command continues where it stopped\n"
+    assert error == "fretflow: interrupted; the same command goes on from what is complete\n"
     assert process.returncode == 130
     assert have_ended(workers)
 
@@ -148,7 +148,7 @@ def test_an_interruption_is_not_lost_in_a_library(answer, tmp_path):
             _, error = process.communicate(timeout=10)
         finally:
             process.kill()
-    assert error == "fretflow: interrupted; the same command continues where it stopped\n"
+    assert error == "fretflow: interrupted; the same command goes on from what is complete\n"
     assert process.returncode == 130
 
 

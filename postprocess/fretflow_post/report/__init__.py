@@ -31,6 +31,7 @@ from fretflow_post.report.wear import wear_views
 
 PAGE = Path(__file__).parent / "page"
 MOST_RANKED, MOST_PLACES = 8, 10  # shown at once; the rest unfolds
+INSTRUMENTS = "instruments"  # what detected that they are at fault, which is no test of a model
 AS_GOOD_AS_REPEATED = 1.1  # times the repeatability floor
 
 
@@ -149,8 +150,9 @@ def _tiles(d: Diagnosis) -> Iterator[Tile]:
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
         yield Tile("Explained", words.percent(best.explained), what)
-    yield Tile("Chance alone", f"p = {words.p_value(d.detection.p_value)}".replace("= <", "<"),
-               "of a difference this large if nothing were missing")
+    if d.detection.statistic != INSTRUMENTS:
+        yield Tile("Errors of measurement alone", f"p = {words.p_value(d.detection.p_value)}".replace("= <", "<"),
+                   "of a difference this large by them")
     if d.held_out is not None and math.isfinite(d.held_out.before):
         changed = d.verdict is not Verdict.NONE and math.isfinite(d.held_out.after)
         value = words.number(d.held_out.before) + (f" → {words.number(d.held_out.after)}" if changed else "")
@@ -180,13 +182,20 @@ def _physics(d: Diagnosis) -> Iterator[Physics]:
 
 def _how_sure(d: Diagnosis) -> tuple[str, ...]:
     """Return why something, or nothing, is taken to be missing, and why it is or is not named."""
+    if d.detection.statistic == INSTRUMENTS:
+        return ("Before any model was fitted, the channels were held to the rig's equations of motion, which hold "
+                "whatever the contact does. Once they are put right, diagnose the recording again.",)
     p, rate = words.p_value(d.detection.p_value), words.percent(d.detection.false_alarm_rate)
     test = f" ({d.detection.statistic})" if d.detection.statistic else ""
     found = ("The baseline's own parameters were refitted first, so that a wrong friction coefficient is not taken "
-             f"for missing physics. What is left would be this large by chance with probability p = {p}{test}. ")
+             "for missing physics. What is left would be this large by errors of measurement alone with probability "
+             f"p = {p}{test}. ")
     rule = f"The threshold raises a false alarm in {rate} of recordings from which nothing is missing."
     lines = [(found + rule).replace("p = <", "p <")]
     best = _accepted(d)
+    if d.verdict is Verdict.NONE and d.detection.p_value < d.detection.false_alarm_rate:
+        lines.append("So they alone are not the reason; errors of the model itself, which the probability takes into "
+                     "account, explain it better than any effect.")
     if best is None or d.verdict is Verdict.NONE:
         return tuple(lines)
     share = f"{words.together(best.effects)} explains {words.percent(best.explained)} of the difference"

@@ -17,6 +17,7 @@ from fretflow_post.wear_maps import differences, known_maps, profile, raster
 
 Array = NDArray[np.float64]
 
+X_LABEL, Y_LABEL = "x, sliding direction (mm)", "y (mm)"
 EVERY = 2  # of a picture's pixels is kept
 INNER, SIDES = 264, 66  # pixels of a map, and beside it
 EVEN = 0.5  # of the largest depth: where no point is shallower, colours do not begin at zero
@@ -60,7 +61,7 @@ def _profiles(wear: WearMap, shown: dict[str, Array], size: float, unit: str) ->
     """Return the mean depth across over x, with the sd of the measured one across."""
     found = {name: profile(wear.x * 1e3, values / size) for name, values in shown.items()}
     x, mean, sd = found["measured"]
-    chart = Chart("mean wear depth across, over x", "x, sliding direction (mm)", f"mean depth across ({unit})",
+    chart = Chart("mean wear depth across, over x", X_LABEL, f"mean depth across ({unit})",
                   height=LOW)
     chart.band("measured", x, mean - sd, mean + sd)
     for name, (at, own, _) in found.items():
@@ -78,11 +79,9 @@ def _lowest(least: float, largest: float) -> float:
 
 
 def _wear_map(wear: WearMap, depth: Array, name: str, colours: str, limits: Limits, label: str) -> Markup:
-    unit, size = readable_unit(float(np.nanmax(np.abs(np.r_[wear.x, wear.y]), initial=0.0)), "m")
-    pixels, box = raster(wear.x / size, wear.y / size, depth)
+    pixels, box = raster(1e3 * wear.x, 1e3 * wear.y, depth)
     left, right, low, high = box
     height = round(float(np.clip(INNER * (high - low) / (right - left), 40.0, 600.0)))
-    chart = Chart(name, f"x, sliding direction ({pretty_unit(unit)})", f"y ({pretty_unit(unit)})", (left, right),
-                  (low, high), height + MARGINS, INNER + SIDES)
+    chart = Chart(name, X_LABEL, Y_LABEL, (left, right), (low, high), height + MARGINS, INNER + SIDES)
     chart.image(pixels[EVERY // 2::EVERY, EVERY // 2::EVERY], box, style.palette(colours), limits, label)
     return chart.markup()

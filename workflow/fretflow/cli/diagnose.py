@@ -31,7 +31,7 @@ def diagnose(
     recording
         folder with a recording.toml, or a table of wear tests
     fast
-        looks at fewer effects: in a minute or two
+        fits in fewer steps and looks at fewer pairs: a recording of a rig in a minute or two
     json
         file for a copy of the JSON
     out
@@ -94,7 +94,9 @@ def _show(console: Terminal, found: Diagnosis) -> None:
     console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
     console.print(f"[bold]{words.headline(found)}.[/bold] {escape(found.sentence)}", soft_wrap=True)
     console.print(f"probability: {words.probability(found.probability)} {words.probability_of(found)}")
-    console.print(f"by chance: p = {words.p_value(found.detection.p_value)}".replace("= <", "<"))
+    if found.detection.tests:
+        chance = f"p = {words.p_value(found.detection.p_value)}".replace("= <", "<")
+        console.print(f"by errors of measurement alone: {chance}")
     if found.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained")
         for one in found.ranking[:MOST_RANKED]:

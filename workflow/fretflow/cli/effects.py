@@ -67,7 +67,7 @@ def _show(name: str, kind: type[Effect], out: Path) -> None:
     console = Terminal(highlight=False)
     console.print(f"[bold]{name}[/bold]: {escape(kind.title)}")
     for paragraph in cleandoc(kind.__doc__ or "").split("\n\n"):
-        console.print(escape(" ".join(paragraph.split())))
+        console.print(escape(" ".join(paragraph.replace("``", "").split())))
     sheet = Table.grid(padding=(0, 2))
     for heading, text in (("changes", kind.block), ("equation", kind.equation), ("source", kind.source),
                           ("shows in", "; ".join(kind.observables)), ("recordings", _kinds(kind)),

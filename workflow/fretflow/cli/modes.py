@@ -63,7 +63,7 @@ def _show_rig(rig: RigModes) -> None:
     for faces, frequencies, shapes in (("apart", rig.apart_frequency, rig.apart_shape),
                                        ("stuck", rig.stuck_frequency, rig.stuck_shape)):
         for number, (frequency, shape) in enumerate(zip(frequencies, shapes, strict=True), 1):
-            view.add_row(faces, str(number), f"{frequency:.2f}", *(f"{one:+.3f}" for one in shape[:2]))
+            view.add_row(faces, str(number), f"{frequency:,.2f}", *(f"{one:+.3f}" for one in shape[:2]))
     Terminal().print(view)
 
 
@@ -79,6 +79,6 @@ def _show(specimens: Mapping[str, ReducedSpecimen]) -> None:
             specimen.full_frequencies, specimen.reduced_frequencies, specimen.frequency_error, strict=True
         )
         for number, (full, reduced, error) in enumerate(rows, start=1):
-            view.add_row(str(number), f"{full:.2f}", f"{reduced:.2f}", f"{100.0 * error:.5f} %")
+            view.add_row(str(number), f"{full:,.2f}", f"{reduced:,.2f}", f"{100.0 * error:.5f} %")
         console.print(view)
     show_warnings(reduction_warnings(specimens))

@@ -197,7 +197,8 @@ def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
     show_warnings(found.warnings)
     files = [home / SUMMARY_FILE]
     for result in results.values():
-        files += [result.folder / name for name in result.manifest.files if name.endswith((".png", ".csv", ".pvd"))]
+        files += [result.folder / name for name in result.manifest.files
+                  if name.endswith((".png", ".svg", ".pdf", ".gif", ".csv", ".pvd"))]
     show_files(files, "pictures and curves")
 
 

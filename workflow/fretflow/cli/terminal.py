@@ -240,7 +240,7 @@ def show_warnings(found: Sequence[str]) -> None:
 def describe(error: BaseException) -> tuple[str, int]:
     """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
     if Interruption.wanted or isinstance(error, KeyboardInterrupt):
-        return "interrupted; the same command continues where it stopped", INTERRUPTED
+        return "interrupted; the same command goes on from what is complete", INTERRUPTED
     if isinstance(error, CycloptsError):
         command = " ".join(("fretflow", *(error.command_chain or ())))
         said = f"{command} takes no {' '.join(error.unused_tokens or ())!r} there" if isinstance(

@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from fretflow.cli.terminal import Json, Terminal, keep_json, new_table, say_line, show_files
+from fretflow.cli.terminal import Flag, Json, Terminal, keep_json, new_table, say_line, show_files
 from fretflow.core.errors import FretflowError, InputError
 from fretflow.core.provenance import commit, versions
 
 
 def trial(
-    *, cases: int = 20, seed: int = 0, fast: bool = False, jobs: int = 1, world: Literal[1, 2, 3, 4] | None = None,
+    *, cases: int = 20, seed: int = 0, fast: Flag = False, jobs: int = 1, world: Literal[1, 2, 3, 4] | None = None,
     out: Path = Path("runs/trial"), json: Json = None,
 ) -> None:
     """Try `diagnose` on recordings whose hidden physics it cannot know, and write the scoreboard.
@@ -34,7 +34,7 @@ def trial(
     seed
         which recordings
     fast
-        diagnose with --fast
+        diagnose with `--fast`
     jobs
         recordings made or diagnosed at a time
     world

@@ -126,6 +126,11 @@ def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
     return f"{number} {pretty_unit(name)}".rstrip()
 
 
+def per_cent(share: float, digits: int = 0) -> str:
+    """Return a share of 1 in per cent, as people read it."""
+    return f"{100.0 * share:.{digits}f} %"
+
+
 def pretty_number(value: float, digits: int = 6) -> str:
     """Return a number with so many figures as it is printed for people: ``"0.35"``, ``"100,000"``."""
     rounded = float(f"{value:.{digits}g}")

@@ -81,7 +81,7 @@ class ThirdBody(Effect):
     id = "third-body"
     title = "debris that stays, carries load and is ejected at the edges"
     block = Block.WEAR
-    equation = ("dh_d = phi dh - h_d dn / n_e(xi), n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
+    equation = ("dh_d = phi dh - h_d dn / n_e(xi); n_e(xi) = n_e (eps + (1 - eps) (1 - xi^2)); "
                 "g = g_0 + h - h_d; wear rate times exp(-h_d / h_0); compliance h_d / E_d per area")
     formula = (r"\begin{gathered} "
                r"\mathrm{d}h_d = \varphi\,\mathrm{d}h - \frac{h_d}{n_e(\xi)}\,\mathrm{d}n, \qquad "

@@ -41,7 +41,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     recording : Recorded, Path or str
         As `read_recording` returns it, or what that takes.
     fast : bool
-        Look at fewer effects: in a minute or two.
+        Fit in fewer steps and look at fewer pairs: a recording of a rig in a minute or two.
     progress : callable, optional
         Takes the share that is done, 0 to 1, and what is being done.
     home : Path, optional

@@ -61,7 +61,8 @@ def _mesh(context: StageContext) -> Figures:
         if shutil.disk_usage(context.folder).free > FULL:  # gmsh does not notice a full disk: it cannot read back
             raise
         raise StoreError(f"{context.folder}: the disk is full; free some space or choose another --out") from error
-    check_memory(context.case, ("reduce", "solve"), len(upper.contact_nodes))
+    if context.case.mesh.upper is not None:  # of a mesh that is made the case told the nodes before
+        check_memory(context.case, ("reduce", "solve"), len(upper.contact_nodes))
     return {
         "upper_cells": upper.cells, "lower_cells": lower.cells, "contact_nodes": len(upper.contact_nodes),
         "upper_min_scaled_jacobian": upper.min_scaled_jacobian,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
-from fretflow.core.units import pretty_quantity
+from fretflow.core.units import per_cent, pretty_quantity
 from fretflow.recordings.channels import INDICES, unit_size
 from fretflow.recordings.headings import unit_in_heading
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
@@ -128,8 +128,9 @@ def _saturated(block: str, values: Mapping[str, Array], units: Mapping[str, str]
     for name in [name for name in values if name not in (*INDICES, "time")]:
         if (rows := np.flatnonzero(standing_still(values[name]))).size:
             limit = pretty_quantity(float(np.abs(values[name][rows]).max()), units[name], 4)
-            notes.append(Note(block, f"stands still at {limit}, in {len(rows) / len(values[name]):.0%} of the samples: "
-                              "a saturated sensor? what is read of it is a lower bound", name, row_ranges(rows)))
+            share = per_cent(len(rows) / len(values[name]))
+            notes.append(Note(block, f"stands still at {limit}, in {share} of the samples: a saturated sensor? "
+                              "what is read of it is a lower bound", name, row_ranges(rows)))
     return tuple(notes)
 
 

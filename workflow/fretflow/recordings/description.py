@@ -28,7 +28,7 @@ def read_description(toml: Path) -> dict[str, Any]:
         If it is no recording's.
     """
     raw = read_toml(toml, CorruptRecordingError, f"a recording is a folder with a {FILE}, which `fretflow init "
-                    "--recording FILE` writes for a file of loops", formats=(RECORDING,))
+                    "--recording FILE` writes for a file of loops, or one table of wear tests", formats=(RECORDING,))
     if raw.get("format") != RECORDING:
         raise ConfigError(f"{toml}: format: must be {RECORDING!r}")
     return raw

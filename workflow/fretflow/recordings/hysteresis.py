@@ -80,7 +80,7 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: Hys
     Raises
     ------
     InputError
-        If the load is not positive or the guide has another length.
+        If the load is not positive, the force is round-off beside it, or the guide has another length.
 
     Notes
     -----
@@ -102,6 +102,9 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: Hys
     """
     if normal_load is not None and not (isinstance(normal_load, Real) and normal_load > 0.0):
         raise InputError(f"normal_load: must be positive, got {normal_load}")
+    if normal_load is not None and np.ptp(loop.force) < np.finfo(float).eps * len(loop.force) * normal_load:
+        raise InputError(f"loop: its force is round-off beside the normal load of {normal_load:g} N, so that nothing "
+                         "rubs; see whether the excitation acts along the faces")
     guide = loop if guide is None else guide
     if len(guide.force) != len(loop.force):
         raise InputError(f"guide: has {len(guide.force)} samples for the loop's {len(loop.force)}; smooth the loop "

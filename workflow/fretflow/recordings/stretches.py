@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.units import per_cent
 from fretflow.recordings import periods as p
 from fretflow.recordings.notes import Note, row_ranges
 from fretflow.recordings.periods import SHORTEST
@@ -105,10 +106,11 @@ def make_stretch(rows: NDArray[np.int64], time: Array | None, values: Array, nam
     rows, turns, values, interval = _turns(rows, time, values, names.index(reference), frequency, notes)
     periods = int(np.floor(turns[-1] + interval + WHOLE))
     if periods == 0 and turns[-1] + interval >= 1.0 - LONGEST_HOLE:
-        notes.add(f"end {1.0 - turns[-1] - interval:.1%} of a period too early, which is bridged", "", rows[-1:])
+        early = per_cent(1.0 - turns[-1] - interval, 1)
+        notes.add(f"end {early} of a period too early, which is bridged", "", rows[-1:])
         periods = 1
     if periods == 0:
-        raise Unusable(f"{turns[-1] + interval:.0%} of a period; at least one whole period is needed")
+        raise Unusable(f"{per_cent(turns[-1] + interval)} of a period; at least one whole period is needed")
     used = turns < periods - 0.5 * interval
     if len(turns) - used.sum() > WHOLE / interval:
         notes.add("are no whole period and left out", "", rows[~used])
@@ -191,8 +193,8 @@ def _filled(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequenc
     for name, channel in zip(names, whole, strict=True):
         missing = ~np.isfinite(channel)
         if missing.mean() > MOST_MISSING:
-            raise Unusable(f"{missing.mean():.0%} of the samples are missing; at most {MOST_MISSING:.0%} can be "
-                           "bridged", name)
+            raise Unusable(f"{per_cent(missing.mean())} of the samples are missing; "
+                           f"at most {per_cent(MOST_MISSING)} can be bridged", name)
         if missing.any():
             notes.add("no number there; filled by interpolation", name, rows[missing])
             channel[missing] = np.interp(turns[missing], turns[~missing], channel[~missing], period=float(
@@ -211,10 +213,11 @@ def _holes(rows: NDArray[np.int64], turns: Array, values: Array, interval: float
             touched = range(int(edges[k]), int(np.ceil(edges[k + 1] - 1e-9)))
             bad = {**dict.fromkeys((period % periods for period in touched), name), **bad}
     if len(bad) == periods:
-        raise Unusable(f"more than {LONGEST_HOLE:.0%} of a period is missing in one place", bad[0])
+        raise Unusable(f"more than {per_cent(LONGEST_HOLE)} of a period is missing in one place", bad[0])
     for period, name in bad.items():
         inside = rows[(turns >= period) & (turns < period + 1)]
-        notes.add(f"period left out: it lacks more than {LONGEST_HOLE:.0%} of its samples in one place", name, inside)
+        notes.add(f"period left out: it lacks more than {per_cent(LONGEST_HOLE)} of its samples in one place", name,
+                  inside)
     return frozenset(bad)
 
 
@@ -230,7 +233,8 @@ def _without_drift(rows: NDArray[np.int64], turns: Array, values: Array, names: 
 
 
 def _rounded(share: float) -> str:
-    return next((f"below {limit:.0%}" for limit in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5) if share < limit), "above 50%")
+    limits = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+    return next((f"below {per_cent(limit)}" for limit in limits if share < limit), "above 50 %")
 
 
 def _closing_line(turns: Array, values: Array, interval: float) -> Array:
