@@ -18,6 +18,8 @@ KRYLOV_DIMENSION = 200
 STEPS = (1.0, 0.5, 0.25)
 SUFFICIENT_DECREASE = 1e-4
 WORTH_KEEPING = 0.5  # of the digits gained by an iteration with new factors; a new set costs as much as 10 to 40
+ROUGHEST = 0.1  # linear tolerance
+SQUARED = 0.9  # times the squared ratio of residuals: gamma of Eisenstat and Walker's second choice
 LARGE = 900  # unknowns of a harmonic, 300 nodes; below, new factors cost a tenth of the time
 PATIENCE = 15  # steps without a new smallest residual, after which the iteration goes round in circles
 
@@ -99,10 +101,12 @@ def solve_newton(equations: NonlinearEquations[State], start: Vector, scale: flo
                  max_iterations: int) -> NewtonResult[State]:
     """Find the root near `start`.
 
-    Inexact Newton, the linear tolerance following the residual; a line search halves the step until the residual
-    falls. Where it does not soon, because nodes are about to change state, smaller steps would only creep up to that
-    change: the best of a few large steps is taken instead, across it. The preconditioner's factors are kept from step
-    to step in large systems, while each iteration gains at least half of the digits that it gained with new ones.
+    Inexact Newton. The linear tolerance is the residual; in large systems the square of how much that last fell, if
+    larger (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32): where nodes change state, no
+    accuracy of a step lets it fall further. A line search halves the step until the residual falls. Where it does not
+    soon, because nodes are about to change state, smaller steps would only creep up to that change: the best of a few
+    large steps is taken instead, across it. The preconditioner's factors are kept from step to step in large systems,
+    while each iteration gains at least half of the digits that it gained with new ones.
 
     Parameters
     ----------
@@ -132,7 +136,8 @@ def solve_newton(equations: NonlinearEquations[State], start: Vector, scale: flo
         if len(history) > PATIENCE and min(history[-PATIENCE:]) >= min(history[:-PATIENCE]):
             raise NonConvergenceError(f"Newton: residual {min(history):.1e} has not fallen for {PATIENCE} iterations; "
                                       "start from a neighbouring solution", history)
-        forcing = max(min(0.1, history[-1]), 0.3 * tolerance / history[-1])
+        fell = history[-1] / history[-2:][0] if u.shape[-1] >= LARGE else 0.0
+        forcing = max(min(ROUGHEST, max(history[-1], SQUARED * fell**2)), 0.3 * tolerance / history[-1])
         for before in (kept, None) if kept is not None else (None,):
             apply, precondition = equations.linearise(state, before)
             flat, iterations = gmres(apply, -state.residual.ravel(), precondition, forcing)

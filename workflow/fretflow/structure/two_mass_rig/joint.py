@@ -21,6 +21,7 @@ from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, Redu
 from fretflow.structure.structure import NORMAL_LOAD, DynamicStiffness, MasslessBoundary, ObservedMotion, Structure
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
+MIRRORED = 256  # rows copied at once across the diagonal: both parts stay in cache
 RIG_DOFS = 3  # block x, arm x, arm z: the first internal DOFs of the upper body
 TRANSLATION = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])  # of a point, by arm motion (x, z)
 
@@ -387,8 +388,12 @@ def _rigid_motion(size: int) -> NDArray[np.float64]:
 
 def invert_stiffness(matrix: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """Return the symmetric inverse of a positive definite matrix."""
-    factor, failed = dpotrf(matrix, lower=True)
+    factor, failed = dpotrf(matrix.T)  # by columns, as LAPACK reads it
     if failed:
         raise InputError(f"{name}: not positive definite; a body is not held, or its mesh broken")
-    inverse, _ = dpotri(factor, lower=True, overwrite_c=True)
-    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
+    inverse = dpotri(factor, overwrite_c=True)[0].T
+    for first in range(0, len(inverse), MIRRORED):
+        rows, rest = slice(first, first + MIRRORED), slice(first + MIRRORED, None)
+        inverse[rows, rest] = inverse[rest, rows].T
+        inverse[rows, rows] = np.tril(inverse[rows, rows]) + np.tril(inverse[rows, rows], -1).T
+    return np.asarray(inverse)
