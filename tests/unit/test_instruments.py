@@ -404,3 +404,14 @@ def test_loops_that_come_again_every_second_period_tell_nothing_of_their_sensors
     for name in ("displacement", "friction_force"):
         recording = altered(recording, name, swinging)
     assert said(recording) == ((), ())
+
+
+@pytest.mark.real_data
+def test_columns_that_a_file_swaps_are_told(recordings: Path, tmp_path: Path) -> None:
+    """What is read as friction force then is aligned, cleaned and repeated as one."""
+    for file in (recordings / "example_baseline").iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    table = tmp_path / "recording.toml"
+    names = {"friction_force_N": "excitation_N", "excitation_N": "friction_force_N"}
+    table.write_text(re.sub("|".join(names), lambda one: names[one.group()], table.read_text()))
+    assert said(read_recording(tmp_path))[0][0].startswith("excitation and friction force are swapped")

@@ -74,9 +74,11 @@ def _saturated(loops: LoopSet) -> list[str]:
 
 def _gains(recording: Recording, case: Case) -> list[str]:
     """Return which of displacement and force contradict the rig's periodic motion by more than a stated value may."""
+    rows = _fundamentals(recording)
+    if _left(rows[:, [2, 1, 0, 3]], case) < LEFT * _left(rows, case):
+        return ["excitation and friction force are swapped: the rig's equations of motion hold the other way round"]
     if recording.loops is not None and not is_periodic(recording.loops):
         return []
-    rows = _fundamentals(recording)
     found, gains = [], _fitted_gains(rows, case)
     for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
         if gain.real < 0.0 and abs(np.angle(gain)) > 0.75 * np.pi:
@@ -86,8 +88,6 @@ def _gains(recording: Recording, case: Case) -> list[str]:
             if equations is None or not equations.repeated or equations.solve().holds:  # no play or spring besides
                 found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the "
                              "excitation make of it: check its unit and gain")
-    if found and _left(rows[:, [2, 1, 0, 3]], case) < LEFT * _left(rows, case):
-        return ["excitation and friction force are swapped: the rig's equations of motion hold the other way round"]
     return found
 
 
