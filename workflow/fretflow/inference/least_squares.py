@@ -3,7 +3,7 @@
 With whitened residual r(z) and coordinates z that are standard normal beforehand, ``|r|^2 + |z|^2`` is minimised by
 Gauss-Newton. A step that makes the fit worse is damped (D. W. Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431-441).
 Derivatives that told what a step would bring are carried on by its secant (C. G. Broyden, Math. Comput. 19 (1965)
-577-593); no fit comes to rest by these.
+577-593); where these bring a fit to rest, its last step is by derivatives made there.
 """
 
 from __future__ import annotations
@@ -87,6 +87,7 @@ class Fitter:
 
     experiment: Experiment
     covariance: Covariance
+    secants: bool = False  # whether derivatives that told what a step would bring are carried on
 
     def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize, slopes: Array | None = None,
             secant: bool = False) -> Fit:
@@ -102,7 +103,8 @@ class Fitter:
         now, first = replace(self.linearised(self.experiment.predict(point, near), slopes), secant=secant), 0
         for steps in range(iterations):
             if now.secant and now.objective - now.promise < ENOUGH:
-                now = self.linearised(now.prediction)
+                better, first = self._improved(self.linearised(now.prediction), 0)[0], 0
+                now = self.linearised(better.prediction) if better.secant else better
             if now.objective - now.promise < ENOUGH:
                 return replace(now, converged=True)
             better, taken = self._improved(now, first)
@@ -143,7 +145,7 @@ class Fitter:
 
     def _carried(self, now: Fit, found: Prediction) -> Fit:
         """Return a better prediction with derivatives: by a secant where those before told what it would bring."""
-        if found.point.parameters != now.parameters:
+        if not self.secants or found.point.parameters != now.parameters:
             return self.linearised(found)
         moved = found.point.z - now.z
         missed = found.values - now.predicted - now.jacobian @ moved
