@@ -56,11 +56,11 @@ class Effort:
     last_steps: int  # of those that may matter
     bases: int  # sets to which another effect is sought
     partners: int  # effects that are fitted beside each of them
-    secants: bool  # whether derivatives are carried on where they told what a step would bring
+    secants: bool = False  # whether derivatives are carried on where they told what a step would bring
 
 
-FAST = Effort(going=10, starts=2, last_steps=8, bases=2, partners=3, secants=True)
-FULL = Effort(going=20, starts=4, last_steps=12, bases=3, partners=3, secants=False)
+FAST = Effort(going=10, starts=2, last_steps=8, bases=2, partners=3)
+FULL = Effort(going=20, starts=4, last_steps=12, bases=3, partners=3)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from fretflow.recordings.kinds.structures import StructureRecording, WornRecordi
 
 Progress = Callable[[float, str], None]
 
+QUICK = replace(FAST, secants=True)  # derivatives are differences, several times as dear as a prediction
 AGAIN = 2  # times that fits move the amplitudes at which points slide, and with them what periodic motions correct
 BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1", "friction of the faces"),
             "modal_damping": ("1", "damping ratio of the structure without its joint"),
@@ -49,7 +50,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     experiment = ProfileExperiment(recording) if isinstance(recording, WornRecording) else StructureExperiment.of(
         recording)
     progress(0.1, "refitting the baseline")
-    pool, effort = in_turn if tools is None else tools.pool, FAST if fast or experiment.many else FULL
+    pool, effort = in_turn if tools is None else tools.pool, QUICK if fast or experiment.many else FULL
     found = start_search(experiment, experiment.first_prediction(), effort, pool)
     if isinstance(experiment, StructureExperiment):
         begin_baselines(experiment, found)
