@@ -106,6 +106,28 @@ def test_a_fit_that_goes_on_makes_no_derivatives_anew_where_it_stands() -> None:
     assert [one.z.tolist() for one in counted] == [second.z.tolist()]
 
 
+def test_a_fit_by_single_steps_goes_the_way_of_one_of_many() -> None:
+    """What damped a step damps the next one, also where another process goes on: nothing is tried twice."""
+    seen: list[list[float]] = []
+
+    class Counting(Valley):
+        def predict(self, point: Point, near: Any = None) -> Prediction:
+            seen.append(point.z.tolist())
+            return super().predict(point, near)
+
+    covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    experiment: Any = Counting()
+    fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
+    whole = fitter.fit(start, None, 8)
+    at_once, seen[:] = list(seen), []
+    part = fitter.fit(start, None, 1)
+    for _ in range(7):
+        part = fitter.fit(part.prediction.point, part.prediction, 1, part.jacobian, part.secant, part.damping)
+    assert part.z == pytest.approx(whole.z, abs=1e-12)
+    assert list(dict.fromkeys(map(tuple, seen))) == list(dict.fromkeys(map(tuple, at_once)))
+
+
 @pytest.mark.parametrize("bend", [0.5, 3.0])
 def test_derivatives_are_made_anew_where_they_told_too_little_and_where_a_fit_rests(bend: float) -> None:
     """Secants make the way in fewer derivatives than steps; both valleys' fits end where they should."""

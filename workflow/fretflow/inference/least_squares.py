@@ -38,6 +38,7 @@ class Fit:
     converged: bool
     provisional: bool = False  # whether the derivatives are those of where it was begun
     secant: bool = False  # whether they were carried on by secants since they were made
+    damping: int = 0  # place in `DAMPINGS` that the next step is first tried with
 
     @property
     def parameters(self) -> Parameters:
@@ -90,34 +91,35 @@ class Fitter:
     secants: bool = False  # whether derivatives that told what a step would bring are carried on
 
     def fit(self, point: Point, near: Prediction | None, iterations: int = sys.maxsize, slopes: Array | None = None,
-            secant: bool = False) -> Fit:
+            secant: bool = False, damping: int = 0) -> Fit:
         """Return the most probable parameters from a start, by so many steps at most; each is worth `ENOUGH`.
 
-        The derivatives there, (M, P) in SI, are made where they are not known, if by secants alone.
+        The derivatives there, (M, P) in SI, are made where they are not known, if by secants alone. Steps are damped as
+        those before were, the first one by `damping`, and a place less (Marquardt's rule).
 
         Raises
         ------
         NonConvergenceError
             If the start itself has no solution.
         """
-        now, first = replace(self.linearised(self.experiment.predict(point, near), slopes), secant=secant), 0
+        now = replace(self.linearised(self.experiment.predict(point, near), slopes), secant=secant, damping=damping)
         for steps in range(iterations):
             if now.secant and now.objective - now.promise < ENOUGH:
-                better, first = self._improved(self.linearised(now.prediction), 0)[0], 0
-                now = self.linearised(better.prediction) if better.secant else better
+                better, _ = self._improved(self.linearised(now.prediction))
+                now = self.linearised(better.prediction) if better.secant else replace(better, damping=0)
             if now.objective - now.promise < ENOUGH:
-                return replace(now, converged=True)
-            better, taken = self._improved(now, first)
+                return replace(now, converged=True, damping=0)
+            better, taken = self._improved(now)
             if now.secant and now.objective - better.objective < ENOUGH:
-                now, first = self.linearised(better.prediction), 0
+                now = self.linearised(better.prediction)
                 continue
-            fell, now, first = now.objective - better.objective, better, max(0, taken - 1)
+            fell, now = now.objective - better.objective, replace(better, damping=max(0, taken - 1))
             if fell < ENOUGH:
                 finer = self.experiment.finer()
                 if taken and finer is not None:
                     return replace(self, experiment=finer).fit(now.prediction.point, now.prediction,
                                                                iterations - steps)
-                return replace(now, converged=True)
+                return replace(now, converged=True, damping=0)
         return now
 
     def at(self, point: Point, near: Prediction | None) -> Fit:
@@ -130,9 +132,9 @@ class Fitter:
         residual = self.covariance.whiten(self.experiment.measurement.values - prediction.values)
         return Fit(prediction, residual, by_z, self.covariance.whiten(by_z), False)
 
-    def _improved(self, now: Fit, first: int) -> tuple[Fit, int]:
-        """Return the first better fit by the dampings from place `first` on, and its place; `now` if there is none."""
-        for place in range(first, len(DAMPINGS)):
+    def _improved(self, now: Fit) -> tuple[Fit, int]:
+        """Return the first better fit by the dampings from its own on, and that one's place; `now` if none is."""
+        for place in range(now.damping, len(DAMPINGS)):
             z = np.clip(now.z + _step(now, DAMPINGS[place]), -FARTHEST, FARTHEST)
             try:
                 found = self.experiment.predict(Point(now.parameters, z), now.prediction)

@@ -73,13 +73,14 @@ class Task:
     steps: int
     slopes: Array | None = None  # (M, P) at the start, where they are known
     secant: bool = False  # whether by secants
+    damping: int = 0  # of the first step
 
 
 def fit_task(task: Task) -> Fit | None:
     """Return the fit that a task asks for; None where its start has no solution."""
     try:
-        return task.fitter.fit(task.point, task.near, task.steps, task.slopes, task.secant) if task.steps else (
-            task.fitter.at(task.point, task.near))
+        return task.fitter.fit(task.point, task.near, task.steps, task.slopes, task.secant, task.damping) if (
+            task.steps) else task.fitter.at(task.point, task.near)
     except NonConvergenceError:
         return None
 
@@ -271,7 +272,7 @@ class Search:
     def further(self, fit: Fit, steps: int) -> Task:
         """Return that a fit goes on from where it stands."""
         return Task(self.fitter_of(fit.effects), fit.prediction.point, fit.prediction, steps,
-                    None if fit.provisional else fit.jacobian, fit.secant)
+                    None if fit.provisional else fit.jacobian, fit.secant, fit.damping)
 
     def keep(self, found: Iterable[Fit | None]) -> None:
         """Keep fits that are better than those that are known."""

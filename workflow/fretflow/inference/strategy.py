@@ -169,10 +169,13 @@ def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
 def to_rest(found: Search, size: int) -> None:
     """Fit the leading sets of a size on until they have come to rest.
 
-    Of single effects the first few whatever their distance: how probable one is shows at rest only.
+    Of single effects the first few whatever their distance, unless one explains all: how probable one is shows at rest
+    only.
     """
     for _ in range(2):
-        sets = found.best(size) if size == 1 else found.promising(found.best(size))
+        sets = found.best(size)
+        if size > 1 or is_explained(found):
+            sets = found.promising(sets)
         open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
         if not open_:
             break
