@@ -23,12 +23,12 @@ from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.verdict import FALSE_ALARMS, Location, Place
+from fretflow.recordings.kinds.facts import CORNER
 
 CHANNEL_WORDS = {"friction_force": "friction force", "normal_force": "normal force", "worn_volume": "worn volume",
                  "wear_depth": "wear depth"}
 PARITIES = ("a constant", "odd in the displacement", "odd in the direction of motion",
             "odd in the displacement and in the direction of motion")
-INNER = 0.6  # of the half width: the middle of the contact from there inward
 Mask = NDArray[np.bool_]
 
 
@@ -191,7 +191,7 @@ def _by_zone(observation: Observation, left: Array) -> Iterator[_Part]:
         return
     middle = 0.5 * (observation.points.max(axis=0) + observation.points.min(axis=0))
     half = np.maximum(0.5 * np.ptp(observation.points, axis=0), 1e-300)
-    along, across = (np.abs(observation.points - middle) / half > INNER).T
+    along, across = (np.abs(observation.points - middle) / half > CORNER).T
     zones = {"middle": ~along & ~across, "edges at the ends of the stroke": along & ~across,
              "edges along the stroke": ~along & across, "corners": along & across}
     for name, mask in zones.items():
