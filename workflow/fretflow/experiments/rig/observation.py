@@ -115,7 +115,7 @@ class Observation:
             for one in self.repeats]
         return replace(self, smooth_share=max(shares, default=0.0))
 
-    def rows(self, chosen: Mapping[Piece, bool] | None = None, **wanted: object) -> NDArray[np.bool_]:
+    def rows(self, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
         rows = np.zeros(len(self.values), dtype=bool)
         for piece in self.pieces:
