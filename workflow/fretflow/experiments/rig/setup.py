@@ -30,9 +30,6 @@ FRICTION = PLAUSIBLE["contact.friction_coefficient"]
 # the coarse mesh misses 2.4 to 3.2 of the difference between the two; more than one difference stays as an error.
 EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
 SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to twice as many
-# Kinks of the force fall at random between samples, so that errors are of second order, but not of a sign of their own:
-# the difference to twice as many is taken for the error, of which it leaves a third.
-SAMPLING_ERROR = 1.0 / 3.0
 
 
 def meshes(fast: bool) -> tuple[int, int]:
@@ -170,7 +167,9 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     """Return what the coarse model leaves out (M,), and the modes (M, any) of what is not known of that.
 
     Each loop's channel has an error of its own, as far as the differences between the meshes (samples) go; for what is
-    not known of single depths see `depth_error`.
+    not known of single depths see `depth_error`. Kinks of the force fall at random between samples, so that errors of
+    these are of second order, but not of a sign of their own: the difference to twice as many leaves a third of itself
+    (L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357).
 
     Parameters
     ----------
@@ -183,7 +182,7 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     modes = np.zeros((len(plain), 2 * len(observation.pieces)))
     for column, piece in enumerate(observation.pieces):
         modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
-        modes[piece.place, 2 * column + 1] = SAMPLING_ERROR * sampled[piece.place]
+        modes[piece.place, 2 * column + 1] = sampled[piece.place] / (2**2 - 1)
     known = np.where(observation.rows(block="map"), 1.0, EXTRAPOLATED)
     return known * mesh + sampled, modes
 
