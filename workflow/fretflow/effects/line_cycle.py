@@ -29,6 +29,7 @@ from fretflow.wear.slow import SlowState
 Array = NDArray[np.float64]
 
 SET_CHANGES = 100
+JUMPS = 30  # of the march of a test
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ class LineCycle:
     contact: LineContact
     effects: Sequence[Effect] = field(default_factory=tuple)
 
-    def wear(self, coefficient: float, cycles: float, jumps: int = 30) -> LineWear:
+    def wear(self, coefficient: float, cycles: float, jumps: int = JUMPS) -> LineWear:
         """Return the contact after `cycles` with K_w `coefficient` in m^2/N, in `jumps` that grow.
 
         Raises

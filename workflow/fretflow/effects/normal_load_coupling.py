@@ -9,6 +9,7 @@ import numpy as np
 from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, Sketch, parameter
+from fretflow.effects.sketches import AMPLITUDE
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
@@ -78,6 +79,6 @@ class NormalLoadCoupling(Effect):
     def sketch(self) -> Sketch:
         """Return a loop whose plateaus open towards one side."""
         x, force = np.array([-1.0, -0.6, 1.0, 0.6, -1.0]), np.array([-1.0, 1.0, 1.0, -1.0, -1.0])
-        steep = force * (1.0 + self.slope * 7e-6 * x / self.mean_load)
+        steep = force * (1.0 + self.slope * AMPLITUDE * x / self.mean_load)
         return Sketch("displacement over 7 µm", "friction force over mu N_0",
                       {"baseline": (x, force), "effect": (x, steep)})

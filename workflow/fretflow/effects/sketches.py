@@ -13,8 +13,9 @@ from fretflow.structure.motion import Motion
 
 Array = NDArray[np.float64]
 
-AMPLITUDE, FREQUENCY, SAMPLES, PERIODS = 7e-6, 100.0, 400, 4
-STIFFNESS, LIMIT = 28e6, 50.0  # N/m and N, of the rig of test 1
+# The rig of test 1, which the ranges of the catalogue are of: N/m, N, m, and s in which the phase goes on by one.
+STIFFNESS, LIMIT, AMPLITUDE, TIME = 28e6, 50.0, 7e-6, 1.0 / (2.0 * np.pi * 100.0)
+SAMPLES, PERIODS = 400, 4
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,9 @@ class Sketch:
 def loop_sketch(effect: ActsOnMotion) -> Sketch:
     """Return the loop of the slider that a motion drives at 100 Hz, without and with `effect`."""
     phase = 2.0 * np.pi * np.arange(PERIODS * SAMPLES + 1) / SAMPLES
-    turning = 2.0 * np.pi * FREQUENCY
     x = AMPLITUDE * np.cos(phase)
-    motion = Motion(step=1.0 / (FREQUENCY * SAMPLES), displacement=x, velocity=-turning * AMPLITUDE * np.sin(phase),
-                    acceleration=-turning**2 * x, lean=1.0)
+    motion = Motion(step=TIME * float(phase[1]), displacement=x, velocity=-AMPLITUDE / TIME * np.sin(phase),
+                    acceleration=-x / TIME**2, lean=1.0)
     return Sketch("displacement in µm", "friction force in N",
                   {name: _loop(effects, motion) for name, effects in (("baseline", ()), ("effect", (effect,)))})
 

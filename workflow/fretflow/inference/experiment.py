@@ -27,7 +27,6 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Effect
 from fretflow.inference.parameters import Array, Parameters
 
-HIDDEN = 1e-3  # sd of a shared error over the noise's below which it changes no digit that is shown
 STEP = 0.02  # of a coordinate, for derivatives: a fiftieth of what was uncertain beforehand
 
 
@@ -191,10 +190,10 @@ class Covariance:
         scaled = self.modes / np.sqrt(self.variance)[:, None]
         if not scaled.size:
             return np.zeros((len(self.variance), 0)), np.zeros(0)
-        # three times faster than singular values; what is lost of those below HIDDEN is far below the noise
+        # three times faster than singular values; what is lost of small ones is far below the noise
         wide = scaled.shape[1] >= len(scaled)
         square, vectors = np.linalg.eigh(scaled @ scaled.T if wide else scaled.T @ scaled)
-        kept = square > max(HIDDEN**2, np.finfo(float).eps * float(square[-1]))
+        kept = square > np.finfo(float).eps * max(1.0, float(square[-1]))
         square, vectors = square[kept], vectors[:, kept]
         left = vectors if wide else scaled @ (vectors / np.sqrt(square))
         return left, 1.0 - 1.0 / np.sqrt(1.0 + square)

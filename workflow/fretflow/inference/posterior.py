@@ -22,13 +22,12 @@ from scipy.special import logit
 from scipy.stats import chi2, norm
 
 from fretflow.effects.catalogue import catalogue
-from fretflow.inference.evidence import FORMS, SEED
+from fretflow.inference.evidence import DRAWS, FORMS
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
 from fretflow.inference.search import Names, Search, Start, basis, log_gain
 from fretflow.inference.verdict import Candidate, Detection, Estimate, HeldOut, Verdict
-
-DRAWS = 200  # of law-form errors: their mean and spread are known to 7 %
+from fretflow.recordings.readings import SEED
 
 
 @dataclass(frozen=True)

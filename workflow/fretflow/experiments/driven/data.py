@@ -20,6 +20,7 @@ from fretflow.recordings import periods as p
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
+from fretflow.recordings.readings import SAME_REACH
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.series import closes
 from fretflow.structure.motion import FEWEST, Motion, measure
@@ -31,7 +32,6 @@ Mask = NDArray[np.bool_]
 MOST_ROWS = 200_000  # of a record; longer ones are thinned, and cut
 SAMPLES = 2500  # that a motion is marched at: fewer would miss where it turns
 LEAST_OF_CYCLE = 100  # rows, of what is thinned: corners are then seen to a hundredth of the cycle
-EQUAL = 0.02  # relative difference of amplitude and length of cycles that count as repeats
 STRETCHES = 12  # of a single cycle
 
 
@@ -257,7 +257,7 @@ def _alike(x: Array, cycles: tuple[Cycle, ...]) -> tuple[tuple[Cycle, Cycle], ..
     def same(a: Cycle, b: Cycle) -> bool:
         reach = np.array([np.ptp(x[one.start:one.stop]) for one in (a, b)])
         length = np.array([one.stop - one.start for one in (a, b)])
-        return bool(np.ptp(reach) < EQUAL * reach.mean() and np.ptp(length) < EQUAL * length.mean())
+        return all(bool(np.ptp(one) < SAME_REACH * one.mean()) for one in (reach, length))
 
     return tuple((a, b) for a, b in pairwise(cycles) if b.number == a.number + 1 and same(a, b))
 

@@ -22,6 +22,7 @@ from fretflow.core.units import registry
 from fretflow.effects.catalogue import catalogue, described
 from fretflow.effects.driven import Baseline, DrivenJoint, LumpedBaseline, SliderBaseline
 from fretflow.effects.effect import Array, Prior, declared_priors, parameter_limits
+from fretflow.effects.sketches import AMPLITUDE, LIMIT, TIME
 from fretflow.experiments.driven.data import DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.independent import IndependentExperiment
@@ -68,7 +69,7 @@ class Scale:
         return float((self.force / RIG.force)**a * (self.length / RIG.length)**b * (self.time / RIG.time)**c)
 
 
-RIG = Scale(50.0, 7e-6, 1.0 / (2.0 * float(np.pi) * 100.0))  # of test 1: 50 N over 7 um at 100 Hz
+RIG = Scale(LIMIT, AMPLITUDE, TIME)
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isqrt
 
 import numpy as np
 from scipy import stats
@@ -10,8 +11,8 @@ from scipy import stats
 from fretflow.core.units import readable_unit
 from fretflow.experiments.driven.data import Array, DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.rig.law import BINS
-from fretflow.experiments.rig.location import PARITIES, PARITY_BINS, parity_part
+from fretflow.experiments.rig.law import equal_bins
+from fretflow.experiments.rig.location import parity_parts
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Location, Place, ResidualLaw
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
@@ -91,16 +92,16 @@ def _parities(data: DrivenData, left: Array) -> Iterator[tuple[str, float]]:
     if not used.any():
         return
     x = motion.displacement - 0.5 * (motion.displacement[used].min() + motion.displacement[used].max())
-    edges = np.linspace(-1.0, 1.0, PARITY_BINS + 1)[1:-1] * np.abs(x[used]).max()
+    bins = 2 * isqrt(int(used.sum()))  # in mirror pairs
+    edges = np.linspace(-1.0, 1.0, bins + 1)[1:-1] * np.abs(x[used]).max()
     place, rising = np.digitize(x, edges), motion.velocity > 0.0
-    table = np.full((2, PARITY_BINS), np.nan)
+    table = np.full((2, bins), np.nan)
     for way in (0, 1):
-        for k in range(PARITY_BINS):
+        for k in range(bins):
             inside = used & (place == k) & (rising == bool(way))
             if inside.any():
                 table[way, k] = left[inside].mean()
-    for (mirror, turn), name in PARITIES.items():
-        one = parity_part(table, mirror, turn)
+    for name, one in parity_parts(table).items():
         if np.isfinite(one).any():
             yield name, float(np.nanmean(one**2))
 
@@ -131,7 +132,7 @@ def residual_law(data: DrivenData, noise: Noise, left: Array) -> ResidualLaw:
 
 def _curve(state: Array, left: Array, noise: Noise) -> tuple[Array, Array, Array, float]:
     """Return the mean residual over a state in bins of equal count, its sd, and the share of squares it explains."""
-    groups = [own for own in np.array_split(np.argsort(state), BINS) if len(own)]
+    groups = equal_bins(state)
     at, mean = (np.array([values[own].mean() for own in groups]) for values in (state, left))
     inside = sum(float(np.sum((left[own] - left[own].mean())**2)) for own in groups)
     sd = np.array([left[own].std() / np.sqrt(max(1.0, len(own) / noise.correlation)) for own in groups])

@@ -14,7 +14,7 @@ import numpy as np
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import Array, Cycle, DrivenData, Mask
 from fretflow.experiments.independent import FREEDOM
-from fretflow.inference.evidence import SEED
+from fretflow.recordings.readings import SEED
 from fretflow.structure.motion import measure, noise_floor
 
 LONGEST = 8  # part of a sequence beyond which correlations are not looked at: of so few pairs they are mostly chance

@@ -11,9 +11,9 @@ from scipy.special import ndtri
 from fretflow.case.casefile import entries
 from fretflow.effects.catalogue import table_lines
 from fretflow.effects.driven import DrivenJoint
-from fretflow.experiments.driven.data import Array, DrivenData
+from fretflow.experiments.driven.data import LEAST_OF_CYCLE, Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.rig.views import DRAWN, MOST_SHOWN, evolution
+from fretflow.experiments.rig.views import MOST_SHOWN, evolution
 from fretflow.inference.verdict import Comparison, Estimate, Evolution, ResidualLaw, ResidualMap
 from fretflow.inference.words import interval
 from fretflow.recordings.kinds.joints import LUMPED
@@ -77,7 +77,7 @@ def residual_maps(data: DrivenData, noise: Noise, before: Array, after: Array) -
     """Return the differences over the noise by cycle and phase; none for a record without cycles."""
     if not data.cycles:
         return ()
-    at = (np.arange(4 * DRAWN) + 0.5) / (4 * DRAWN)  # four to the shortest wave that is drawn
+    at = (np.arange(LEAST_OF_CYCLE) + 0.5) / LEAST_OF_CYCLE
 
     def table(predicted: Array) -> Array:
         left = (data.force - predicted) / noise.sd

@@ -13,18 +13,16 @@ from fretflow.case.config import WearScheme
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.experiments.facts.quantities import Array, WornTest
-from fretflow.experiments.rig.model import MOST_PERIODS, Hypothesis, RigModel
+from fretflow.experiments.rig.model import MOST_PERIODS, TOLERANCE, Hypothesis, RigModel
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.history import WearSettings
 from fretflow.wear.march import run_history
 
 GRID = np.geomspace(0.8, 12.0, 18)  # of the in-phase mode: a stuck contact raises the resonance several times over
-WINDOW, RESOLVED = 0.06, 5e-4  # of the frequency, to either side: what is searched at once, and how far
 # A contact that slides makes a peak so flat that what samples leave out raises hills on it, a few per cent wide: points
-# closer than these are compared before the best one is refined.
-BESIDE = np.linspace(-WINDOW, WINDOW, 13)
-MOST_WINDOWS = 8
+# of the frequency's logarithm closer than these are compared before the best one is refined.
+BESIDE = np.linspace(-0.06, 0.06, 13)
 
 
 @dataclass(frozen=True)
@@ -90,12 +88,13 @@ def in_phase_frequency(problem: PeriodicProblem) -> float:
 def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProblem, starts: Array) -> float:
     """Return the frequency (Hz) at which the first harmonic of the driven block is largest, beside the best start.
 
-    Where a joint begins to slide there the curve has a corner, so that no parabola is laid through it.
+    Where a joint begins to slide there the curve has a corner, so that no parabola is laid through it. A maximum is
+    flat: its place is known to the root of what its height is.
 
     Raises
     ------
     NonConvergenceError
-        If there is no maximum near.
+        If there is no maximum where a resonance may be.
     """
     last: list[PeriodicSolution] = []
 
@@ -109,12 +108,12 @@ def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProb
         return float(abs(np.fft.rfft(block)[1]) / len(block))
 
     middle = max(map(float, starts), key=motion) if len(starts) > 1 else float(starts[0])
-    for _ in range(MOST_WINDOWS):
+    while GRID[0] <= middle / in_phase_frequency(problem) <= GRID[-1]:
         off = max(map(float, BESIDE), key=lambda one: motion(middle * np.exp(one)))
         middle *= float(np.exp(off))
-        if abs(off) < WINDOW:
+        if abs(off) < BESIDE[-1]:
             step = float(BESIDE[1] - BESIDE[0])
             best = minimize_scalar(lambda one, about=middle: -motion(about * np.exp(one)), bounds=(-step, step),
-                                   method="bounded", options={"xatol": RESOLVED})
+                                   method="bounded", options={"xatol": step * np.sqrt(TOLERANCE)})
             return middle * float(np.exp(best.x))
     raise NonConvergenceError(f"no resonance near {middle:.4g} Hz")

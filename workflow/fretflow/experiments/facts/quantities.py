@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import isqrt
 from types import MappingProxyType
 
 import numpy as np
@@ -13,15 +14,11 @@ from scipy.integrate import trapezoid
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.experiments.rig.model import on_points
-from fretflow.recordings.kinds.facts import Fact
+from fretflow.recordings.kinds.facts import CORNER, SETTLED_WITHIN, Fact
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
 
 Array = NDArray[np.float64]
-
-CORNER = 0.75  # share of the half width from which on, in both directions, a place counts as corner
-PLACES = 8  # along each side of a corner, at which the depth between the nodes is taken
-SETTLED_WITHIN = 0.1  # of the final rate
 
 
 @dataclass(frozen=True)
@@ -47,10 +44,11 @@ class WornTest:
         return float(self.interface.areas @ self.depth(cycles))
 
     def corners(self, cycles: int) -> float:
-        """Return the mean depth in the corners after some cycles, m."""
+        """Return the mean depth in the corners after some cycles, m, at as many places a side as there are nodes."""
         nodes = self.interface.nodes
         low, high = nodes.min(axis=0), nodes.max(axis=0)
-        inner = CORNER + (1.0 - CORNER) * (np.arange(PLACES) + 0.5) / PLACES
+        places = isqrt(len(nodes))
+        inner = CORNER + (1.0 - CORNER) * (np.arange(places) + 0.5) / places
         side = np.r_[-inner, inner]
         places = 0.5 * (low + high) + 0.5 * (high - low) * np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
         return float(on_points(nodes, self.depth(cycles), places).mean())

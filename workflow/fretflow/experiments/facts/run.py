@@ -16,7 +16,7 @@ from fretflow.experiments.independent import IndependentSearch, estimates
 from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.observation import Observation
 from fretflow.experiments.rig.run import RigTools
-from fretflow.experiments.rig.setup import CONFIRMING, MESHES, MESHES_FAST, SAMPLES, bare_case
+from fretflow.experiments.rig.setup import CONFIRMING, SAMPLES, bare_case, meshes
 from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
@@ -49,7 +49,7 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
     progress(0.01, "specimens on two meshes")
     case = case_of(recording.file)
     coarse, fine = (model_of(recording.file, tools.statics(case_of(recording.file, elements)))
-                    for elements in (MESHES_FAST if fast else MESHES))
+                    for elements in meshes(fast))
     progress(0.1, "refitting the baseline")
     hypotheses = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
     search(hypotheses, lambda share, text: progress(0.2 + 0.7 * share, text))

@@ -26,10 +26,8 @@ from fretflow.core.records import quantity, record
 from fretflow.experiments.rig.changes import MAKERS, Loop
 from fretflow.experiments.rig.experiment import RigExperiment, simulation_of
 from fretflow.experiments.rig.observation import Array
+from fretflow.inference.evidence import SIZES
 from fretflow.inference.least_squares import Fit
-
-AMPLITUDES = np.geomspace(1e-4, 10.0, 21)  # of a space's changes, over the size of what they change
-COMMON_SHARES = (0.0, 0.1, 1.0)  # of the amplitude: what a loop has by itself beside what all have in common
 
 
 @record
@@ -43,17 +41,16 @@ class Space:
     def evidence(self, residual: Array) -> tuple[float, Array]:
         """Return the largest gain in log evidence over nothing, and the changes (M,) that it takes for it.
 
-        The weights of the columns are normal beforehand with one standard deviation a, a share of it for those of one
-        loop; with the singular values s and vectors U of the columns::
+        The weights of the columns, without those of one loop or with them, are normal beforehand with one standard
+        deviation a; with the singular values s and vectors U of the columns::
 
             log Z = sum_i [a^2 s_i^2 / (1 + a^2 s_i^2) (U_i^T r)^2 - log(1 + a^2 s_i^2)] / 2
         """
         best, taken = -np.inf, np.zeros_like(residual)
-        for share in COMMON_SHARES if self.shared.size and self.single.size else (1.0,):
-            left, size, _ = np.linalg.svd(np.hstack([self.shared, share * self.single] if share else [self.shared]),
-                                          full_matrices=False)
+        for columns in (self.shared, np.hstack([self.shared, self.single])):
+            left, size, _ = np.linalg.svd(columns, full_matrices=False)
             pulled = left.T @ residual
-            signal = (AMPLITUDES[:, None] * size)**2
+            signal = (SIZES[:, None] * size)**2
             kept = signal / (1.0 + signal)
             gains = 0.5 * np.sum(kept * pulled**2 - np.log1p(signal), axis=1)
             if gains.max() > best:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fretflow.effects.initial_gap import InitialGap
 from fretflow.experiments.rig.experiment import simulation_of
 from fretflow.experiments.rig.model import Period, RigModel, harmonics_of
 from fretflow.experiments.rig.observation import Array
@@ -26,10 +27,8 @@ from fretflow.structure.sensors import Signals, band_limited
 
 CONTACT, WEAR, RIG, EXCITATION, GEOMETRY, SENSOR = (
     "contact law", "wear law", "rig", "excitation", "geometry", "sensor")
-LAW_POINTS = 8  # over a stroke, between which a law of the contact is linear
 RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
-SMALL = 1e-3  # of a channel's size: changes are first order
-GAP_SIZE = 3e-6  # m, of a change of the gap
+GAP_SIZE = InitialGap.priors()["crown"].high  # m, of a change of the gap
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,12 @@ class Loop:
 
     def column(self, vector: Array, changes: dict[str, Array]) -> None:
         """Add to a vector (M,) what small changes (N,) of true channels show."""
-        moved: dict[str, Any] = {name: getattr(self.signals, name) + SMALL * change
+        step = float(np.sqrt(np.finfo(float).eps))  # of differences to one side
+        moved: dict[str, Any] = {name: getattr(self.signals, name) + step * change
                                  for name, change in changes.items() if getattr(self.signals, name) is not None}
         after = self.rig.sensed(simulation_of(self.base.prediction).model, replace(self.signals, **moved))
         for name, place in self.places.items():
-            vector[place] += (getattr(after, name) - getattr(self.shown, name)) / SMALL
+            vector[place] += (getattr(after, name) - getattr(self.shown, name)) / step
 
     def answers(self, directions: Sequence[Direction]) -> list[dict[str, Array]]:
         """Return the changes of the channels for each direction, to first order."""
@@ -169,8 +169,8 @@ def _pressed(loop: Loop) -> list[dict[str, Array]]:
 def _laws(loop: Loop) -> list[Array]:
     """Return friction forces as functions of the share of the stroke, in each direction, and of the speed."""
     strokes = Strokes.of(loop.signals.displacement, loop.signals.friction_force)
-    at = np.linspace(0.0, 1.0, LAW_POINTS)
-    hats = np.clip(1.0 - np.abs(strokes.share[:, None] - at) * (LAW_POINTS - 1), 0.0, None).T
+    at = np.linspace(0.0, 1.0, LOOP_HARMONICS + 1)  # apart by half of the shortest wave, linear between
+    hats = np.clip(1.0 - np.abs(strokes.share[:, None] - at) * LOOP_HARMONICS, 0.0, None).T
     force = loop.signals.friction_force
     speed = np.abs(loop.signals.velocity) / loop.rig.problem.omega / loop.motion_size
     load = loop.period.problem.normal_load

@@ -31,7 +31,6 @@ from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-STEPS = 12  # to the delays of a channel that comes late by a tenth of a period
 
 
 class Unknown(IntEnum):
@@ -145,17 +144,18 @@ class Equations:
     def synchronised(self, late: Array) -> tuple[Array, Solution]:
         """Return by how many seconds displacement and force (2,) come late, and the least squares without that.
 
-        Gauss-Newton from a first guess `late`: delays of a few samples turn higher harmonics by more than first order.
+        Gauss-Newton from a first guess `late`, as long as steps get smaller: delays of a few samples turn higher
+        harmonics by more than first order.
         """
-        for _ in range(STEPS):
+        size = 1.0 / np.min(self.omega)
+        while True:
             x, force = np.exp(1j * np.outer(late, self.omega))
             found = replace(self, displacement=x * self.displacement, damped=x * self.damped,
                             friction=force * self.friction, force=force * self.force).solve()
             step = found.values[DELAYS] / found.values[GAINS]
-            if not np.all(np.abs(step) < 1.0 / np.min(self.omega)):
-                break
-            late = late + step
-        return late, found
+            if not np.abs(step).max() < size:
+                return late, found
+            late, size = late + step, np.abs(step).max()
 
     def solve(self, more: Sequence[Complex] = ()) -> Solution:
         """Return the least squares with further terms (n,), each with a real unknown of its own.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from fretflow.experiments.rig.phases import Strokes, smoothed
 from fretflow.experiments.rig.views import level, loop_pieces
 from fretflow.inference.verdict import ResidualLaw
 
-BINS = 16  # of a state, each of as many samples, in which a law is drawn
 ALIKE = 0.02  # of the explained share: the plainer state is told
 CHANNELS = {"friction_force": "N", "displacement": "m"}
 CYCLES, ENERGY = SLOW = ("cycles", "dissipated energy per cycle")  # over which a change is one along the motion
@@ -77,7 +77,7 @@ def _of_loop(x: Array, force: Array, strokes: Strokes, cycles: int) -> dict[tupl
 
 
 def _law(channel: str, state: _State, left: Array, variance: Array) -> ResidualLaw:
-    left, groups = left * state.way, _bins(state.values)
+    left, groups = left * state.way, equal_bins(state.values)
     at, mean = (np.array([values[own].mean() for own in groups]) for values in (state.values, left))
     sd = np.array([left[own].std() / np.sqrt(len(own)) for own in groups])
     inside = sum(float(np.sum((left[own] - left[own].mean())**2 / variance[own])) for own in groups)
@@ -88,8 +88,8 @@ def _law(channel: str, state: _State, left: Array, variance: Array) -> ResidualL
                        y=mean, sd=sd, explained=explained)
 
 
-def _bins(values: Array) -> list[NDArray[np.int64]]:
-    """Return samples in bins of about equal count, equal values together."""
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))[1:-1]
-    place = np.searchsorted(edges, values, side="right")
+def equal_bins(values: Array) -> list[NDArray[np.int64]]:
+    """Return samples in bins of about equal count, equal values together: as many bins as each has samples."""
+    share = np.linspace(0.0, 1.0, isqrt(len(values)) + 1)[1:-1]
+    place = np.searchsorted(np.unique(np.quantile(values, share, method="nearest")), values)
     return [np.flatnonzero(place == k) for k in np.unique(place)]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +23,12 @@ from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.verdict import FALSE_ALARMS, Location, Place
+from fretflow.recordings.kinds.facts import CORNER
 
 CHANNEL_WORDS = {"friction_force": "friction force", "normal_force": "normal force", "worn_volume": "worn volume",
                  "wear_depth": "wear depth"}
-PARITIES = {(1, 1): "a constant", (-1, 1): "odd in the displacement", (1, -1): "odd in the direction of motion",
-            (-1, -1): "odd in the displacement and in the direction of motion"}
-PARITY_BINS = 10  # of the displacement, in mirror pairs
-INNER = 0.6  # of the half width: the middle of the contact from there inward
+PARITIES = ("a constant", "odd in the displacement", "odd in the direction of motion",
+            "odd in the displacement and in the direction of motion")
 Mask = NDArray[np.bool_]
 
 
@@ -155,37 +156,33 @@ def _by_harmonic(observation: Observation, left: Array) -> Iterator[_Part]:
 
 def _by_parity(observation: Observation, left: Array) -> Iterator[_Part]:
     """Return the friction force's parts by parity in displacement and direction, over bins of the displacement."""
-    squares, freedom = dict.fromkeys(PARITIES, 0.0), dict.fromkeys(PARITIES, 0)
+    squares, freedom = dict.fromkeys(PARITIES, 0.0), 0
     for pieces in loop_pieces(observation).values():
         x = observation.values[pieces["displacement"].place]
         force = pieces["friction_force"].place
         strokes = Strokes.of(x, observation.values[force])
         middle, half = 0.5 * (x.max() + x.min()), 0.5 * float(np.ptp(x))
-        place = np.clip(((x - middle) / half + 1.0) * 0.5 * PARITY_BINS, 0, PARITY_BINS - 1).astype(int)
-        index = [(strokes.way == way) & (place == k) for way in (1.0, -1.0) for k in range(PARITY_BINS)]
-        count = np.array([rows.sum() for rows in index]).reshape(2, PARITY_BINS)
-        mean = np.array([left[force][rows].sum() for rows in index]).reshape(2, PARITY_BINS) / np.maximum(count, 1)
-        for (mirror, turn), _ in PARITIES.items():
-            parts, kept = _symmetric(mean, count, mirror, turn)
-            squares[mirror, turn] += parts
-            freedom[mirror, turn] += kept
-    for key, name in PARITIES.items():
-        yield _Part("parity", name, squares[key] - freedom[key],
-                    float(stats.chi2.sf(squares[key], max(freedom[key], 1))))
+        pairs = isqrt(len(x))
+        place = np.clip(((x - middle) / half + 1.0) * pairs, 0, 2 * pairs - 1).astype(int)
+        index = [(strokes.way == way) & (place == k) for way in (1.0, -1.0) for k in range(2 * pairs)]
+        count = np.array([rows.sum() for rows in index]).reshape(2, -1)
+        mean = np.array([left[force][rows].sum() for rows in index]).reshape(2, -1) / np.maximum(count, 1)
+        own = np.s_[0, np.all((count > 0) & (count[:, ::-1] > 0), axis=0)[:pairs].nonzero()[0]]  # seen from all sides
+        variance = 0.25 * parity_parts(1.0 / np.maximum(count, 1))[PARITIES[0]][own]
+        for name, part in parity_parts(mean).items():
+            squares[name] += float(np.sum(part[own]**2 / variance))
+        freedom += len(variance)
+    for name, square in squares.items():
+        yield _Part("parity", name, square - freedom, float(stats.chi2.sf(square, max(freedom, 1))))
 
 
-def parity_part(table: Array, mirror: int, turn: int) -> Array:
-    """Return the part of a table (2, bins), directions by displacement, of one parity in each."""
-    turned = table + turn * table[::-1]
-    return np.asarray(0.25 * (turned + mirror * turned[:, ::-1]))
-
-
-def _symmetric(mean: Array, count: Array, mirror: int, turn: int) -> tuple[float, int]:
-    """Return the squares of a table's (2, bins) part of one parity, in units of its variance, and their number."""
-    whole = np.all([count > 0, count[:, ::-1] > 0, count[::-1] > 0, count[::-1, ::-1] > 0], axis=0)
-    variance = 0.25 * parity_part(1.0 / np.maximum(count, 1), 1, 1)
-    own = np.where(whole, parity_part(mean, mirror, turn)**2 / variance, 0.0)[0, :mean.shape[1] // 2]
-    return float(own.sum()), int(whole[0, :mean.shape[1] // 2].sum())
+def parity_parts(table: Array) -> dict[str, Array]:
+    """Return the parts of a table (2, bins), directions by displacement, by their parity in each."""
+    parts = []
+    for turn, mirror in product((1.0, -1.0), repeat=2):
+        turned = table + turn * table[::-1]
+        parts.append(0.25 * (turned + mirror * turned[:, ::-1]))
+    return dict(zip(PARITIES, parts, strict=True))
 
 
 def _by_zone(observation: Observation, left: Array) -> Iterator[_Part]:
@@ -194,7 +191,7 @@ def _by_zone(observation: Observation, left: Array) -> Iterator[_Part]:
         return
     middle = 0.5 * (observation.points.max(axis=0) + observation.points.min(axis=0))
     half = np.maximum(0.5 * np.ptp(observation.points, axis=0), 1e-300)
-    along, across = (np.abs(observation.points - middle) / half > INNER).T
+    along, across = (np.abs(observation.points - middle) / half > CORNER).T
     zones = {"middle": ~along & ~across, "edges at the ends of the stroke": along & ~across,
              "edges along the stroke": ~along & across, "corners": along & across}
     for name, mask in zones.items():

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
 from fretflow.recordings.loopset import LoopSet
+from fretflow.recordings.periods import noise_sd
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_share, smooth_waves
 from fretflow.recordings.schema import RecordedTest, SweepCondition
@@ -36,7 +37,7 @@ LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002
 FREE_OFFSET = {"displacement": 0.03, "friction_force": 0.01, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
 WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
 DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
-DEFAULT_DEPTH_SD = 0.02  # of the largest depth, where the map states none
+DEFAULT_WEAR_SD = 0.02  # of the volume or of the largest depth, where nothing tells it
 TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends
 SYNCHRONISED = 1.5e-3  # of a period, to which a channel is in step with the drive, in all loops alike
 CORRELATED = 3.0  # samples over which noise of measured loops is taken to be one where nothing tells
@@ -115,7 +116,7 @@ class Observation:
             for one in self.repeats]
         return replace(self, smooth_share=max(shares, default=0.0))
 
-    def rows(self, chosen: Mapping[Piece, bool] | None = None, **wanted: object) -> NDArray[np.bool_]:
+    def rows(self, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
         rows = np.zeros(len(self.values), dtype=bool)
         for piece in self.pieces:
@@ -172,7 +173,7 @@ def observe(recording: Recording) -> Observation:
     last = int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
         volume = recording.wear.worn_volume
-        sd = recording.wear.worn_volume_sd or 0.02 * volume
+        sd = recording.wear.worn_volume_sd or DEFAULT_WEAR_SD * volume
         stack.add(np.array([volume]), np.array([sd**2]), np.array([sd]), "volume", "worn_volume", last, None,
                   "worn volume")
     points = _add_map(stack, recording, last)
@@ -323,8 +324,7 @@ def _spread(values: Array) -> Repeatability:
         floor = np.full(limited.shape[2], np.sqrt(np.mean(whole.repeat_sd**2)))
         return replace(repeatability(limited), smooth_share=whole.smooth_share, repeat_sd=floor)
     mean = np.where(there[:, 0, None], limited[:, 0], np.nan)
-    rough = np.diff(values[:, 0], n=3, axis=1)
-    noise = float(np.nanmedian(np.abs(rough))) / 0.6745 / np.sqrt(20.0) * CORRELATED
+    noise = CORRELATED * float(np.median(noise_sd(values[there[:, 0], 0])))
     flat, within = np.full(limited.shape[2], noise), np.sqrt(limited.shape[2] / values.shape[2])
     return Repeatability(mean=mean, repeats=there.sum(axis=1), noise_sd=within * flat, gain_sd=0.005,
                          offset_sd=noise, repeat_sd=flat)
@@ -335,7 +335,7 @@ def _add_map(stack: _Stack, recording: Recording, cycles: int) -> Array:
         return np.zeros((0, 2))
     points = recording.wear_depth
     depth = points.channels["depth"]
-    sd = points.sd.get("depth", DEFAULT_DEPTH_SD * float(np.abs(depth).max()))
+    sd = points.sd.get("depth", DEFAULT_WEAR_SD * float(np.abs(depth).max()))
     place = stack.add(depth, np.full(len(depth), sd**2), np.full(len(depth), sd), "map", "wear_depth", cycles, None,
                       "wear map")
     stack.shared.append(("depth calibration", place, points.calibration_sd.get("depth", 0.0) * depth))

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.records import quantity, record
-from fretflow.experiments.rig.observation import Array
+from fretflow.experiments.rig.observation import HARMONICS, Array
 
 PHASES = ("reversal", "stick slope", "knee", "plateau", "plateau end")
-SMOOTH = 11  # harmonics: above, a measured loop is mostly noise
 
 
 @record
@@ -55,7 +54,7 @@ def _phases(built: Array, gone: Array) -> NDArray[np.int64]:
 
 
 def smoothed(loop: Array) -> Array:
-    """Return a loop (N,) of the harmonics that count."""
+    """Return a loop (N,) of the harmonics that are compared: above, a measured one is mostly noise."""
     spectrum = np.fft.rfft(loop)
-    spectrum[SMOOTH + 1:] = 0.0
+    spectrum[HARMONICS + 1:] = 0.0
     return np.fft.irfft(spectrum, len(loop))

@@ -23,8 +23,6 @@ from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.observation import Array, measured_loops, observe
 from fretflow.experiments.rig.setup import (
     FRICTION,
-    MESHES,
-    MESHES_FAST,
     Reduce,
     case_of,
     depth_error,
@@ -33,6 +31,7 @@ from fretflow.experiments.rig.setup import (
     first_simulation,
     first_wear,
     friction_from_energy,
+    meshes,
     model_of,
 )
 from fretflow.experiments.rig.tangent import neighbours
@@ -95,7 +94,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     doubted = doubts(recording, case)
     for one in doubted:
         progress(0.02, one)
-    experiment, first = experiment_of(recording, MESHES_FAST if fast else MESHES, tools, progress)
+    experiment, first = experiment_of(recording, meshes(fast), tools, progress)
     progress(0.15, "refitting the baseline")
     hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
     search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
@@ -189,11 +188,11 @@ def _remainder(experiment: RigExperiment, hypotheses: Search, found: Found, afte
                      where=where)
 
 
-def experiment_of(recording: Recording, meshes: Sequence[int], tools: RigTools, progress: Progress
+def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools, progress: Progress
                   ) -> tuple[RigExperiment, Prediction]:
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
-    coarse, fine = (tools.statics(case_of(recording, elements, f"{elements}-elements")) for elements in meshes)
+    coarse, fine = (tools.statics(case_of(recording, own, f"{own}-elements")) for own in elements)
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),

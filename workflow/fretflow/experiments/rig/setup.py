@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fretflow.case.config import Case, Rig, Specimens, Wear, validate_case
+from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
+from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
@@ -19,26 +20,22 @@ from fretflow.solvers.periodic import PeriodicProblem
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
 
-# Elements per side of the contact square: of the mesh that is fitted with, of the one that tells what it leaves out, of
-# the one that confirms. They are of second degree: with the same 25 nodes as 4 by 4 linear elements the specimens'
-# compliance is 2.9 % too small instead of 9.7 %.
-MESHES, MESHES_FAST, CONFIRMING = (3, 4), (2, 3), 5
-DEGREE, GROWTH = 2, 2.0
-# Friction coefficients of dry metals in contact: below, fluid films; above, seizure (F. P. Bowden, D. Tabor, The
-# Friction and Lubrication of Solids (1950)).
-FRICTION = (0.02, 3.0)
+# Elements per side of the contact square, of second degree: with the same 25 nodes as 4 by 4 linear elements the
+# specimens' compliance is 2.9 % too small instead of 9.7 %.
+ELEMENTS, DEGREE, GROWTH = 3, 2, 2.0
+CONFIRMING = Mesh().contact_elements // DEGREE  # with the nodes of a case's own mesh
+FRICTION = PLAUSIBLE["contact.friction_coefficient"]
 # The corners of ridge and body let the compliance converge by about h^1.1 only (M. L. Williams, J. Appl. Mech. 19
 # (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
 # the coarse mesh misses 2.4 to 3.2 of the difference between the two; more than one difference stays as an error.
 EXTRAPOLATED, MESH_ERROR = 2.5, 1.5
-# Depths are another matter: most of their difference lies where the edge of the scar falls between coarse nodes, and is
-# gone with the next mesh. Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square
-# left elsewhere, most of it at the edges. That share of it stays as an error of each point.
-DEPTH_ERROR = 1.1
 SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to twice as many
-# Kinks of the force fall at random between samples, so that errors are of second order, but not of a sign of their own:
-# the difference to twice as many is taken for the error, of which it leaves a third.
-SAMPLING_ERROR = 1.0 / 3.0
+
+
+def meshes(fast: bool) -> tuple[int, int]:
+    """Return the elements of the mesh that is fitted with, and of the one that tells what it leaves out."""
+    coarse = ELEMENTS - fast
+    return coarse, coarse + 1
 
 
 def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recorded") -> Case:
@@ -170,7 +167,9 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     """Return what the coarse model leaves out (M,), and the modes (M, any) of what is not known of that.
 
     Each loop's channel has an error of its own, as far as the differences between the meshes (samples) go; for what is
-    not known of single depths see `depth_error`.
+    not known of single depths see `depth_error`. Kinks of the force fall at random between samples, so that errors of
+    these are of second order, but not of a sign of their own: the difference to twice as many leaves a third of itself
+    (L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357).
 
     Parameters
     ----------
@@ -183,15 +182,20 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     modes = np.zeros((len(plain), 2 * len(observation.pieces)))
     for column, piece in enumerate(observation.pieces):
         modes[piece.place, 2 * column] = MESH_ERROR * mesh[piece.place]
-        modes[piece.place, 2 * column + 1] = SAMPLING_ERROR * sampled[piece.place]
+        modes[piece.place, 2 * column + 1] = sampled[piece.place] / (2**2 - 1)
     known = np.where(observation.rows(block="map"), 1.0, EXTRAPOLATED)
     return known * mesh + sampled, modes
 
 
 def depth_error(observation: Observation, finer: Array, plain: Array) -> Array:
-    """Return the variance (M,) of the depths that no mesh resolves, m^2, zero for all that is no depth."""
+    """Return the variance (M,) of the depths that no mesh resolves, m^2, zero for all that is no depth.
+
+    Most of their difference lies where the edge of the scar falls between coarse nodes, and is gone with the next mesh.
+    Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square left elsewhere, most of
+    it at the edges: as much of it stays as an error of each point.
+    """
     rows = observation.rows(block="map")
     mesh = (finer - plain)[rows]
     found = np.zeros(len(plain))
-    found[rows] = DEPTH_ERROR * np.mean(mesh**2) if len(mesh) else 0.0
+    found[rows] = np.mean(mesh**2) if len(mesh) else 0.0
     return found

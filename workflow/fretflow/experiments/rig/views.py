@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
 from fretflow.experiments.rig.observation import ABSOLUTE, Array, Observation, Piece
+from fretflow.experiments.rig.setup import SAMPLES
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.verdict import Comparison, Evolution, ResidualMap, WearMap
 from fretflow.recordings.readings import read_noisy_loop
@@ -17,7 +18,6 @@ from fretflow.structure.sensors import band_limited
 
 MOST_SHOWN = 8  # cycle counts
 LOOPS = ("loops", "sweep")
-DRAWN = 50  # harmonics of a loop as it is drawn: between its samples as they have it
 READ = ("friction_limit", "tangential_stiffness", "dissipated_energy", "sliding_distance")
 JUDGED = ("displacement", "friction_force")  # by how well held-out loops are predicted
 
@@ -69,7 +69,7 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
         if label not in kept:
             continue
         (x, force), (x_before, force_before), (x_after, force_after) = (
-            [band_limited(vector[pieces[name].place], DRAWN) for name in JUDGED]
+            [band_limited(vector[pieces[name].place], SAMPLES // 2) for name in JUDGED]
             for vector in (observation.values, before, after))
         found.append(Comparison(
             label=label, held_out=label in held_out, displacement=x, force=force, before_displacement=x_before,

@@ -13,6 +13,7 @@ from scipy.linalg import eigvalsh
 from fretflow.core.errors import InputError
 from fretflow.experiments.structure.responses import POWERS
 from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone
+from fretflow.recordings.plausibility import STATED
 from fretflow.solvers.nonlinear_modes.joint import LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
@@ -21,7 +22,6 @@ from fretflow.structure.reduction.contact_modes import ReducedStructure, assembl
 Array = NDArray[np.float64]
 
 MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
-OCTAVE = 2.0  # by which matrices that stand for the structure are off at most
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class BackboneObservation:
                                  " name another mode by backbone.mode, or another output")
             return backbone.mode - 1
         highest, lowest = modes[-1].frequency, self.span(0)[0]  # the open joint's is the lowest (Rayleigh)
-        if not lowest / OCTAVE < own < highest * OCTAVE:
+        if not lowest / STATED < own < highest * STATED:
             raise InputError(f"backbone.frequency: {own:.4g} Hz is none of the structure's, whose first mode with the "
                              f"joint open has {lowest:.4g} Hz and whose last that is compared {highest:.4g} Hz; "
                              "check its unit and those of M and K, or name its number in backbone.mode")

@@ -14,10 +14,13 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.experiments.independent import FREEDOM
 from fretflow.experiments.structure.responses import backbone_of
+from fretflow.inference.verdict import FALSE_ALARMS
 from fretflow.recordings.kinds.structures import FEWEST, MeasuredBackbone, StructureRecording
 from fretflow.solvers.nonlinear_modes.ring_down import MASING, instantaneous_mode
 
@@ -27,7 +30,6 @@ MOST_POINTS = 24  # of a backbone that is compared; more are averaged, as neighb
 ORDERS = (1, 3)  # of polynomials through the neighbours about which values scatter; a curved one needs the higher
 SLIDES = ("backbone: the joint slides as a whole at all recorded amplitudes; raise bolt_load's range, or check "
           "the unit of the amplitude")
-WIDER = (1.0, 2.0**0.5, 2.0)  # than scatter tells are errors: of five squares their mean is a quarter at 5 %
 ROUGH = {"frequency": 1e-4, "damping": 0.02}  # relative sd where neither the file nor the scatter tells it
 
 
@@ -199,11 +201,12 @@ def weights_of(place: Array, missed: Array, sd: Array) -> Array:
     """
     scaled = missed / sd
     apart = np.abs(place[:, None] - place) / max(float(np.ptp(place)), 1e-12)
+    widest = float(np.sqrt(FREEDOM / chi2.ppf(FALSE_ALARMS, FREEDOM)))  # than the scatter of so few squares tells
     fits = []
     for length, size in product(2.0**np.arange(-3, 2), np.geomspace(0.1, max(1.0, float(np.abs(scaled).max())), 6)):
         far = np.sqrt(3.0) * apart / length
         smooth = size**2 * (1.0 + far) * np.exp(-far)
-        for wider, freedom in product(WIDER, 4.0**np.arange(4)):  # Cauchy's to nearly normal
+        for wider, freedom in product((1.0, widest**0.5, widest), 4.0**np.arange(4)):  # Cauchy's to nearly normal
             told, weight = _smoothed(smooth / wider**2, scaled / wider, freedom)
             fits.append((told - len(scaled) * log(wider), np.maximum(wider**2 / weight, 1.0)))
     top = max(one[0] for one in fits)

@@ -16,7 +16,8 @@ import numpy as np
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Array, Effect, Prior
-from fretflow.effects.line_cycle import LineContact, LineCycle
+from fretflow.effects.line_cycle import JUMPS, LineContact, LineCycle
+from fretflow.experiments.rig.observation import DEFAULT_WEAR_SD
 from fretflow.experiments.structure.experiment import STATED
 from fretflow.experiments.structure.points import scatter
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
@@ -24,9 +25,7 @@ from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.recordings.kinds.structures import WornRecording
 from fretflow.recordings.kinds.worn_profiles import WornArea
 
-JUMPS = 24  # of the march of a test; what twice as many change is an error of the prediction
 ROOM = 1.3  # times the half width of a scar that is worn without debris, where strips end
-LEAST = 0.01  # of the deepest place: sd of a depth of which nothing is known
 HELD_SHARE = 0.1  # relative sd of a worn area without one: repeats of fretting tests, ASTM G204
 
 
@@ -35,7 +34,7 @@ class ProfileExperiment(Experiment):
     """Laws of wear against worn profiles."""
 
     recording: WornRecording
-    jumps: int = JUMPS
+    jumps: int = JUMPS  # of the march; what twice as many change is an error of the prediction
     many: ClassVar[bool] = False  # predictions are quick
 
     @property
@@ -50,7 +49,7 @@ class ProfileExperiment(Experiment):
         counts = [len(one.x) for one in profiles]
         values: Array = np.concatenate([*(one.depth for one in profiles), [one.area / self._width for one in areas]])
         sd: Array = np.concatenate([*(np.full(len(one.x), one.depth_sd or max(
-            scatter(one.x, one.depth), LEAST * float(one.depth.max()))) for one in profiles),
+            scatter(one.x, one.depth), DEFAULT_WEAR_SD * float(one.depth.max()))) for one in profiles),
             [(one.area_sd or HELD_SHARE * one.area) / self._width for one in areas]])
         group = np.repeat(np.arange(len(self.tests)), [*counts, *(1 for _ in areas)])
         gain = np.concatenate([*(one.calibration_sd * one.depth for one in profiles), np.zeros(len(areas))])

@@ -19,8 +19,7 @@ from fretflow.recordings.notes import row_ranges, rows_in_words
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-VARIES = 1.2  # largest over smallest value of a condition that varies
-ALIKE = 1.3  # ratio of measured quantities (energy, power) between repeats
+ALIKE = 1.3  # largest over smallest value of a condition that does not vary, or of what is measured between repeats
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def wear_data(series: WearSeries) -> WearData:
         If it has too few conditions.
     """
     states, notes = _states(series)
-    varied = tuple(name for name, x in states.items() if x.max() > VARIES * x.min())
+    varied = tuple(name for name, x in states.items() if x.max() > ALIKE * x.min())
     condition = _conditions(series)
     twice = _twice(series, condition)
     weight = 1.0 / np.bincount(twice)[twice]

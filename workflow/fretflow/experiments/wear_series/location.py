@@ -7,10 +7,9 @@ from scipy import stats
 
 from fretflow.core.units import pretty_number, pretty_quantity
 from fretflow.effects.volume_law import CYCLES, UNITS
-from fretflow.experiments.wear_series.data import Array, Ids, WearData, growths
+from fretflow.experiments.rig.law import equal_bins
+from fretflow.experiments.wear_series.data import Array, WearData, growths
 from fretflow.inference.verdict import Location, Place, ResidualLaw
-
-PARTS = 3  # of the range of a condition: low, middle and high
 
 
 def locate(data: WearData, model: Array) -> Location:
@@ -20,7 +19,7 @@ def locate(data: WearData, model: Array) -> Location:
     """
     tests = data.tests
     left, excess = tests.residual(model), _excess(data, model)
-    groups = [(name, x[own], own) for name, x in _conditions(data).items() for own in _split(x, PARTS)]
+    groups = [(name, x[own], own) for name, x in _conditions(data).items() for own in equal_bins(x)]
     free = max(data.pure_freedom, tests.count - data.curve.shape[1])
     places = []
     for name, x, own in groups:
@@ -48,7 +47,7 @@ def residual_law(data: WearData, model: Array) -> ResidualLaw | None:
     left, ratio = tests.residual(model), tests.volume / model - 1.0
     best: ResidualLaw | None = None
     for name, x in _conditions(data).items():
-        groups = _split(x, 2 * PARTS)
+        groups = equal_bins(x)
         inside = sum(float(tests.weight[own] @ (left[own] - np.average(left[own], weights=tests.weight[own]))**2)
                      for own in groups)
         gain = tests.square(model) - inside - (len(groups) - 1) * data.sd**2
@@ -71,16 +70,6 @@ def _conditions(data: WearData) -> dict[str, Array]:
     """Return all recorded conditions that vary, known ones by their names."""
     own = {name: data.tests.states[name] for name in data.varied}
     return own | {name: x for name, x in data.series.further.items() if np.isfinite(x).all() and np.ptp(x) > 0.0}
-
-
-def _split(x: Array, parts: int) -> list[Ids]:
-    """Return the indices of tests in at most `parts` ranges of a condition, about as many in each."""
-    values = np.unique(x)
-    if len(values) <= parts:
-        return [np.flatnonzero(x == value) for value in values]
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, parts + 1)[1:-1], method="nearest"))
-    place = np.searchsorted(edges, x, side="left")
-    return [np.flatnonzero(place == k) for k in np.unique(place)]
 
 
 def within(name: str, low: float, high: float) -> str:

@@ -37,6 +37,7 @@ from fretflow.case.sections import MOST_CYCLES, Title
 from fretflow.core import units as u
 from fretflow.core.errors import did_you_mean
 from fretflow.core.records import record
+from fretflow.core.units import per_cent
 from fretflow.recordings.description import FILE, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.structure_columns import parsed
@@ -46,14 +47,18 @@ FACTS = RecordingKind(
     "facts", "facts: figures and statements of a rig's tests with their uncertainty; the full model predicts each",
     "fretflow.experiments.facts.run:diagnose_facts", f"{__name__}:read_facts")
 KINDS = (FACTS,)
+CORNER = 0.75  # share of the half width from which on, in both directions, a place counts as corner
+SETTLED_WITHIN = 0.1  # of the last rate
 QUANTITIES = MappingProxyType({  # what a fact may be of: SI unit and meaning
     "sliding-distance": ("m", "relative displacement of the faces, peak to peak, mean of the test up to its cycles"),
     "resonance": ("Hz", "frequency of the largest motion of the driven block under the test's force"),
     "resonance-change": ("1", "that frequency over the unworn joint's, less one"),
-    "corner-share": ("1", "share of the worn volume that lies in the corners of the contact"),
+    "corner-share": ("1", "share of the worn volume that lies in the corners of the contact, from "
+                           f"{per_cent(CORNER)} of its half width on both ways"),
     "corner-depth-ratio": ("1", "worn depth in the corners over that of the whole contact"),
     "corner-depth-growth": ("1", "worn depth in the corners over that at the fact's `since`"),
-    "settling-cycles": ("1", "cycles from which on the wear rate stays within a tenth of its last value"),
+    "settling-cycles": ("1", f"cycles from which on the wear rate stays within {per_cent(SETTLED_WITHIN)} of its last "
+                             "value"),
     "slip-outside": ("1", "how much farther from the middle slip lies than stick while both occur in the unworn "
                           "joint, in half widths"),
     "stick-share": ("1", "share of the contact that never slips in a period of the unworn joint"),
