@@ -94,7 +94,7 @@ def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProb
     Raises
     ------
     NonConvergenceError
-        If there is no maximum where a resonance may be.
+        If there is no maximum as far as resonances may be apart.
     """
     last: list[PeriodicSolution] = []
 
@@ -107,8 +107,8 @@ def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProb
         block = found.rig_displacement[:, 0]
         return float(abs(np.fft.rfft(block)[1]) / len(block))
 
-    middle = max(map(float, starts), key=motion) if len(starts) > 1 else float(starts[0])
-    while GRID[0] <= middle / in_phase_frequency(problem) <= GRID[-1]:
+    middle = start = max(map(float, starts), key=motion) if len(starts) > 1 else float(starts[0])
+    while max(middle / start, start / middle) < GRID[-1] / GRID[0]:
         off = max(map(float, BESIDE), key=lambda one: motion(middle * np.exp(one)))
         middle *= float(np.exp(off))
         if abs(off) < BESIDE[-1]:
