@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.experiments.rig import run
+from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
 from fretflow.experiments.rig.setup import (
     case_of,
@@ -20,6 +22,8 @@ from fretflow.experiments.rig.setup import (
     friction_from_energy,
 )
 from fretflow.inference.experiment import Covariance
+from fretflow.inference.posterior import Found, Posterior
+from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
@@ -252,3 +256,18 @@ def test_recording_without_loops_is_refused() -> None:
     """There is nothing to compare."""
     with pytest.raises(UnreliableRecordingError, match=r"has no \[loops\]"):
         first_friction(replace(recorded(), loops=None))
+
+
+@pytest.mark.parametrize(("friction", "verdict"), [
+    (0.015, Verdict.UNKNOWN), (0.03, Verdict.NAMED), (2.5, Verdict.NAMED), (3.5, Verdict.UNKNOWN)])
+def test_no_physics_is_named_with_a_friction_that_no_dry_contact_has(
+        monkeypatch: pytest.MonkeyPatch, friction: float, verdict: Verdict) -> None:
+    """Below 0.02 is a fluid film, above 3 seizure, whatever the baseline's coefficient that the fit changes."""
+    monkeypatch.setattr(run, "hypothesis", lambda point: Hypothesis(friction=friction / 0.5))
+    names = frozenset({"viscous"})
+    fit = SimpleNamespace(prediction=SimpleNamespace(point=None))
+    found = Found(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({}, 0.1, {}))
+    hypotheses: Any = SimpleNamespace(fits={names: fit})
+    problem = SimpleNamespace(friction_coefficient=np.full(4, 0.5))
+    experiment: Any = SimpleNamespace(rig=SimpleNamespace(problem=problem))
+    assert run.plausible(found, hypotheses, experiment).verdict is verdict
