@@ -21,6 +21,7 @@ BLOCKS = {Block.CONTACT: "contact law", Block.WEAR: "wear law"}
 NOTHING = "–"
 INSTRUMENTS = ("kg", "s")  # units of what belongs to them, and does not go with a joint's size
 _LETTERS = {"mu": "μ", "xi": "ξ", "phi": "φ", "tau": "τ", "zeta": "ζ", "eps": "ε"}
+_PLAIN = range(-4, 7)  # powers of ten of numbers that are written without one, as C's %g does, and millions
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 VERDICT_WORDS = {
@@ -57,14 +58,9 @@ def number(value: float, resolution: float | None = None) -> str:
         return "0"
     power = math.floor(math.log10(abs(value)))
     resolution = resolution if resolution and math.isfinite(resolution) else 10.0 ** (power - 2)
-    if _is_plain(value):
+    if power in _PLAIN:
         return _signed(f"{value:,.{_decimals(resolution)}f}")
     return _signed(f"{value / 10.0**power:.{_decimals(resolution / 10.0**power)}f}·10{str(power).translate(_RAISED)}")
-
-
-def _is_plain(value: float) -> bool:
-    """Tell whether a number is written without a power of ten, as C's %g does."""
-    return "e" not in f"{value:g}"
 
 
 def _decimals(resolution: float) -> int:
@@ -181,7 +177,7 @@ def interval(estimate: Estimate) -> Interval:
     largest = max((abs(v) for v in (estimate.low, estimate.value, estimate.high) if math.isfinite(v)), default=0.0)
     unit, size = readable_unit(largest, estimate.unit)
     printed, power = pretty_unit(unit), math.floor(math.log10(largest / size)) if largest > 0.0 else 0
-    if not _is_plain(largest / size):
+    if power not in _PLAIN:
         printed, size = f"10{str(power).translate(_RAISED)} {printed}".rstrip(), size * 10.0**power
     half = 0.5 * (estimate.high - estimate.low)
     step = 0.1 * half / size if half > 0.0 and math.isfinite(half) else None
