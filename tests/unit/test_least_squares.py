@@ -11,6 +11,7 @@ import pytest
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.search import Search
+from fretflow.inference.strategy import to_rest
 
 TRUE = np.array([1.0, 1.0])
 SD = 0.05
@@ -163,3 +164,17 @@ def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:
 
     assert returned(fit.z.copy())
     assert not returned(2.0 * fit.z)
+
+
+@pytest.mark.parametrize(("left", "fitted"), [(10.0, ["near"]), (1000.0, ["near", "far"])])
+def test_where_one_effect_explains_all_hopeless_ones_are_not_fitted_to_rest(left: float, fitted: list[str]) -> None:
+    """`left` beside ten squares of noise; where more is left, how probable an effect is shows at rest only."""
+    asked: list[str] = []
+    names = [frozenset({"near"}), frozenset({"far"})]
+    search: Any = SimpleNamespace(
+        fits={one: SimpleNamespace(converged=False, chi_squared=left) for one in names},
+        effort=SimpleNamespace(bases=2, last_steps=2), best=lambda size: names, promising=lambda sets: sets[:1],
+        experiment=SimpleNamespace(measurement=SimpleNamespace(expected=10.0)),
+        continue_fits=lambda sets, steps: asked.extend(one for own in sets for one in own))
+    to_rest(search, 1)
+    assert list(dict.fromkeys(asked)) == fitted

@@ -35,12 +35,9 @@ def found(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Found:
     return Found(verdict, sets, frozenset({"viscous"}), explained, 0.7, (), Posterior({frozenset(): none}, 0.1, {}))
 
 
-def test_of(p: float) -> Detection:
+def detection_at(p: float) -> Detection:
     """Return a test of the baseline with that p-value."""
     return Detection(p_value=p, statistic="", tests={}, false_alarm_rate=0.05)
-
-
-test_of.__test__ = False  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("p", [1e-6, 0.003, 0.05, 0.3])
@@ -59,16 +56,16 @@ def test_a_p_value_that_is_large_or_none_is_worth_nothing_or_all() -> None:
 @pytest.mark.parametrize("verdict", [Verdict.NAMED, Verdict.AMBIGUOUS, Verdict.UNKNOWN])
 def test_what_the_test_does_not_see_is_nothing(verdict: Verdict) -> None:
     """Its probability is at least what the test alone leaves to nothing."""
-    held = detected(found(verdict), test_of(0.5))
+    held = detected(found(verdict), detection_at(0.5))
     assert (held.verdict, held.effects, held.after) == (Verdict.NONE, (), frozenset())
     assert held.probability == 0.5
-    assert detected(found(verdict, none=0.6), test_of(0.5)).probability == 0.6
+    assert detected(found(verdict, none=0.6), detection_at(0.5)).probability == 0.6
 
 
 def test_what_the_test_sees_is_left_to_the_posterior() -> None:
     """What codes differ by is not in the test's null: a clear p-value makes nothing of a verdict, and changes none."""
     for verdict, p in ((Verdict.NONE, 1e-30), (Verdict.NONE, 0.5), (Verdict.NAMED, 1e-3), (Verdict.UNKNOWN, 1e-3)):
-        assert detected(found(verdict), test_of(p)) == found(verdict)
+        assert detected(found(verdict), detection_at(p)) == found(verdict)
 
 
 def test_probabilities_leave_to_nothing_what_the_test_of_few_tests_leaves() -> None:
