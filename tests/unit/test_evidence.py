@@ -187,6 +187,15 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     assert fit.chi_squared < 0.01 * found.baseline.chi_squared
 
 
+@pytest.mark.parametrize("hidden", [(), ("viscous",), ("viscous", "support-nonlinearity")])
+def test_pairs_are_sought_where_something_is_left_to_explain(hidden: tuple[str, ...]) -> None:
+    """None where the baseline leaves noise, and none without it where one effect does; of two the pair is named."""
+    noise = SD * np.random.default_rng(11).standard_normal(LOOPS * SAMPLES)
+    found = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
+    assert all(names & set(hidden) for names in found.best(2))
+    assert decide(found).effects == tuple(sorted(hidden))
+
+
 def test_an_input_is_off_by_nothing_but_its_time() -> None:
     """No code and no law gets the drive wrong; it may come early, in all loops alike or in each."""
     own = replace(measurement(), channels=("force", "drive"), channel=np.arange(len(measurement().values)) % 2,

@@ -12,7 +12,7 @@ from math import log, sqrt
 from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.evidence import (
@@ -30,6 +30,7 @@ from fretflow.inference.experiment import Covariance, Experiment, Point, Predict
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array
+from fretflow.inference.verdict import FALSE_ALARMS
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -185,6 +186,10 @@ class Search:
             own = Covariance(own.variance, np.hstack([own.modes, chance]))
         rest = own.whiten(self.experiment.measurement.values - self.fits[names].predicted)
         return float(rest @ rest)
+
+    def leaves_noise(self, names: Names) -> bool:
+        """Tell whether what a set leaves passes for noise, by a test with the rate of false alarms."""
+        return float(chi2.sf(self.chi_squared(names), self.experiment.measurement.expected)) > FALSE_ALARMS
 
     def explained(self, names: Names) -> float:
         """Return the share that a set explains of what the baseline leaves beyond the repeats' noise."""

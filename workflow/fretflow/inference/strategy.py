@@ -70,8 +70,14 @@ def leading(found: Search) -> list[Names]:
     """Return the effects to which others are sought: the most probable, and the one that explains most.
 
     That may be improbable for what it leaves, as the stronger one of two is. Laws of other forms are allowed for.
+    Where one leaves noise alone there is nothing that pairs without it could explain more of, and where none leaves
+    that, nothing that two could.
     """
+    if found.leaves_noise(frozenset()):
+        return []
     first = found.best(1)[:2 * found.effort.bases]
+    if any(map(found.leaves_noise, first)):
+        return found.promising(first)[:found.effort.bases]
     found.sign(first)
     probable = sorted(first, key=lambda names: -found.log_evidence(names))[:found.effort.bases]
     return list(dict.fromkeys([*probable, min(found.best(1), key=found.chi_squared)]))
@@ -192,8 +198,10 @@ def begin_all(found: Search) -> None:
         untold = begin_beside(found, origin)
         if is_explained(found):
             return  # what may be left to tell is small, and of first order
-    more = [fit for fits in found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
-            for fit in fits]
+    laid = found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
+    fits = sorted((fit for own in laid for fit in own), key=lambda fit: fit.objective)
+    more = [fit for place, fit in enumerate(fits)
+            if sum(fit.effects == one.effects for one in fits[:place]) < found.effort.starts]  # of both signs
     found.keep(more)
     go_on(found, more, found.effort.last_steps)
 
