@@ -12,6 +12,7 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
+from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.experiments.rig.experiment import RigExperiment, resensed
 from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.setup import first_simulation
@@ -20,6 +21,8 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Effort, Search
 from fretflow.inference.strategy import correct
+from fretflow.recordings.schema import SweepCondition
+from fretflow.solvers.time_integration import integrate
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
 
@@ -132,3 +135,32 @@ def test_repeats_that_differ_smoothly_are_told(recorded):
     observation = fitter.experiment.rig.observation
     assert not replace(observation, smooth_share=0.2).unsteady
     assert replace(observation, smooth_share=0.8).unsteady
+
+
+def test_of_motions_that_coexist_the_measured_one_is_predicted(monkeypatch):
+    """About the fold of a hardening support; integration in time keeps to either, and no third is made up."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    condition = SweepCondition(id=0, excitation_frequency="90 Hz")
+    rig = small_rig.rig(small_rig.observed(SD, (0,), (condition,), 2e-15, 3e-9))
+    rows = rig.observation.rows(block="sweep", channel="displacement")
+
+    def sweeping(stiffness, measured):
+        values = np.where(rows, measured, rig.observation.values)
+        own = replace(rig, observation=replace(rig.observation, values=values))
+        found = own.simulate(Hypothesis(effects=(SupportNonlinearity().changed(stiffness=stiffness),)))
+        return own.predict(found), found.sweep[0]
+
+    large = sweeping(2e15, rig.observation.values)[0]
+    small = sweeping(1e15, large)[0]  # none coexists there
+    assert np.ptp(small[rows]) < 0.6 * np.ptp(large[rows])
+    spans = []
+    for measured in (small, large):
+        _, period = sweeping(1.4e15, measured)
+        moved = period.solution.displacement[:, :, 0].mean(axis=1)
+        marched = integrate(period.problem, period.solution, 40, 200)
+        assert marched.change[-1] < 1e-3
+        assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.02)
+        spans.append(np.ptp(moved))
+    assert spans[1] > 1.8 * spans[0]

@@ -7,7 +7,8 @@ finer model at the baseline, and enters the covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -137,13 +138,19 @@ class RigModel:
         joint = WearingJoint(cycle, settings)
         known = near is not None and _alike(near, hypothesis)
         scheme: Implicit[PeriodicSolution] = Implicit(joint, anew=not known)
-        step, state = joint.settled(cycle.initial(), None if near is None else near.loops[0].solution, solves=1,
-                                    anew=not known)
+
+        def period(step: WearStep, state: PeriodicSolution) -> Period:
+            return Period(cycle.model.problem(step.slow), state, step, step.cycles / max(self.total_cycles, 1),
+                          cycle.model.baseline)
+
+        first = self._measured_motion(cycle.model, period(*joint.settled(
+            cycle.initial(), None if near is None else near.loops[0].solution, solves=1, anew=not known)), lambda start:
+            period(*joint.settled(cycle.initial(), start, solves=2, anew=False)), block="loops", cycles=min(counts))
+        step, state = first.step, first.solution
         steps, kept = [step], {}
         while True:
             if step.cycles in counts:
-                kept[step.cycles] = Period(cycle.model.problem(step.slow), state, step,
-                                           step.cycles / max(self.total_cycles, 1), cycle.model.baseline)
+                kept[step.cycles] = period(step, state)
             if step.cycles >= last:
                 break
             step, state = scheme.advance(step, state)
@@ -161,14 +168,52 @@ class RigModel:
     def _at(self, cycle: PeriodicCycle, end: Period, condition: SweepCondition, start: Period, anew: bool) -> Period:
         """Return the period at another condition, at the end of the test."""
         model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
-        problem = model.problem(end.step.slow)
+        problem, of = model.problem(end.step.slow), {"block": "sweep", "condition": condition.id}
+
+        def beginning(solution: PeriodicSolution | None) -> Period:
+            return Period(problem, cycle.solver.solve(problem, solution), end.step, end.elapsed, model.baseline)
+
         try:
-            found = cycle.solver.solve(problem, start.solution)
+            found = beginning(start.solution)
         except NonConvergenceError:
             if not anew:
                 raise
-            found = cycle.solver.solve(problem)
-        return Period(problem, found, end.step, end.elapsed, model.baseline)
+            try:
+                found = beginning(self._like_measured(model, start, **of))
+            except NonConvergenceError:
+                found = beginning(None)
+        return self._measured_motion(model, found, beginning, **of)
+
+    def _measured_motion(self, model: EffectModel, period: Period, beginning: Callable[[PeriodicSolution], Period],
+                         **of: object) -> Period:
+        """Return a period, or the one `beginning` as large as what was measured, if that is nearer to it.
+
+        Of motions that coexist about a fold of the response the recording shows one. A period is taken for another
+        where the displacement's fundamental differs from the measured one by more than the smaller of both is.
+        """
+        start = self._like_measured(model, period, **of)
+        if start is None:
+            return period
+        try:
+            other = beginning(start)
+        except NonConvergenceError:
+            return period
+        return period if self._like_measured(model, other, **of) else other
+
+    def _like_measured(self, model: EffectModel, period: Period, **of: object) -> PeriodicSolution | None:
+        """Return a period's motion, as large and as late as it was measured; None where it is no other motion."""
+        measured = self.observation.values[self.observation.rows(channel="displacement", **of)]
+        aimed, own = (complex(np.fft.rfft(one)[1]) for one in (measured, self.sensed(
+            model, self.signals(period)).displacement))
+        if own == 0.0 or abs(aimed - own) <= min(abs(aimed), abs(own)):
+            return None
+        found, late = period.solution, -float(np.angle(aimed / own)) / (2.0 * np.pi)
+        turned = {name: np.roll(getattr(found, name), round(late * len(found.state)), axis=0)
+                  for name in ("displacement", "force", "state", "internal", "friction_force")}
+        for name in ("displacement", "internal"):
+            mean = turned[name].mean(axis=0)
+            turned[name] = mean + abs(aimed / own) * (turned[name] - mean)
+        return PeriodicSolution(**{one.name: getattr(found, one.name) for one in fields(PeriodicSolution)} | turned)
 
     def predict(self, simulation: Simulation) -> Array:
         """Return the vector (M,) that the recording would be."""
