@@ -143,9 +143,11 @@ class RigModel:
             return Period(cycle.model.problem(step.slow), state, step, step.cycles / max(self.total_cycles, 1),
                           cycle.model.baseline)
 
-        first = self._measured_motion(cycle.model, period(*joint.settled(
-            cycle.initial(), None if near is None else near.loops[0].solution, solves=1, anew=not known)), lambda start:
-            period(*joint.settled(cycle.initial(), start, solves=2, anew=False)), block="loops", cycles=min(counts))
+        def beginning(start: PeriodicSolution | None) -> Period:
+            return period(*joint.settled(cycle.initial(), start, solves=1, anew=not known))
+
+        first = self._measured_motion(beginning(None if near is None else near.loops[0].solution), beginning,
+                                      block="loops", cycles=min(counts))
         step, state = first.step, first.solution
         steps, kept = [step], {}
         while True:
@@ -179,32 +181,33 @@ class RigModel:
             if not anew:
                 raise
             try:
-                found = beginning(self._like_measured(model, start, **of))
+                found = beginning(self._like_measured(start, **of))
             except NonConvergenceError:
                 found = beginning(None)
-        return self._measured_motion(model, found, beginning, **of)
+        return self._measured_motion(found, beginning, **of)
 
-    def _measured_motion(self, model: EffectModel, period: Period, beginning: Callable[[PeriodicSolution], Period],
+    def _measured_motion(self, period: Period, beginning: Callable[[PeriodicSolution], Period],
                          **of: object) -> Period:
         """Return a period, or the one `beginning` as large as what was measured, if that is nearer to it.
 
         Of motions that coexist about a fold of the response the recording shows one. A period is taken for another
         where the displacement's fundamental differs from the measured one by more than the smaller of both is.
         """
-        start = self._like_measured(model, period, **of)
+        start = self._like_measured(period, **of)
         if start is None:
             return period
         try:
             other = beginning(start)
         except NonConvergenceError:
             return period
-        return period if self._like_measured(model, other, **of) else other
+        return period if self._like_measured(other, **of) else other
 
-    def _like_measured(self, model: EffectModel, period: Period, **of: object) -> PeriodicSolution | None:
+    def _like_measured(self, period: Period, **of: object) -> PeriodicSolution | None:
         """Return a period's motion, as large and as late as it was measured; None where it is no other motion."""
         measured = self.observation.values[self.observation.rows(channel="displacement", **of)]
-        aimed, own = (complex(np.fft.rfft(one)[1]) for one in (measured, self.sensed(
-            model, self.signals(period)).displacement))
+        aimed, own = (complex(np.fft.rfft(one)[1]) / len(one) for one in (measured, self.displacement(period)))
+        if self.observation.aligned_to != "excitation":  # which is largest at phase zero here
+            aimed, own = abs(aimed), abs(own)
         if own == 0.0 or abs(aimed - own) <= min(abs(aimed), abs(own)):
             return None
         found, late = period.solution, -float(np.angle(aimed / own)) / (2.0 * np.pi)
