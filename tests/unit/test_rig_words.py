@@ -37,15 +37,18 @@ def test_what_remains_is_told_with_its_place():
 
 
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
-    nothing = Remainder(share=0.002, times_noise=1.0, where="")
+    nothing = Remainder(share=0.002, times_noise=1.3, where="")
     text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
-    assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.0 times the noise.")
+    assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.3 times the noise.")
 
 
-def test_a_remainder_of_the_noise_is_not_called_unexplained():
-    for times, said in ((1.0, "what remains (1 % of the difference) is no larger than the noise."),
-                        (1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained.")):
-        left = Remainder(share=0.011, times_noise=times, where="")
+def test_a_remainder_of_the_noise_is_not_called_unexplained_and_lies_nowhere():
+    for share, times, said in (
+            (0.002, 1.0, "what remains (less than 1 % of the difference) is no larger than the noise."),
+            (0.011, 1.0, "what remains (1 % of the difference) is no larger than the noise."),
+            (0.011, 1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained: it lies in "
+                         "reversal.")):
+        left = Remainder(share=share, times_noise=times, where="reversal")
         assert sentence(found(Verdict.NAMED, {"viscous"}, explained=0.989), left, PLACE, None).endswith(said)
 
 
