@@ -98,6 +98,13 @@ def test_peak_and_half_power_damping_are_those_of_the_linear_rig():
         assert peak.reason == ""
 
 
+def test_both_ways_along_one_branch_tell_one_peak():
+    """Each way's own points stand elsewhere on a flat summit, and told it 0.5 Hz apart."""
+    up, down = (read_peak(sticking(), direction=direction) for direction in SweepDirection)
+    assert down.frequency == pytest.approx(up.frequency, rel=1e-9)
+    assert down.damping_ratio == pytest.approx(up.damping_ratio, rel=1e-9)
+
+
 def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
     """A stuck joint under one mass: ``f_0 sqrt(1 - 2 zeta^2)``, ``F / (2 k zeta sqrt(1 - zeta^2))`` and zeta."""
     zeta, mass = 0.02, 10.0

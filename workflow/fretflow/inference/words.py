@@ -224,7 +224,7 @@ def implausible(made: Iterable[Estimate]) -> list[str]:
         if prior is not None and not prior.low <= size <= prior.high:
             unit = pretty_unit(one.unit)
             notes.append(f"{one.name} = {f'{number(one.value, 0.1 * size)} {unit}'.rstrip()} lies beyond the plausible "
-                         f"{prior.low:g} to {prior.high:g} {unit}".rstrip())
+                         f"{f'{prior.low:g} to {prior.high:g} {unit}'.rstrip()} ({prior.source})")
     return notes
 
 
