@@ -93,8 +93,8 @@ def in_doubt(doubted: Sequence[str]) -> str:
 def at_bounds(space: Parameters, z: Array) -> list[str]:
     """Return a warning of parameters that stand far outside of their plausible ranges."""
     own = [one.name for one, at in zip(space.coordinates, z, strict=True) if abs(at) > BENT]
-    return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is plausible: the fit may "
-            "stand for something else"] if own else []
+    return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is held plausible: the fit "
+            "may stand for something else, or the range be too narrow"] if own else []
 
 
 def unfinished(sets: Collection[Names]) -> list[str]:
