@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.core.store import write_csv
+from fretflow.core.units import pretty_number
 from fretflow.pipeline.run_records import ForcedResponse, stated_error
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import FREQUENCY_LIMIT, ReducedSpecimen
@@ -133,7 +134,7 @@ def _draw_change(axes: Axes, first: ForcedResponse, last: ForcedResponse) -> Non
 def readable_log(axis: Axis, steps: tuple[float, ...]) -> None:
     """Label a logarithmic axis with plain numbers at `steps` of every decade."""
     axis.set_major_locator(LogLocator(subs=steps))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: pretty_number(value)))
     axis.set_minor_formatter(NullFormatter())
 
 

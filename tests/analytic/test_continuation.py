@@ -98,6 +98,28 @@ def test_peak_and_half_power_damping_are_those_of_the_linear_rig():
         assert peak.reason == ""
 
 
+def test_both_ways_along_one_branch_tell_one_peak():
+    """Each way's own points stand elsewhere on a flat summit, and told it 0.5 Hz apart."""
+    up, down = (read_peak(sticking(), direction=direction) for direction in SweepDirection)
+    assert down.frequency == pytest.approx(up.frequency, rel=1e-9)
+    assert down.damping_ratio == pytest.approx(up.damping_ratio, rel=1e-9)
+
+
+def test_a_point_from_elsewhere_is_not_put_into_the_summit(monkeypatch):
+    """The plane across a chord meets the curve far off too: a peak at 22 Hz stood at 34 Hz for a point at 129 Hz."""
+    plain = ContinuationSystem.correct
+
+    def astray(self, plane, start, known=None):
+        found = plain(self, plane, start, known)
+        across = self.samples == 32 and plane.row[:-1].any()  # the finer ones, between two points
+        return self.at_frequency(1.4 * found.omega, found.seen, found.end) if across else found
+
+    monkeypatch.setattr(ContinuationSystem, "correct", astray)
+    curve = sticking.__wrapped__()
+    assert not any(len(curve.turning_points(direction)) for direction in SweepDirection)
+    assert read_peak(curve).frequency == pytest.approx(read_peak(sticking()).frequency, rel=5e-3)
+
+
 def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
     """A stuck joint under one mass: ``f_0 sqrt(1 - 2 zeta^2)``, ``F / (2 k zeta sqrt(1 - zeta^2))`` and zeta."""
     zeta, mass = 0.02, 10.0

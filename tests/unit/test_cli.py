@@ -297,6 +297,15 @@ def test_names_that_are_copied_are_never_broken(capsys, monkeypatch, width, tmp_
     assert "e+0" not in said
 
 
+@pytest.mark.parametrize("name", catalogue())
+def test_equations_are_broken_between_their_parts_alone(name, capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("fretflow.core.plugins.provided", lambda *_: lambda *_: tmp_path)
+    assert fretflow("effects", name) == 0
+    said = capsys.readouterr().out
+    assert all(part in said for part in catalogue()[name].equation.split("; "))
+
+
 def test_a_sheet_shows_no_markup_of_a_docstring(capsys, tmp_path):
     assert fretflow("effects", "channel-delay", "--out", tmp_path) == 0
     said = capsys.readouterr().out

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import validate_case
+from fretflow.experiments.rig import run
 from fretflow.inference.verdict import Estimate
 from fretflow.inference.words import cost
 from fretflow.pipeline.diagnose import Stages, memory, runnable
@@ -56,6 +57,27 @@ def test_stages_are_timed_and_told(found, monkeypatch):
     content = made.to_json()
     assert content["stages"] == {"reading": 1.5, "fitting": 4.0}
     assert content["memory"] == {"main": 1.24e9, "worker": 0.3e9}
+
+
+def test_progress_never_falls():
+    """Fits that moved are gone through once more, which told 33 % after 40 %."""
+    told = []
+    stages = Stages(lambda share, text: told.append(share))
+    for share in (0.1, 0.40, 0.33, 0.45):
+        stages(share, "fitting")
+    assert told == [0.1, 0.40, 0.40, 0.45]
+
+
+def test_a_doubt_is_told_at_once_and_names_no_stage(monkeypatch):
+    doubt, told = "the moving mass would be 12 % above the file's: a displacement gain of 0.9 explains the same", []
+    for name, value in (("case_of", None), ("faults", ()), ("doubts", (doubt,))):
+        monkeypatch.setattr(run, name, lambda *given, value=value: value)
+    monkeypatch.setattr(run, "experiment_of", lambda *given: 1 / 0)
+    stages = Stages(lambda share, text: told.append(text))
+    with pytest.raises(ZeroDivisionError):
+        run.diagnose_rig(None, True, stages, None)
+    assert doubt in told[-1]
+    assert list(stages.ended()) == ["specimens on two meshes"]
 
 
 def test_the_json_has_every_warning_of_the_terminal_once(found):

@@ -378,4 +378,4 @@ def test_fits_that_were_given_up_are_told_from_finished_ones(cases):
     page = page_of(cases.named())
     finished = sum(one.converged for one in cases.RANKING)
     assert page.text.count("fully") == finished
-    assert page.text.count("in part") == len(cases.RANKING) - finished + 1, "and once in the caption"
+    assert page.text.count("given up early") == len(cases.RANKING) - finished + 1, "and once in the caption"

@@ -7,12 +7,14 @@ error is one line.
 import csv
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from fretflow import cli
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.inference.verdict import Estimate
 from fretflow.recordings import kinds
 from rich.console import Console
 
@@ -77,12 +79,29 @@ def test_what_is_printed_in_short(cases, calls, capsys):
     calls(found)
     assert cli.execute(["diagnose", "my rig", "--fast"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    for text in ("Missing physics named.", "friction-run-in 96 % 97 %", found.location.text,
+    for text in ("Missing physics named.", "friction-run-in 96 % 97 % fully",
+                 "contact-stiffness-evolution < 0.1 % 31 % given up early", found.location.text,
                  "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after", found.notes[0],
                  found.separating_measurement, "p < 10⁻¹⁵"):
         assert text in shown
     assert "velocity-dependent-friction" not in shown, "only five are shown"
     assert "step" not in shown, "the bar is for terminals"
+
+
+def test_what_stands_at_its_bound_has_no_interval(cases, calls, capsys):
+    """It was told as "0 to 0"."""
+    exponent = Estimate(name="wear-power-law.exponent", value=0.0, low=0.0, high=0.0, unit="1")
+    calls(replace(cases.named(), parameters=(exponent,)))
+    assert cli.execute(["diagnose", "my rig"]) == 0
+    assert "wear-power-law.exponent 0 stands at its bound" in " ".join(capsys.readouterr().out.split())
+    home = Path("runs/diagnosis/my rig")
+    assert "stands at its bound" in (home / "report.html").read_text(encoding="utf-8")
+    assert "# wear-power-law.exponent = 0 (stands at its bound)" in (home / "case.toml").read_text()
+
+
+def test_fits_given_up_early_are_told_in_the_json(cases):
+    told = cases.named().to_json()["ranking"]
+    assert [one["given_up_early"] for one in told] == [not one.converged for one in cases.RANKING]
 
 
 def test_further_copies_go_where_they_are_wanted(cases, calls, tmp_path, capsys):

@@ -92,7 +92,9 @@ def test_names_beyond_the_catalogue_are_let_through():
 
 
 @pytest.mark.parametrize(("name", "value", "unit", "told"), [
-    ("sensor-inertia.mass", 317.0, "kg", ["sensor-inertia.mass = 317 kg lies beyond the plausible 0.1 to 3 kg"]),
+    ("sensor-inertia.mass", 317.0, "kg", [
+        "sensor-inertia.mass = 317 kg lies beyond the plausible 0.1 to 3 kg (engineering estimate for SS304, 60 N, "
+        "1 mm², 100 Hz)"]),
     ("sensor-inertia.mass", 0.5, "kg", []),
     ("coulomb-friction.friction_limit", 4e3, "N", []),  # goes with the joint
     ("baseline.mass", 317.0, "kg", [])])

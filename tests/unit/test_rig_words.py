@@ -37,15 +37,18 @@ def test_what_remains_is_told_with_its_place():
 
 
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
-    nothing = Remainder(share=0.002, times_noise=1.0, where="")
+    nothing = Remainder(share=0.002, times_noise=1.3, where="")
     text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
-    assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.0 times the noise.")
+    assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.3 times the noise.")
 
 
-def test_a_remainder_of_the_noise_is_not_called_unexplained():
-    for times, said in ((1.0, "what remains (1 % of the difference) is no larger than the noise."),
-                        (1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained.")):
-        left = Remainder(share=0.011, times_noise=times, where="")
+def test_a_remainder_of_the_noise_is_not_called_unexplained_and_lies_nowhere():
+    for share, times, said in (
+            (0.002, 1.0, "what remains (less than 1 % of the difference) is no larger than the noise."),
+            (0.011, 1.0, "what remains (1 % of the difference) is no larger than the noise."),
+            (0.011, 1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained: it lies in "
+                         "reversal.")):
+        left = Remainder(share=share, times_noise=times, where="reversal")
         assert sentence(found(Verdict.NAMED, {"viscous"}, explained=0.989), left, PLACE, None).endswith(said)
 
 
@@ -81,7 +84,9 @@ def test_nothing_found_says_so():
 
 def test_parameters_far_outside_of_their_ranges_are_warned_of():
     space = Parameters.of((), ["backlash"])
-    assert "backlash.play stands far outside" in at_bounds(space, np.array([4.0]))[0]
+    assert at_bounds(space, np.array([4.0])) == [
+        "backlash.play stands far outside of what is held plausible: the fit may stand for something else, or the "
+        "range be too narrow"]
     assert at_bounds(space, np.array([1.0])) == []
 
 

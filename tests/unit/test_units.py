@@ -118,7 +118,9 @@ def test_what_a_file_holds_reads_back_to_the_last_bit(value, unit):
 
 @pytest.mark.parametrize(("value", "unit", "text"), [
     (193e9, "Pa", "193 GPa"), (0.0, "m", "0 m"), (60.0, "N", "60 N"), (1.1e-14, "m^2/N", "1.1e-14 m^2/N"),
-    (1e-3, "m", "1 mm"), (201226162482.7956, "Pa", "201.2261624827956 GPa")])
+    (1e-3, "m", "1 mm"), (201226162482.7956, "Pa", "201.2261624827956 GPa"),
+    (0.7e-6, "m", "0.7 um"), (2270.0, "s", "2270 s"), (0.03202, "kg", "0.03202 kg"), (0.4448, "N", "0.4448 N"),
+    (1.643e7, "N/m", "16.43 N/um"), (2.007e6, "Pa", "2007 kPa")])
 def test_what_a_file_holds_is_what_one_would_type(value, unit, text):
     assert exact_quantity(value, unit) == text
 
@@ -155,6 +157,7 @@ def test_numbers_that_count_have_no_power_of_ten():
     assert pretty_number(1234.5) == "1,234.5"
     assert [pretty_number(value, 2) for value in (184.0, 12.3, 99.7)] == ["180", "12", "100"]
     assert pretty_quantity(2e7, "kg/m^3", 3) == "20000000 kg/m³"
+    assert pretty_quantity(5e5, "1", 3) == "500,000"
 
 
 @pytest.mark.parametrize(("unit", "name", "size"), [

@@ -98,10 +98,10 @@ def _show(console: Terminal, found: Diagnosis) -> None:
         chance = f"p = {words.p_value(found.detection.p_value)}".replace("= <", "<")
         console.print(f"by errors of measurement alone: {chance}")
     if found.ranking:
-        view = new_table("explanations, most probable first", "effects", "probability", "explained")
+        view = new_table("explanations, most probable first", "effects", "probability", "explained", "fitted")
         for one in found.ranking[:MOST_RANKED]:
             view.add_row(escape(words.together(one.effects)), words.probability(one.probability),
-                         words.percent(one.explained))
+                         words.percent(one.explained), words.fitted(one))
         console.print(view)
     if found.location.text:
         console.print(f"where: {escape(found.location.text)}", soft_wrap=True)
@@ -109,7 +109,7 @@ def _show(console: Terminal, found: Diagnosis) -> None:
         view = new_table("parameters", "parameter", "value", "90 % interval", "unit")
         for estimate in found.parameters:
             shown = words.interval(estimate)
-            view.add_row(escape(estimate.name), shown.value, f"{shown.low} to {shown.high}", shown.unit)
+            view.add_row(escape(estimate.name), shown.value, shown.ends, shown.unit)
         console.print(view)
     fit = found.held_out
     if fit is not None:

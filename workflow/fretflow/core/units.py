@@ -109,21 +109,18 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
 
 
 def exact_quantity(value: float, unit: str) -> str:
-    """Return `value`, in the SI unit `unit`, so that it reads back to the last bit, as typed where that does."""
-    name, size = readable_unit(value, unit)
-    text = f"{_shortest(value / size)} {name}".rstrip()
-    return text if name and parse_quantity(text, unit) == value else f"{_shortest(value)} {unit}"
-
-
-def _shortest(value: float) -> str:
-    return repr(float(value)).removesuffix(".0")
+    """Return `value`, in the SI unit `unit`, with the fewest figures that read back to the last bit."""
+    units = (readable_unit(value, unit), *_READABLE.get(unit, ()), (unit, 1.0))
+    texts = [f"{text} {name}" for name, size in units for number in (float(value / size),)
+             for text in (f"{number:.15g}", repr(number).removesuffix(".0"))]
+    return min((text for text in texts if parse_quantity(text, unit) == value), key=lambda text: text.index(" "))
 
 
 def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:
     """Return `value`, in the SI unit `unit`, as it is printed for people, like ``"14.2 µm"``."""
     name, size = readable_unit(value, unit)
-    number = pretty_number(value / size, digits).replace(",", "")  # so that it reads back
-    return f"{number} {pretty_unit(name)}".rstrip()
+    number, printed = pretty_number(value / size, digits), pretty_unit(name)
+    return f"{number.replace(',', '')} {printed}" if printed else number  # with a unit it reads back
 
 
 def per_cent(share: float, digits: int = 0) -> str:

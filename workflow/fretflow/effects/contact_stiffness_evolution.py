@@ -23,7 +23,7 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     id = "contact-stiffness-evolution"
     title = "asperity springs that stiffen with the dissipated energy"
-    equation = "k_c (1 + b (1 - exp(-E / E_0))), k_c = k_t (p / p_0)^m per area, normal ratio k_t"
+    equation = "k_c (1 + b (1 - exp(-E / E_0))); k_c = k_t (p / p_0)^m per area, normal ratio k_t"
     formula = r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - e^{-E / E_0}\right)\right]"
     source = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
     over_cycles = True

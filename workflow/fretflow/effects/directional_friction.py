@@ -38,8 +38,8 @@ class DirectionalFriction(Effect):
     id = "directional-friction"
     title = "friction that differs with the direction of sliding"
     block = Block.CONTACT
-    equation = ("mu (1 + d sign v), at rest mu (1 - r d t_x), t the direction of the friction force; in "
-                "what goes by the motion, sign v is v / sqrt(v^2 + v_0^2)")
+    equation = ("mu (1 + d sign v); at rest mu (1 - r d t_x); t the direction of the friction force; "
+                "in what goes by the motion, sign v is v / sqrt(v^2 + v_0^2)")
     formula = (r"\mu\,(1 + d\,\mathrm{sign}\,v), \quad \text{at rest}\ \mu\,(1 - r\,d\,t_x), "
                r"\quad \boldsymbol{t} \text{ the direction of the friction force}")
     source = ("A. Zmitrowicz, Int. J. Solids Struct. 25 (1989), anisotropic friction with an offset "

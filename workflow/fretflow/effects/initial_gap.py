@@ -24,8 +24,8 @@ class InitialGap(Effect):
     id = "initial-gap"
     title = "tilt, crown or rounded edges of the unworn faces"
     block = Block.GEOMETRY
-    equation = ("g_0 = t_x (1 + x) / 2 + t_y (1 + y) / 2 + c (s(x)^2 + s(y)^2) / 2 + z s(x)^2, "
-                "s(x) = max(|x| - f, 0) / (1 - f), x, y in [-1, 1]")
+    equation = ("g_0 = (t_x (1 + x) + t_y (1 + y) + c (s_x^2 + s_y^2)) / 2 + z s_x^2; "
+                "s_x = max(|x| - f, 0) / (1 - f), s_y alike; x, y in [-1, 1]")
     formula = (r"g_0 = \tfrac12 t_x (1 + x) + \tfrac12 t_y (1 + y) + \tfrac12 c\,(s_x^2 + s_y^2) "
                r"+ z\,s_x^2, \quad s_x = \frac{(|x| - f)_+}{1 - f}")
     source = ("K. L. Johnson, Contact Mechanics (1985), section 4.1; flat with rounded edges: "

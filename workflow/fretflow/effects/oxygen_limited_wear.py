@@ -28,8 +28,8 @@ class OxygenLimitedWear(Effect):
     id = "oxygen-limited-wear"
     title = "adhesive instead of abrasive wear where oxygen does not reach"
     block = Block.WEAR
-    equation = ("K_w (k_a + (1 - k_a) c), c = cosh(x / d) / cosh(a / d), d = d_0 (q_0 / q)^(1/2), q "
-                "mean frictional power per area of contact")
+    equation = ("K_w (k_a + (1 - k_a) c); c = cosh(x / d) / cosh(a / d); d = d_0 (q_0 / q)^(1/2); "
+                "q mean frictional power per area of contact")
     formula = (r"K_w \left[k_a + (1 - k_a)\,\frac{\cosh(x / d)}{\cosh(a / d)}\right], \qquad "
                r"d = d_0 \sqrt{q_0 / q}")
     source = ("S. Fouvry, P. Arnaud, A. Mignot, P. Neubauer, Tribol. Int. 113 (2017) 460-473, contact "

@@ -26,7 +26,7 @@ class ParallelStiffness(Effect):
     id = "parallel-stiffness"
     title = "spring beside the contact"
     block = Block.RIG
-    equation = "force on the arm -k x (1 + h (x / x_0)^2), which the measured force has too; x_0 = 10 µm"
+    equation = "F = -k x (1 + h (x / x_0)^2) on the arm; T_meas = T - F; x_0 = 10 µm"
     formula = (r"T_\mathrm{meas} - T = -F_\mathrm{arm} = k\,x \left[1 + h\,(x / x_0)^2\right], \qquad "
                r"x_0 = 10\ \mu\mathrm{m}")
     source = ("second slope of the bilinear hysteresis: T. K. Caughey, J. Appl. Mech. 27 (1960), 640-643; hardening: "

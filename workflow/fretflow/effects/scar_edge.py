@@ -62,7 +62,7 @@ class ScarEdge(Effect):
     id = "scar-edge"
     title = "ends of the stroke that harden as the scar deepens"
     block = Block.GEOMETRY
-    equation = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^2, e = (|x| - (1 - w) X) / (w X) "
+    equation = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^2; e = (|x| - (1 - w) X) / (w X) "
                 "kept within 0 and 1; T_meas = T - F")
     formula = (r"F = -\operatorname{sgn}(x)\,F_p \left(1 - e^{-h / h_s}\right) e^2, \qquad "
                r"e = \frac{|x| - (1 - w) X}{w X} \in [0, 1], \qquad T_\mathrm{meas} = T - F")

@@ -266,7 +266,8 @@ class Diagnosis:
         content = {
             "verdict": self.verdict.value, "effects": list(self.effects), "probability": _plain(self.probability),
             "ranking": [{"effects": list(one.effects), "probability": _plain(one.probability),
-                         "explained": _plain(one.explained)} for one in self.ranking],
+                         "explained": _plain(one.explained), "given_up_early": not one.converged}
+                        for one in self.ranking],
             "detection": {"p_value": _plain(self.detection.p_value), "statistic": self.detection.statistic},
             "location": {"block": place.block, "channel": place.channel, "phase": place.phase,
                          "cycles": list(place.cycles), "zone": place.zone},

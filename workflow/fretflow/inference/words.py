@@ -156,6 +156,11 @@ def leading(diagnosis: Diagnosis) -> Candidate | None:
     return next((one for one in diagnosis.ranking if one.effects), None)
 
 
+def fitted(one: Candidate) -> str:
+    """Return how far a set was fitted: what is given up early may misfit by more than the baseline that it extends."""
+    return "fully" if one.converged else "given up early"
+
+
 def after_words(diagnosis: Diagnosis) -> str:
     """Return what "after" was predicted with; the baseline with the named effects where that is not told."""
     return diagnosis.after_model or " + ".join(("baseline", *diagnosis.effects))
@@ -170,6 +175,13 @@ class Interval:
     high: str
     unit: str
     relative: str  # half-width over the value
+
+    @property
+    def ends(self) -> str:
+        """Return from where to where it goes; a parameter has no interval where both ends are its bound."""
+        if self.low == self.high:
+            return self.low if self.low == NOTHING else "stands at its bound"
+        return f"{self.low} to {self.high}"
 
 
 def interval(estimate: Estimate) -> Interval:
@@ -212,7 +224,7 @@ def implausible(made: Iterable[Estimate]) -> list[str]:
         if prior is not None and not prior.low <= size <= prior.high:
             unit = pretty_unit(one.unit)
             notes.append(f"{one.name} = {f'{number(one.value, 0.1 * size)} {unit}'.rstrip()} lies beyond the plausible "
-                         f"{prior.low:g} to {prior.high:g} {unit}".rstrip())
+                         f"{f'{prior.low:g} to {prior.high:g} {unit}'.rstrip()} ({prior.source})")
     return notes
 
 

@@ -92,17 +92,19 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
 
 @dataclass
 class Stages:
-    """The wall time of what is told as it begins."""
+    """The wall time of what is told as it begins: its name, and after a colon what else there is to say."""
 
     tell: Callable[[float, str], None]
     spent: dict[str, float] = field(default_factory=dict)  # s
     now: tuple[str, float] = ("", 0.0)  # what is being done, and since when
+    share: float = 0.0  # that is done, and stays so where fits that moved are gone through once more
 
     def __call__(self, share: float, text: str) -> None:
         """End what was done and tell what begins."""
         self.ended()
-        self.now = (text, monotonic())
-        self.tell(share, text)
+        self.now = (text.partition(":")[0], monotonic())
+        self.share = max(self.share, share)
+        self.tell(self.share, text)
 
     def ended(self) -> dict[str, float]:
         """Return the seconds of each stage, the last one ended."""
@@ -136,7 +138,7 @@ def runnable(found: Diagnosis, name: str) -> str:
     lines = ["# Fitted, with 90 % intervals:"]
     for one in found.parameters:
         shown = words.interval(one)
-        lines.append(f"# {one.name} = {shown.value} ({shown.low} to {shown.high}) {shown.unit}".rstrip())
+        lines.append(f"# {one.name} = {shown.value} ({shown.ends}) {shown.unit}".rstrip())
     return "\n".join([*lines, text])
 
 

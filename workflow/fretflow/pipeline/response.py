@@ -221,4 +221,4 @@ def part(context: StageContext, index: int, parts: int, text: str) -> Callable[[
     return lambda share: context.progress((index + share) / parts, f"frequency stepping, {text}")
 
 
-STAGE = Stage("response", 3, lambda case: case.output.frequency_response, ("reduce", "solve", "wear"), _run)
+STAGE = Stage("response", 4, lambda case: case.output.frequency_response, ("reduce", "solve", "wear"), _run)

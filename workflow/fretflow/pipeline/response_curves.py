@@ -27,7 +27,7 @@ from fretflow.solvers.continuation.curve import CHANNELS, Peak, ResponseCurve, S
 from fretflow.solvers.continuation.follow import Sweep, respond
 from fretflow.solvers.periodic import PeriodicProblem
 
-VERSION = 3  # of the curves; a new one makes old files unused
+VERSION = 4  # of the curves; a new one makes old files unused
 FOLDER = "response_curves"
 PEAKS = "peaks.json"
 UNFINISHED = ".part"  # ending of the file of a curve that is being followed

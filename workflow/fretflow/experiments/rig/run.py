@@ -86,14 +86,15 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     NonConvergenceError
         If the baseline cannot be simulated.
     """
-    progress(0.01, "specimens on two meshes")
+    stage = "specimens on two meshes"
+    progress(0.01, stage)
     case = case_of(recording)
     wrong = faults(recording, case)
     if wrong:
         return faulty(recording, wrong)
     doubted = doubts(recording, case)
     for one in doubted:
-        progress(0.02, one)
+        progress(0.02, f"{stage}: {one}")
     experiment, first = experiment_of(recording, meshes(fast), tools, progress)
     progress(0.15, "refitting the baseline")
     hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)

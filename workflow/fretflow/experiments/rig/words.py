@@ -58,13 +58,14 @@ def grade(probability: float) -> str:
 
 
 def _rest(remainder: Remainder) -> str:
+    share, times = round(100.0 * remainder.share), f"{remainder.times_noise:.1f} times the noise"
+    little = "less than 1 %" if share < 1.0 else f"{share} %"
+    if round(remainder.times_noise, 1) <= 1.0:  # noise lies nowhere
+        return f"what remains ({little} of the difference) is no larger than the noise"
     where = f": it lies in {remainder.where}" if remainder.where else ""
-    if round(100.0 * remainder.share) < 1.0:
-        return f"less than 1 % of it remains, {remainder.times_noise:.1f} times the noise{where}"
-    if round(remainder.times_noise, 1) <= 1.0:
-        return f"what remains ({100.0 * remainder.share:.0f} % of the difference) is no larger than the noise"
-    return (f"what remains ({100.0 * remainder.share:.0f} % of the difference, {remainder.times_noise:.1f} times the "
-            f"noise) is not explained{where}")
+    if share < 1.0:
+        return f"{little} of it remains, {times}{where}"
+    return f"what remains ({little} of the difference, {times}) is not explained{where}"
 
 
 def _unknown(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
@@ -92,8 +93,8 @@ def in_doubt(doubted: Sequence[str]) -> str:
 def at_bounds(space: Parameters, z: Array) -> list[str]:
     """Return a warning of parameters that stand far outside of their plausible ranges."""
     own = [one.name for one, at in zip(space.coordinates, z, strict=True) if abs(at) > BENT]
-    return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is plausible: the fit may "
-            "stand for something else"] if own else []
+    return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is held plausible: the fit "
+            "may stand for something else, or the range be too narrow"] if own else []
 
 
 def unfinished(sets: Collection[Names]) -> list[str]:

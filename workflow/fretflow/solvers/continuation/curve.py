@@ -149,9 +149,12 @@ def channel_index(channel: str, channels: tuple[str, ...] = CHANNELS) -> int:
 def read_peak(curve: ResponseCurve, channel: str = "block", direction: SweepDirection = SweepDirection.UP) -> Peak:
     """Read the largest resonance off the curve of one direction.
 
-    The damping ratio is ``(f2 - f1) / (f2 + f1)`` of the half-power points f1 < f2, as for a linear oscillator.
+    The damping ratio is ``(f2 - f1) / (f2 + f1)`` of the half-power points f1 < f2, as for a linear oscillator. Where
+    both directions go along one branch all its points count: each way's own tell a flat peak's place to half a per mil.
     """
     own, column = curve.along(direction), channel_index(channel, curve.channels)
+    if not np.ptp(curve.branch):
+        own = np.unique(curve.frequency, return_index=True)[1][::int(direction)]
     f, x = curve.frequency[own], curve.first_harmonic[own, column]
     a = np.abs(x)
     top = int(np.argmax(a))

@@ -76,7 +76,13 @@ class Refinement:
                 return
 
     def _between(self, a: FoundPoint, b: FoundPoint, share: float) -> FoundPoint:
-        """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it."""
+        """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it.
+
+        Raises
+        ------
+        NonConvergenceError
+            If none is found, or another one that the plane meets far off.
+        """
         arms = [_resized(p.point.seen, self.size) for p in (a, b)]
         start, end = (np.append(arm, p.point.omega) for arm, p in zip(arms, (a, b), strict=True))
         unknowns = start + share * (end - start)
@@ -85,7 +91,10 @@ class Refinement:
         near = a if share < 0.5 else b
         plane = Plane(unknowns, chord / np.linalg.norm(chord), scales)
         known = near.point if near.system.samples == self.fine.samples else None
-        return self._keep(self.fine.correct(plane, near.point.end, known))
+        found = self.fine.correct(plane, near.point.end, known)
+        if np.linalg.norm((found.unknowns - unknowns) / scales) > 0.5 * np.linalg.norm(chord):
+            raise NonConvergenceError("forced response: another point lies across the chord")
+        return self._keep(found)
 
     def _finer(self, point: CurvePoint) -> CurvePoint:
         """Solve `point` again with the fine settings, at its frequency."""
