@@ -224,13 +224,13 @@ def _residual_vectors(stiffness: PETSc.Mat, mass: PETSc.Mat, modes: NDArray[np.f
     """Free `answers` of `modes`; return the squared Ritz frequencies and the orthonormal vectors."""
     comm = mass.comm.tompi4py()
     vectors = answers
-    for _ in range(2):  # once more against round-off
+    for _ in range(2):  # once more against round-off, which normalising vectors that are nearly dependent magnifies
         vectors = vectors - modes @ comm.allreduce(modes.T @ _product(mass, vectors))
-    gram = comm.allreduce(vectors.T @ _product(mass, vectors))
-    size = np.sqrt(np.diag(gram))
-    shares, basis = eigh(gram / np.outer(size, size))
-    kept = shares > 1e-6  # a coarse mesh may have fewer independent ones
-    vectors = vectors @ (basis[:, kept] / size[:, None] / np.sqrt(shares[kept]))
+        gram = comm.allreduce(vectors.T @ _product(mass, vectors))
+        size = np.sqrt(np.diag(gram))
+        shares, basis = eigh(gram / np.outer(size, size))
+        kept = shares > 1e-6  # a coarse mesh may have fewer independent ones
+        vectors = vectors @ (basis[:, kept] / size[:, None] / np.sqrt(shares[kept]))
     squares, rotation = eigh(comm.allreduce(vectors.T @ _product(stiffness, vectors)))
     return squares, vectors @ rotation
 
