@@ -46,11 +46,12 @@ def observed(sd: Mapping[str, float], counts: Sequence[int], conditions: Sequenc
                        harmonics=HARMONICS, aligned_to="excitation", conditions=tuple(conditions), points=POINTS)
 
 
-def rig(observation: Observation) -> RigModel:
-    """Return the rig, as `observation` looks at it."""
-    dofs = (3 * FEW[:, None] + np.arange(3)).ravel()
+def rig(observation: Observation, kept: np.ndarray = FEW) -> RigModel:
+    """Return the rig with the nodes that are `kept` of 49, as `observation` looks at it."""
+    dofs = (3 * kept[:, None] + np.arange(3)).ravel()
     stiffness = np.linalg.inv(np.linalg.inv(1e3 * DATA["K"])[np.ix_(dofs, dofs)])
-    face = Interface(nodes=POINTS, areas=np.full(9, 1e-6 / 9), gap=np.zeros(9))
+    face = Interface(nodes=1e-3 * DATA["x"][kept, :2], areas=np.full(len(kept), 1e-6 / len(kept)),
+                     gap=np.zeros(len(kept)))
     problem = rig_problem(
         joint=QuasiStaticJoint.from_stiffness(0.5 * (stiffness + stiffness.T),
                                               LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)),

@@ -6,6 +6,7 @@ with six laws at once both schemes meet the integration of the equations written
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from fretflow.case.config import WearScheme
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.model import EffectModel
 from fretflow.effects.wear_threshold import frictional_power
+from fretflow.experiments.rig.model import Hypothesis
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
@@ -280,3 +282,18 @@ def test_effects_that_follow_cycles_say_so(winkler, name):
     one, other = data_of(model.problem(start)), data_of(model.problem(later))
     changed = len(one) != len(other) or bool(np.any(one != other))
     assert changed == catalogue()[name].over_cycles
+
+
+@pytest.mark.parametrize("strength", [1.0, 2.0])
+def test_a_face_worn_by_hundreds_of_its_elastic_depths_stays_settled(monkeypatch, strength):
+    """All of it wears alike; jumps far longer than pressure takes to follow left scars of 5 to 17 um."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    counts = (0, 23_900, 126_800, 269_200, 413_700, 530_000)
+    rig = small_rig.rig(small_rig.observed({"displacement": 3e-8}, counts, (), 2e-15, 3e-9), np.arange(49))
+    rig = replace(rig, problem=rig.problem.vary(amplitude=120.0, frequency=80.0))
+    law = make("wear-coefficient-evolution", final_share=2.2, settling=1.6e5)
+    end = rig.simulate(Hypothesis(effects=(law,), wear=strength)).steps[-1]
+    assert end.depth.mean() > 1e-4  # pressure follows a tenth of a micrometre
+    assert np.ptp(end.rate) < 0.25 * end.rate.mean()

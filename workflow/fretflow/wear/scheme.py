@@ -113,6 +113,12 @@ class WearingJoint(Generic[S]):
         """
         return _cycles_to(self.feedback(now).depth_scale(now.response), now)
 
+    def unloaded_by(self, depth: NDArray[np.float64], now: WearStep) -> float:
+        """Return the largest pressure that a further `depth` (nodes,), m, takes from a node, over the mean pressure."""
+        response, areas = now.response, self.model.areas
+        taken = self.feedback(now).unloading(response.contact_share > 0.0) @ depth / areas
+        return relative(float(np.abs(taken).max()), float(areas @ response.mean_pressure) / float(areas.sum()))
+
     def is_short(self, now: WearStep, jump: float) -> bool:
         """Tell whether a jump wears no more than the tolerance tells apart."""
         worn = jump * float(now.rate.max())
