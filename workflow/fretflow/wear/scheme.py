@@ -114,10 +114,12 @@ class WearingJoint(Generic[S]):
         return _cycles_to(self.feedback(now).depth_scale(now.response), now)
 
     def unloaded_by(self, depth: NDArray[np.float64], now: WearStep) -> float:
-        """Return the largest pressure that a further `depth` (nodes,), m, takes from a node, over the mean pressure."""
+        """Return the largest pressure that a further `depth` (nodes,), m, takes from a node, over the mean one."""
         response, areas = now.response, self.model.areas
-        taken = self.feedback(now).unloading(response.contact_share > 0.0) @ depth / areas
-        return relative(float(np.abs(taken).max()), float(areas @ response.mean_pressure) / float(areas.sum()))
+        closed = response.contact_share > 0.0
+        taken = self.feedback(now).unloading(closed) @ depth / areas
+        return relative(float(np.abs(taken).max()),
+                        float(areas @ response.mean_pressure) / float(areas[closed].sum() or np.inf))
 
     def is_short(self, now: WearStep, jump: float) -> bool:
         """Tell whether a jump wears no more than the tolerance tells apart."""
