@@ -243,10 +243,10 @@ class StructureExperiment(Experiment):
         if self.many or not any("bolted_anew" in vars(type(one)) for one in prediction.point.built()):
             return np.zeros((len(prediction.values), 0))
         rough = replace(self, static=True)
-        first, found = rough.predict(prediction.point).values, []
+        first, found = rough.predict(prediction.point, prediction).values, []
         for draw in range(1, DRAWS + 1):
             try:
-                found.append(replace(rough, draw=draw).predict(prediction.point).values - first)
+                found.append(replace(rough, draw=draw).predict(prediction.point, prediction).values - first)
             except NonConvergenceError:
                 continue
         return np.asarray(np.array(found).reshape(-1, len(first)).T / np.sqrt(max(len(found), 1)))
@@ -266,7 +266,7 @@ class StructureExperiment(Experiment):
             if point.effects:
                 raise NonConvergenceError(str(error)) from error
             raise
-        curve = self.backbone(joint, mode)
+        curve = self.backbone(joint, mode, None if near is None else near.state)
         amplitude = self.points.amplitude
         values = self.points.read(amplitude, self.observation.seen(curve), curve.frequency, curve.damping)
         more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, mode, curve)
@@ -284,7 +284,7 @@ class StructureExperiment(Experiment):
         if self.many or any(one.parameters != space for one in points):
             return differences(self, prediction, points)
         rough = replace(self, static=True)
-        still = rough.predict(prediction.point)
+        still = rough.predict(prediction.point, prediction)
         beside, steps = prediction.point.beside()
         slopes = whiten(np.nan_to_num(differences(rough, still, beside)) / steps)
         sharp, axes = np.linalg.eigh(np.eye(space.size) + slopes.T @ slopes)
@@ -315,7 +315,7 @@ class StructureExperiment(Experiment):
             for k, channel in enumerate(own.channels))
         return backbones + response_curves(self.recording.responses, self.structure, models)
 
-    def backbone(self, joint: BoltedJoint, mode: LinearMode) -> ModalBackbone:
+    def backbone(self, joint: BoltedJoint, mode: LinearMode, near: ModalBackbone | None = None) -> ModalBackbone:
         """Return the backbone about the recorded amplitudes, or as far as the joint does not slide as a whole.
 
         Where a model is near the recording, its amplitudes are the recorded ones: curves have kinks, where points begin
@@ -327,7 +327,7 @@ class StructureExperiment(Experiment):
         asked = np.r_[first**2 / second, asked]  # as softer models move further than they are asked to
         while len(asked) > 1:
             try:
-                return quasi_static_backbone(joint, mode, asked, steps=self.steps)
+                return quasi_static_backbone(joint, mode, asked, self.steps, near)
             except NonConvergenceError:
                 asked = asked[:-max(1, len(asked) // 4)]
         raise NonConvergenceError(SLIDES)
