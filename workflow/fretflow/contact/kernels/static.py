@@ -204,7 +204,7 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
     start, under, first
         Displacement before the first load, the load there (3 n,), and a guess of the states (n,) under it.
     guess
-        Of the states under each load (S, n), before those of the load before are tried; or none (0, n).
+        Of the states under each load (S, n), tried before those of the load before until one is wrong; or none (0, n).
     tolerance
         Of the forces, N.
     u, f, state
@@ -215,10 +215,10 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
     int
         The number of loads that were found.
     """
-    steps = len(state)
+    steps, guessing = len(state), len(guess) > 0
     from_load, reached, held, more = under.copy(), start.copy(), first.copy(), PIVOTS * len(first)
     for j in range(steps):
-        parts, found = 0 if len(guess) > 0 else 1, False
+        parts, found = 0 if guessing else 1, False
         while parts <= MOST_PARTS and not found:
             if parts < 2:
                 u[j], state[j] = reached, held if parts else guess[j]
@@ -238,5 +238,6 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
             parts = parts + 1 if parts < 3 else 2 * parts - 2  # one part thrice: as before, still, carefully
         if not found:
             return j
+        guessing = guessing and parts == 1
         from_load, reached, held = loads[j].copy(), u[j].copy(), state[j].copy()
     return steps

@@ -237,7 +237,7 @@ class BoltedJoint:
                 found.append(history.first(good))
                 made += good
             if good < len(leaving):
-                gone = leaving.any(axis=0)
+                gone, guess = leaving.any(axis=0), None
                 keeps, count = np.where(gone, free, keeps), max(good, 1)
                 self._moved[gone] = True
             else:
