@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -55,6 +56,12 @@ class StaticHistory:
 
     def _cut(self, loads: slice) -> StaticHistory:
         return StaticHistory(**{name: values[loads] for name, values in vars(self).items()})
+
+    @classmethod
+    def joined(cls, parts: Sequence[StaticHistory]) -> StaticHistory:
+        """Return the contact under the loads of all parts in turn."""
+        return parts[0] if len(parts) == 1 else cls(**{
+            name: np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])})
 
 
 class _BusyContact(NamedTuple):
@@ -222,7 +229,7 @@ class BoltedJoint:
         moved = self._moved if guess is None else ~_same(guess)
         keeps = np.where(moved | (start is None), free, free if start is None else start.state[-1])
         found: list[StaticHistory] = []
-        made, count = 0, len(loads) if moved.any() else 1
+        made, count = 0, len(loads) if moved.any() or start is None else 1
         while made < len(loads):
             now = slice(made, made + count)
             history = self._follow_busy(loads[now], found[-1].last(1) if found else start, keeps,
@@ -234,17 +241,17 @@ class BoltedJoint:
             leaving = np.ones((1, len(keeps)), dtype=bool) if history is None else self._leaving(history, keeps)
             good = int(np.argmax(np.r_[leaving.any(axis=1), True]))
             if history is not None and good:
-                found.append(history.first(good))
+                found.append(history if good == len(leaving) else history.first(good))
                 made += good
             if good < len(leaving):
                 gone, guess = leaving.any(axis=0), None
-                keeps, count = np.where(gone, free, keeps), max(good, 1)
+                keeps, count = np.where(gone, free, keeps), max(count // 2, 1)
                 self._moved[gone] = True
             else:
                 states = np.concatenate([one.state for one in found])[made // 2:]
                 still = _same(states) if guess is None else _same(states) & _same(guess[made:])
                 keeps, count = np.where(still, states[-1], free), 2 * count
-        return StaticHistory(**{name: np.concatenate([getattr(one, name) for one in found]) for name in vars(found[0])})
+        return StaticHistory.joined(found)
 
     def _leaving(self, history: StaticHistory, keeps: States) -> NDArray[np.bool_]:
         """Return which points close (S, m) that were to stay open, or open or slide that were to stay stuck."""

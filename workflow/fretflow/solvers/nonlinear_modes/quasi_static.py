@@ -11,6 +11,8 @@ slide one by one. Cycles follow each other as amplitudes fall, as in a decay.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,10 @@ class ModalBackbone:
     sliding: NDArray[np.int64] = quantity("1", "(A,), contact points that slide")
     open: NDArray[np.int64] = quantity("1", "(A,), contact points that open")
     states: States | None = quantity("1", "(S, m), of the contact under all loads in turn", default=None)
+
+    def of(self, joint: BoltedJoint) -> ModalBackbone:
+        """Return the backbone of a joint that moves alike, with that one's damping of the structure."""
+        return replace(self, damping=self.friction_damping + joint.modal_damping + joint.damping_slope * self.amplitude)
 
 
 @record
@@ -106,10 +112,9 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     x, square, work, outputs = (value[back] for value in cycles)
     damping = work / (2.0 * np.pi * square * x**2)
     return ModalBackbone(
-        amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi),
-        damping=damping + joint.modal_damping + joint.damping_slope * x,
-        friction_damping=damping, outputs=outputs, output_names=tuple(joint.structure.outputs), dissipated=work,
-        linear_frequency=mode.frequency, sliding=busy[0][back], open=busy[1][back], states=states)
+        amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi), damping=damping, friction_damping=damping,
+        outputs=outputs, output_names=tuple(joint.structure.outputs), linear_frequency=mode.frequency, dissipated=work,
+        sliding=busy[0][back], open=busy[1][back], states=states).of(joint)
 
 
 def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int, guess: States | None
