@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
+from fretflow.contact.kernels.static import SLIP
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint, follow_mode, periodic_mode
@@ -142,20 +143,49 @@ def test_a_periodic_motion_agrees_with_static_loads_in_its_shape(structures):
         assert one.dissipated == pytest.approx(given, rel=1e-2)
 
 
-def test_open_points_are_condensed_until_they_close(structures):
+def pushed(joint, size):
+    """Return loads of the joint that swing in the shape of its first mode."""
+    mode = joint.linear_modes(1)[0]
+    return joint.bolts + size * np.sin(np.linspace(0.0, 7.0, 40))[:, None] * (
+        joint.structure.boundary_mass @ mode.contact + joint.structure.coupling.T @ mode.modes)
+
+
+def test_points_that_keep_their_state_are_condensed_until_they_move(structures):
     """A hump lets the ends of the lap gape, and large loads close them: as if nothing had been condensed."""
     hump = np.linspace(-1.0, 1.0, 25)**2
     joint = joint_of(structures.lap_beam(), gap=2e-6 * hump)
     assert 0 < np.sum(~joint.closed) < 25
     for size in (1.0, 400.0):
-        mode = joint.linear_modes(1)[0]
-        push = size * np.sin(np.linspace(0.0, 7.0, 40))[:, None] * (
-            joint.structure.boundary_mass @ mode.contact + joint.structure.coupling.T @ mode.modes)
-        found = joint.follow(joint.bolts + push, joint.preloaded)
-        whole = joint._follow_busy(joint.bolts + push, joint.preloaded, np.zeros(25, dtype=bool))
+        loads = pushed(joint, size)
+        found = joint.follow(loads, joint.preloaded)
+        busy = len(next(iter(joint._contacts.values())).dofs) // 3
+        assert 0 < busy < (12 if size == 1.0 else 25)  # small loads move few points, large ones not all
+        whole = joint._follow_busy(loads, joint.preloaded, np.full(25, SLIP, dtype=np.int8), None)
         assert found.force == pytest.approx(whole.force, abs=1e-6 * np.abs(whole.force).max())
         assert found.slid == pytest.approx(whole.slid, abs=1e-6 * np.abs(whole.slid).max())
         assert np.all(found.slid[:, 2::3] >= -joint.clearance - 1e-12)
+
+
+def test_no_guess_of_the_states_changes_what_friction_allows(structures):
+    """Balance of forces, no penetration, Coulomb's cone and no work by friction, whatever states were guessed."""
+    joint = joint_of(structures.lap_beam())
+    loads = pushed(joint, 100.0)
+    plain = joint.follow(loads, joint.preloaded)
+    anything = np.random.default_rng(3).integers(0, 3, plain.state.shape).astype(np.int8)
+    for guess in (plain.state, anything, np.zeros_like(plain.state), plain.state[:7]):
+        found = joint.follow(loads, joint.preloaded, guess)
+        small = 1e-9 * np.abs(joint.bolts).max()
+        assert np.abs(found.slid @ joint.structure.stiffness - loads - found.force).max() < small
+        force = found.force.reshape(len(loads), -1, 3)
+        assert force[..., 2].min() > -small
+        assert np.max(np.hypot(force[..., 0], force[..., 1]) - 0.4 * force[..., 2]) < small
+        assert np.all(found.slid[:, 2::3] > -1e-15)
+        moved = np.diff(found.slid, axis=0).reshape(len(loads) - 1, -1, 3)
+        closed = force[1:, :, 2] > small
+        work = np.sum(force[1:, :, :2] * moved[..., :2], axis=2)[closed]
+        assert work.max() < small * np.abs(moved).max()
+        assert work.min() < -1e3 * small * np.abs(moved).max()
+        assert found.force == pytest.approx(plain.force, abs=1e-6 * np.abs(plain.force).max())
 
 
 def test_a_small_periodic_motion_is_the_linear_mode(structures):

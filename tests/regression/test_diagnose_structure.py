@@ -105,6 +105,25 @@ def test_nothing_is_missing_from_rigid_sliders(sliding):
     assert product == pytest.approx(1.0, rel=0.1)  # bolt load times friction, which alone a backbone tells
 
 
+def test_damping_alone_adds_to_a_backbone_and_moves_nothing(sprung, monkeypatch):
+    experiment = StructureExperiment.of(sprung)
+    plain = experiment.parameters(())
+    first = experiment.predict(Point(plain, np.zeros(plain.size)))
+    space = experiment.parameters(("joint-damping",))
+    point = Point(space, np.where([one.field in ("modal_damping", "slope") for one in space.coordinates], 0.7, 0.0))
+    anew = experiment.predict(point)
+    monkeypatch.setattr(StructureExperiment, "backbone", None)  # nothing is simulated
+    beside = experiment.predict(point, first)
+    assert beside.values == pytest.approx(anew.values, rel=1e-9)
+    frequency, damping = beside.values.reshape(2, -1) - first.values.reshape(2, -1)
+    modal, slope = (space.coordinates[k].value(point.z[k]) for k in (-2, -1))
+    middle = plain.coordinates[-1].value(0.0)
+    reach = experiment.observation.seen(first.state) / first.state.amplitude
+    added = modal - middle + slope * experiment.points.amplitude / np.mean(reach)
+    assert np.all(frequency == 0.0)
+    assert damping[:-2] == pytest.approx(added[:-2], rel=0.01)  # the last lie at the end of what was followed
+
+
 def test_which_point_slips_first_is_left_to_chance(sprung):
     experiment = StructureExperiment.of(sprung)
     space = experiment.parameters(("distributed-micro-slip",))

@@ -146,3 +146,24 @@ def test_a_fit_goes_on_on_the_side_of_zero_where_it_is() -> None:
     assert abs(z[0]) < 2.0 < abs(at[0])
     assert z[1] == at[1]
     assert turned.turned(z)[1] == pytest.approx(z)
+
+
+def test_points_of_a_range_begin_from_the_first_of_them() -> None:
+    """A range may lie far from the prediction that it is laid beside, and its points near each other."""
+    experiment, begun = line(), []
+
+    class Watched(Line):
+        def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+            begun.append(near)
+            return super().predict(point, near)
+
+    own = Watched(experiment.measurement)
+    origin = experiment.predict(Point(own.parameters(()), np.zeros(2)))
+    space = own.parameters(("viscous",))
+    laid = [Point(space, np.r_[0.0, 0.0, at * np.ones(space.size - 2)]) for at in (0.0, -1.0, 1.0)]
+    found = differences(own, origin, [*laid, Point(origin.point.parameters, np.ones(2))])
+    assert begun[0] is origin
+    assert begun[3] is origin
+    assert begun[1] is begun[2]
+    assert begun[1].point is laid[0]
+    assert found[:, -1] == pytest.approx(2.0 * (exp(0.5) - 1.0) * np.arange(1.0, 4.0) + 0.1)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.experiments.structure.run import begin_baselines
+from fretflow.experiments.structure.run import begin_baselines, told_again
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.inference.search import FAST
@@ -59,3 +59,39 @@ def test_a_baseline_is_sought_beyond_the_minimum_in_which_it_begins():
     assert abs(search.baseline.z[0] - search.baseline.z[1]) < 0.2 * APART
     begin_baselines(experiment, search)
     assert search.baseline.z[0] - search.baseline.z[1] == pytest.approx(APART, abs=0.1)
+
+
+@dataclass(frozen=True)
+class Told(Ridge):
+    """The same, whose effects add a coordinate that does nothing, or are hopelessly far off."""
+
+    asked: list[Point]
+
+    def parameters(self, effects: Any, signs: Any = None) -> Parameters:
+        """Return both coordinates, and one of each effect."""
+        both = [Coordinate("", name, 0.0, 1.0, False) for name in ("first", "second")]
+        return Parameters(tuple(effects), (*both, *(Coordinate(name, "slope", 0.0, 1.0, False) for name in effects)))
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the values; what is asked for is noted."""
+        self.asked.append(point)
+        return Prediction(point, self._values(point.z) + 1e3 * ("bending-gap" in point.effects) * (PLACE < 0.3))
+
+    def told_at(self, prediction: Prediction) -> Told:
+        """Return the same."""
+        return self
+
+
+def test_sets_that_are_hopeless_under_errors_told_anew_are_not_fitted_on():
+    experiment: Any = Told(asked=[])
+    here = Point(experiment.parameters(()), np.array([0.5, -0.5]) * APART)
+    found = start_search(experiment, experiment.predict(here), FAST, lambda task, asked: [*map(task, asked)])
+    for name in ("joint-damping", "bending-gap"):
+        point = Point(experiment.parameters((name,)), np.r_[here.z, 1.0])
+        found.keep([found.fitter.at(point, None)])
+    experiment.asked.clear()
+    _, again = told_again(experiment, found)
+    seen = [sum(name in point.effects for point in experiment.asked) for name in ("joint-damping", "bending-gap")]
+    assert seen[0] > 3
+    assert seen[1] == 1  # told where it stands, and no more
+    assert again.fits[frozenset({"joint-damping"})].z[2] == pytest.approx(0.0, abs=1e-3)

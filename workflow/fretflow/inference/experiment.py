@@ -156,13 +156,18 @@ class Experiment(Protocol):
 
 
 def differences(experiment: Experiment, prediction: Prediction, points: Sequence[Point]) -> Array:
-    """Return the changes (M, V) from a prediction to hypotheses, each predicted; nan where one has no solution."""
-    found = np.full((len(prediction.values), len(points)), np.nan)
+    """Return the changes (M, V) from a prediction to hypotheses, each predicted; nan where one has no solution.
+
+    Where several have the same other coordinates, the first of them is the neighbour that the next begin from.
+    """
+    found, near = np.full((len(prediction.values), len(points)), np.nan), prediction
     for column, point in zip(found.T, points, strict=True):
+        first = near.point.parameters != point.parameters
         try:
-            column[:] = experiment.predict(point, prediction).values - prediction.values
+            one = experiment.predict(point, prediction if first else near)
         except FretflowError:
             continue
+        column[:], near = one.values - prediction.values, one if first else near
     return found
 
 

@@ -155,16 +155,16 @@ def _differentiate(c: StaticContact, f: Array, trial: Array, m: int, unknown: In
 
 @compiled
 def _step(c: StaticContact, load: Array, before: Array, u: Array, f: Array, state: States, tolerance: float,
-          careful: int) -> bool:
+          careful: int, most: int) -> bool:
     """Find displacement, force and state under `load` after the displacement `before`; they hold the guess.
 
-    After `careful` iterations one point changes its state at a time.
+    After `careful` of at `most` so many iterations one point changes its state at a time.
     """
     n = len(state)
     trial, used = np.empty((3, n)), np.zeros((3, n))
     matrix, pivots = np.empty(9 * n * n), np.empty(3 * n, dtype=np.int32)
     _forces(c, load, u, f, before, state, trial)
-    for iteration in range(careful + PIVOTS * n):
+    for iteration in range(most):
         settled = iteration > 0 and not _asked(c, u, f, trial, used, state, tolerance, iteration > careful)
         if iteration > 0 and not settled:
             _forces(c, load, u, f, before, state, trial)
@@ -195,14 +195,16 @@ def _hold_still(state: States) -> None:
 
 
 @compiled
-def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, first: States, tolerance: float, u: Array,
-                 f: Array, state: States) -> int:
+def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, first: States, guess: States,
+                 tolerance: float, u: Array, f: Array, state: States) -> int:
     """Find contact displacement and force under each of the `loads` (S, 3 n) in turn, from `start` (3 n,) on.
 
     Parameters
     ----------
     start, under, first
         Displacement before the first load, the load there (3 n,), and a guess of the states (n,) under it.
+    guess
+        Of the states under each load (S, n), tried before those of the load before until one is wrong; or none (0, n).
     tolerance
         Of the forces, N.
     u, f, state
@@ -213,14 +215,15 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
     int
         The number of loads that were found.
     """
-    steps = len(state)
-    from_load, reached, held = under.copy(), start.copy(), first.copy()
+    steps, guessing = len(state), len(guess) > 0
+    from_load, reached, held, more = under.copy(), start.copy(), first.copy(), PIVOTS * len(first)
     for j in range(steps):
-        parts, found = 1, False
+        parts, found = 0 if guessing else 1, False
         while parts <= MOST_PARTS and not found:
-            if parts == 1:
-                u[j], state[j] = reached, held
-                found = _step(c, loads[j], reached, u[j], f[j], state[j], tolerance, CAREFUL)
+            if parts < 2:
+                u[j], state[j] = reached, held if parts else guess[j]
+                found = _step(c, loads[j], reached, u[j], f[j], state[j], tolerance, CAREFUL,
+                              CAREFUL + more * parts)
             else:
                 here, state[j] = reached.copy(), held
                 found = True
@@ -229,10 +232,12 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
                         load = from_load + (loads[j] - from_load) * (part / (max(parts, 3) - 2))
                         _hold_still(state[j])
                         u[j] = here
-                        found = _step(c, load, here, u[j], f[j], state[j], tolerance, CAREFUL if parts == 2 else 0)
+                        careful = CAREFUL if parts == 2 else 0
+                        found = _step(c, load, here, u[j], f[j], state[j], tolerance, careful, careful + more)
                         here = u[j].copy()
             parts = parts + 1 if parts < 3 else 2 * parts - 2  # one part thrice: as before, still, carefully
         if not found:
             return j
+        guessing = guessing and parts == 1
         from_load, reached, held = loads[j].copy(), u[j].copy(), state[j].copy()
     return steps

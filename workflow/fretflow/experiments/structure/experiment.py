@@ -18,7 +18,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
-from fretflow.experiments.structure.observation import MATRICES, BackboneObservation
+from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
@@ -243,10 +243,10 @@ class StructureExperiment(Experiment):
         if self.many or not any("bolted_anew" in vars(type(one)) for one in prediction.point.built()):
             return np.zeros((len(prediction.values), 0))
         rough = replace(self, static=True)
-        first, found = rough.predict(prediction.point).values, []
+        first, found = rough.predict(prediction.point, prediction).values, []
         for draw in range(1, DRAWS + 1):
             try:
-                found.append(replace(rough, draw=draw).predict(prediction.point).values - first)
+                found.append(replace(rough, draw=draw).predict(prediction.point, prediction).values - first)
             except NonConvergenceError:
                 continue
         return np.asarray(np.array(found).reshape(-1, len(first)).T / np.sqrt(max(len(found), 1)))
@@ -261,15 +261,15 @@ class StructureExperiment(Experiment):
         """
         try:
             joint = self.joint(point)
-            mode = joint.linear_modes(self.mode + 1)[self.mode]
+            curve = (near.state.of(joint) if near is not None and not self.draw and moves_alike(point, near.point)
+                     else self.backbone(joint, near))
         except InputError as error:
             if point.effects:
                 raise NonConvergenceError(str(error)) from error
             raise
-        curve = self.backbone(joint, mode)
         amplitude = self.points.amplitude
         values = self.points.read(amplitude, self.observation.seen(curve), curve.frequency, curve.damping)
-        more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, mode, curve)
+        more = self.correction if self.static or not self.few else self._beyond_static_loads(joint, curve)
         return Prediction(point, (values if more is None else values + more).ravel(), curve)
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
@@ -284,10 +284,11 @@ class StructureExperiment(Experiment):
         if self.many or any(one.parameters != space for one in points):
             return differences(self, prediction, points)
         rough = replace(self, static=True)
-        still = rough.predict(prediction.point)
+        still = rough.predict(prediction.point, prediction)
         beside, steps = prediction.point.beside()
         slopes = whiten(np.nan_to_num(differences(rough, still, beside)) / steps)
-        sharp, axes = np.linalg.eigh(np.eye(space.size) + slopes.T @ slopes)
+        told, moving = np.eye(space.size) + slopes.T @ slopes, [not moves_alike(one, still.point) for one in beside]
+        sharp, axes = np.linalg.eigh(np.where(np.equal.outer(moving, moving), told, 0.0))  # damping costs nothing
         ends = axes / np.sqrt(sharp)
         both = [[replace(prediction.point, z=prediction.point.z + way * one) for one in ends.T] for way in (1.0, -1.0)]
         forth, back = (differences(self, prediction, one) for one in both)
@@ -315,19 +316,20 @@ class StructureExperiment(Experiment):
             for k, channel in enumerate(own.channels))
         return backbones + response_curves(self.recording.responses, self.structure, models)
 
-    def backbone(self, joint: BoltedJoint, mode: LinearMode) -> ModalBackbone:
+    def backbone(self, joint: BoltedJoint, near: Prediction | None = None) -> ModalBackbone:
         """Return the backbone about the recorded amplitudes, or as far as the joint does not slide as a whole.
 
         Where a model is near the recording, its amplitudes are the recorded ones: curves have kinks, where points begin
         to slide, between which nothing may be interpolated over wide steps.
         """
+        mode = joint.linear_modes(self.mode + 1)[self.mode]
         power = 2 - POWERS.get(self.recorded.amplitude_unit, 0)
         asked = self.points.amplitude / self.observation.gain(mode) * (self.points.frequency / mode.frequency)**power
         first, second = np.unique(asked)[:2]
         asked = np.r_[first**2 / second, asked]  # as softer models move further than they are asked to
         while len(asked) > 1:
             try:
-                return quasi_static_backbone(joint, mode, asked, steps=self.steps)
+                return quasi_static_backbone(joint, mode, asked, self.steps, None if near is None else near.state)
             except NonConvergenceError:
                 asked = asked[:-max(1, len(asked) // 4)]
         raise NonConvergenceError(SLIDES)
@@ -364,18 +366,16 @@ class StructureExperiment(Experiment):
 
     def beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
         """Return what periodic motions of a prediction's joint add to static loads (channels, points), if there are."""
-        joint = self.joint(prediction.point)
-        return self._beyond_static_loads(joint, joint.linear_modes(self.mode + 1)[self.mode], prediction.state, finer)
+        return self._beyond_static_loads(self.joint(prediction.point), prediction.state, finer)
 
-    def _beyond_static_loads(self, joint: BoltedJoint, mode: LinearMode, curve: ModalBackbone,
-                             finer: int = 1) -> Array | None:
+    def _beyond_static_loads(self, joint: BoltedJoint, curve: ModalBackbone, finer: int = 1) -> Array | None:
         """Return what periodic motions, with `finer` times the harmonics and samples, add (channels, points).
 
         Static loads keep the shape of the linear mode; where much slides or opens, a motion's own shape is another.
         Below the amplitude from which something does, and above that up to which there are periodic motions, the
         difference stays what it is there.
         """
-        order = np.argsort(curve.amplitude)
+        order, mode = np.argsort(curve.amplitude), joint.linear_modes(self.mode + 1)[self.mode]
         seen = self.observation.seen(curve)[order]
         busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
         onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
 from fretflow.core.errors import InputError
+from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.structure.responses import POWERS
+from fretflow.inference.experiment import Point
 from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone
 from fretflow.recordings.plausibility import STATED
 from fretflow.solvers.nonlinear_modes.joint import LinearMode
@@ -91,3 +93,15 @@ class BackboneObservation:
             return np.asarray(motion.amplitude)
         moved = np.abs(motion.outputs[..., list(self.structure.outputs).index(self.backbone.amplitude_of)])
         return np.asarray(moved * (2.0 * np.pi * motion.frequency)**POWERS[self.backbone.amplitude_unit])
+
+
+def moves_alike(one: Point, other: Point) -> bool:
+    """Tell whether two hypotheses differ in damping alone, which moves nothing under static loads."""
+    return _moving(one) == _moving(other)
+
+
+def _moving(point: Point) -> tuple[dict[str, dict[str, float]], set[str]]:
+    effects = {name for name in point.effects if not catalogue()[name].damps_alone}
+    values = {name: own for name, own in point.parameters.values(point.z).items() if name in effects or not name}
+    return values | {"": {name: one for name, one in values[""].items() if name != "modal_damping"}}, (
+        effects & point.neutral)

@@ -117,9 +117,11 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
     again = start_search(told, told.predict(found.baseline.prediction.point), found.effort, found.pool)
-    again.keep(found.pool(fit_task, [  # other errors leave derivatives about as they are
-        replace(found.further(fit, found.effort.last_steps), fitter=again.fitter, secant=True)
-        for names, fit in found.fits.items() if names]))
+    again.keep(  # other errors leave derivatives about as they are
+        replace(again.fitter.linearised(told.predict(fit.prediction.point, fit.prediction), fit.jacobian), secant=True)
+        for names, fit in found.fits.items() if names)
+    again.continue_fits(again.promising(sorted(again.fits, key=lambda names: -again.log_evidence(names, frozenset()))),
+                        found.effort.last_steps)
     return told, again
 
 

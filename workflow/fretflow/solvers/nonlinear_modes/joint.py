@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -12,12 +13,13 @@ from scipy.linalg import eigh
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.contact.kernels.static import SEPARATION, StaticContact, follow_loads
+from fretflow.contact.kernels.static import SEPARATION, SLIP, STICK, States, StaticContact, follow_loads
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 TOLERANCE = 1e-10  # of the bolts' forces, residual of a node
 RIGID_SPRING = 1e-9  # compliance over the structure's own, below which a node counts as rigid
@@ -46,35 +48,50 @@ class StaticHistory:
 
     def last(self, count: int) -> StaticHistory:
         """Return the last `count` loads alone."""
-        return StaticHistory(displacement=self.displacement[-count:], force=self.force[-count:],
-                             state=self.state[-count:], slid=self.slid[-count:], load=self.load[-count:])
+        return self._cut(slice(-count, None))
+
+    def first(self, count: int) -> StaticHistory:
+        """Return the first `count` loads alone."""
+        return self._cut(slice(count))
+
+    def _cut(self, loads: slice) -> StaticHistory:
+        return StaticHistory(**{name: values[loads] for name, values in vars(self).items()})
+
+    @classmethod
+    def joined(cls, parts: Sequence[StaticHistory]) -> StaticHistory:
+        """Return the contact under the loads of all parts in turn."""
+        return parts[0] if len(parts) == 1 else cls(**{
+            name: np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])})
 
 
 class _BusyContact(NamedTuple):
-    """The contact of b points, while the others stay open: those move by ``flexibility r - carried u`` under loads."""
+    """The contact of b points, while others stay open or stuck; condensed, as those follow or do not move."""
 
     contact: StaticContact
-    dofs: NDArray[np.int64]  # (3 b,), component order: x of all, y, z
-    open: NDArray[np.int64]  # (o,), the DOF of the others
-    flexibility: Array  # (o, o), m/N
-    carried: Array  # (o, 3 b)
+    dofs: Indices  # (3 b,), component order: x of all, y, z
+    open: Indices  # (o,), the DOF of points that stay open
+    stuck: Indices  # (s,), of those that stay stuck
+    flexibility: Array  # (o, o), m/N, of the open ones
+    carried: Array  # (o, 3 m), force on the others over the open ones' under load, and their motion over the others'
+    holding: Array  # (s, 3 m), stiffness that the stuck points feel
 
     @classmethod
-    def of(cls, stiffness: Array, idle: NDArray[np.bool_], gap: Array, law: Coulomb) -> _BusyContact:
-        """Return the contact of the points that are not `idle` (m,), stiffness (3 m, 3 m) in node order."""
-        m = len(idle)
+    def of(cls, stiffness: Array, keeps: States, gap: Array, law: Coulomb) -> _BusyContact:
+        """Return the contact of the points whose state `keeps` (m,) is slip; stiffness (3 m, 3 m) in node order."""
+        m, idle = len(keeps), keeps != SLIP
         dofs = (3 * np.flatnonzero(~idle)[None] + np.arange(3)[:, None]).ravel()
-        others = np.flatnonzero(np.repeat(idle, 3))
-        flexibility = np.linalg.inv(stiffness[np.ix_(others, others)])
-        across = stiffness[np.ix_(others, dofs)]
-        carried = flexibility @ across
-        own = stiffness[np.ix_(dofs, dofs)] - across.T @ carried
-        own = np.ascontiguousarray(0.5 * (own + own.T))
+        away, stuck = (np.flatnonzero(np.repeat(keeps == one, 3)) for one in (SEPARATION, STICK))
+        flexibility = np.linalg.inv(stiffness[np.ix_(away, away)])
+        carried = flexibility @ stiffness[away]
+        rows = np.r_[dofs, stuck]
+        own = stiffness[rows] - stiffness[np.ix_(rows, away)] @ carried
+        busy = own[:len(dofs), dofs]
+        busy = np.ascontiguousarray(0.5 * (busy + busy.T))
         friction, reference = (np.array(np.broadcast_to(values, m)[~idle], dtype=float)
                                for values in (law.friction_coefficient, law.reference_force))
-        contact = StaticContact(own, np.array(gap[~idle], dtype=float), friction, reference, law.exponent,
+        contact = StaticContact(busy, np.array(gap[~idle], dtype=float), friction, reference, law.exponent,
                                 law.asymmetry, float(np.mean(stiffness.diagonal())))
-        return cls(contact, dofs, others, flexibility, carried)
+        return cls(contact, dofs, away, stuck, flexibility, carried, own[len(dofs):])
 
 
 @record
@@ -177,7 +194,7 @@ class BoltedJoint:
 
     @cached_property
     def _stiffness(self) -> Array:
-        stiffness = self._series @ self.structure.stiffness
+        stiffness = self.structure.stiffness if self.springs is None else self._series @ self.structure.stiffness
         return np.asarray(0.5 * (stiffness + stiffness.T))
 
     @cached_property
@@ -185,53 +202,94 @@ class BoltedJoint:
         """Return the contact of those points that are not idle, as it was last needed."""
         return {}
 
-    def _busy_contact(self, idle: NDArray[np.bool_]) -> _BusyContact:
-        key = idle.tobytes()
+    @cached_property
+    def _moved(self) -> NDArray[np.bool_]:
+        """Return which points (m,) have not kept the state in which some loads found them."""
+        return np.zeros(self.structure.contacts, dtype=bool)
+
+    def _busy_contact(self, keeps: States) -> _BusyContact:
+        key = keeps.tobytes()
         if key not in self._contacts:
             self._contacts.clear()
-            self._contacts[key] = _BusyContact.of(self._stiffness, idle, self.clearance, self.law)
+            self._contacts[key] = _BusyContact.of(self._stiffness, keeps, self.clearance, self.law)
         return self._contacts[key]
 
-    def follow(self, loads: Array, start: StaticHistory | None = None) -> StaticHistory:
+    def follow(self, loads: Array, start: StaticHistory | None = None, guess: States | None = None) -> StaticHistory:
         """Return the contact under each of the loads (S, 3 m) on u in turn, from the end of `start` or no load on.
 
-        Points that are open in the beginning are condensed, as most stay so; where one closes, it is taken back.
+        Points that are open or stuck are condensed where they have stayed so before, or under half of the loads so far;
+        where one moves after all, it is taken back. A `guess` of the states (S, m) is that of a joint alike.
 
         Raises
         ------
         NonConvergenceError
             If no state is found under one of them.
         """
-        idle = np.zeros(self.structure.contacts, dtype=bool) if start is None else start.state[-1] == SEPARATION
-        for before in self._contacts:  # those that have closed before
-            idle = idle & np.frombuffer(before, dtype=bool) if start is not None else idle
-        while True:
-            history = self._follow_busy(loads, start, idle)
-            closing = idle & np.any(history.slid[:, 2::3] < -self.clearance, axis=0)
-            if not closing.any():
-                return history
-            idle = idle & ~closing
+        free, guess = np.int8(SLIP), None if guess is None or len(guess) != len(loads) else guess
+        moved = self._moved if guess is None else ~_same(guess)
+        keeps = np.where(moved | (start is None), free, free if start is None else start.state[-1])
+        found: list[StaticHistory] = []
+        made, count = 0, len(loads) if moved.any() or start is None else 1
+        while made < len(loads):
+            now = slice(made, made + count)
+            history = self._follow_busy(loads[now], found[-1].last(1) if found else start, keeps,
+                                        None if guess is None else guess[now])
+            if history is None and np.all(keeps == free):
+                raise NonConvergenceError(f"static contact: no equilibrium under one of the loads {made + 1} to "
+                                          f"{min(made + count, len(loads))} of {len(loads)}; the joint slides or opens "
+                                          "as a whole, ask for smaller amplitudes")
+            leaving = np.ones((1, len(keeps)), dtype=bool) if history is None else self._leaving(history, keeps)
+            good = int(np.argmax(np.r_[leaving.any(axis=1), True]))
+            if history is not None and good:
+                found.append(history if good == len(leaving) else history.first(good))
+                made += good
+            if good < len(leaving):
+                gone, guess = leaving.any(axis=0), None
+                keeps, count = np.where(gone, free, keeps), max(count // 2, 1)
+                self._moved[gone] = True
+            else:
+                states = np.concatenate([one.state for one in found])[made // 2:]
+                still = _same(states) if guess is None else _same(states) & _same(guess[made:])
+                keeps, count = np.where(still, states[-1], free), 2 * count
+        return StaticHistory.joined(found)
 
-    def _follow_busy(self, loads: Array, start: StaticHistory | None, idle: NDArray[np.bool_]) -> StaticHistory:
-        busy, steps = self._busy_contact(idle), len(loads)
-        own = busy.dofs
+    def _leaving(self, history: StaticHistory, keeps: States) -> NDArray[np.bool_]:
+        """Return which points close (S, m) that were to stay open, or open or slide that were to stay stuck."""
+        force = history.force.reshape(len(history.force), -1, 3)
+        beyond = np.hypot(force[..., 0], force[..., 1]) - self.law.directed_limit(force)
+        closing = (keeps == SEPARATION) & (history.slid[:, 2::3] < -self.clearance)
+        return np.asarray(closing | ((keeps == STICK) & (np.maximum(beyond, -force[..., 2]) > self._tolerance)))
+
+    @property
+    def _tolerance(self) -> float:
+        return TOLERANCE * float(np.abs(self.bolts).max())
+
+    def _follow_busy(self, loads: Array, start: StaticHistory | None, keeps: States, guess: States | None
+                     ) -> StaticHistory | None:
+        """Return the contact under loads while some points keep their state; None where there is none."""
+        busy, steps = self._busy_contact(keeps), len(loads)
+        own, stuck, away = busy.dofs, busy.stuck, busy.open
         count = len(own) // 3
-        begin, before, first = np.zeros(len(own)), np.zeros((1, 3 * len(idle))), np.zeros(count, dtype=np.int8)
+        begin, before, first = np.zeros(len(keeps) * 3), np.zeros((1, len(keeps) * 3)), np.zeros(count, dtype=np.int8)
         if start is not None:
-            begin, before, first = start.slid[-1][own], start.load[-1:], np.array(start.state[-1][~idle])
-        under = np.vstack([before, loads]) @ self._series.T
-        pull = np.ascontiguousarray(under[:, own] - under[:, busy.open] @ busy.carried)
-        u, f, state = np.zeros((steps, len(own))), np.zeros((steps, len(own))), np.zeros((steps, count), dtype=np.int8)
-        made = follow_loads(busy.contact, pull[1:], begin, pull[0], first,
-                            TOLERANCE * float(np.abs(self.bolts).max()), u, f, state)
-        if made < steps:
-            raise NonConvergenceError(f"static contact: no equilibrium under load {made + 1} of {steps}; the joint "
-                                      "slides or opens as a whole, ask for smaller amplitudes")
+            begin, before, first = np.array(start.slid[-1]), start.load[-1:], np.array(start.state[-1][keeps == SLIP])
+            begin[2::3] = np.where(keeps == STICK, -self.clearance, begin[2::3])
+        under = np.vstack([before, loads])
+        under = under if self.springs is None else under @ self._series.T
+        pull = under - under[:, away] @ busy.carried
         slid, force = np.zeros_like(loads), np.zeros_like(loads)
+        slid[:, stuck] = begin[stuck]
+        u, f, state = np.zeros((steps, len(own))), np.zeros((steps, len(own))), np.zeros((steps, count), dtype=np.int8)
+        on_busy = np.ascontiguousarray(pull[:, own] - begin[stuck] @ busy.holding[:, own])
+        likely = np.ascontiguousarray(state[:0] if guess is None else guess[:, keeps == SLIP])
+        if count and follow_loads(busy.contact, on_busy[1:], begin[own], on_busy[0], first, likely, self._tolerance,
+                                  u, f, state) < steps:
+            return None
         slid[:, own], force[:, own] = u, f
-        slid[:, busy.open] = under[1:, busy.open] @ busy.flexibility - u @ busy.carried.T
-        states = np.full((steps, len(idle)), SEPARATION, dtype=np.int8)
-        states[:, ~idle] = state
+        force[:, stuck] = u @ busy.holding[:, own].T + busy.holding[:, stuck] @ begin[stuck] - pull[1:, stuck]
+        slid[:, away] = under[1:, away] @ busy.flexibility - slid @ busy.carried.T
+        states = np.repeat(keeps[None], steps, axis=0)
+        states[:, keeps == SLIP] = state
         return StaticHistory(displacement=slid - self.compliance * force, force=force, state=states, slid=slid,
                              load=loads)
 
@@ -283,3 +341,8 @@ class BoltedJoint:
         shapes[free] = vectors / np.sqrt(np.sum(vectors * (mass @ vectors), axis=0))
         return tuple(LinearMode(frequency=float(np.sqrt(max(value, 0.0))) / (2.0 * np.pi), contact=shape[:contact],
                                 modes=shape[contact:]) for value, shape in zip(values, shapes.T, strict=True))
+
+
+def _same(states: States) -> NDArray[np.bool_]:
+    """Return which points (m,) have the same of `states` (S, m) throughout."""
+    return np.asarray(np.all(states == states[-1:], axis=0))

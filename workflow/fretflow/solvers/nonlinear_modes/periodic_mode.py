@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.kernels.static import States
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
@@ -74,9 +75,9 @@ class MasslessJoint:
         return cls(joint=replace(joint, structure=replace(own, stiffness=own.stiffness + carried)),
                    eigenvalues=own.eigenvalues, coupling=own.coupling)
 
-    def follow(self, y: Array, start: StaticHistory) -> StaticHistory:
+    def follow(self, y: Array, start: StaticHistory, guess: States | None = None) -> StaticHistory:
         """Return the contact for motions (S, modes) of y beside what the bolts alone give, after `start`."""
-        return self.joint.follow(self.joint.bolts + (y * self.eigenvalues) @ self.coupling, start)
+        return self.joint.follow(self.joint.bolts + (y * self.eigenvalues) @ self.coupling, start, guess)
 
     def at_rest(self, rest: StaticHistory) -> StaticHistory:
         """Return the preloaded joint with the load that it is under while y is held."""
@@ -121,7 +122,7 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
         if iteration == 0:  # from rest to the end of the stroke, and once round
             rise = np.linspace(0.0, 1.0, samples // 4)[1:, None]
             before = massless.follow(np.vstack([first[0].real + rise * (path[0] - first[0].real), path]), before)
-        before = found = massless.follow(path, before.last(1))
+        before = found = massless.follow(path, before.last(1), before.state[-samples:])
         pull = _analysis(massless.pulled(found), harmonics)
         ratio = massless.eigenvalues[own] * (1.0 - pull[1, own] / y[1, own])
         square, loss = float(ratio.real), float(ratio.imag)  # Omega^2, 2 zeta Omega^2

@@ -11,10 +11,12 @@ slide one by one. Cycles follow each other as amplitudes fall, as in a decay.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.contact.kernels.static import SEPARATION, SLIP
+from fretflow.contact.kernels.static import SEPARATION, SLIP, States
 from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
@@ -39,6 +41,11 @@ class ModalBackbone:
     dissipated: Array = quantity("J", "(A,), by friction in a cycle")
     sliding: NDArray[np.int64] = quantity("1", "(A,), contact points that slide")
     open: NDArray[np.int64] = quantity("1", "(A,), contact points that open")
+    states: States | None = quantity("1", "(S, m), of the contact under all loads in turn", default=None)
+
+    def of(self, joint: BoltedJoint) -> ModalBackbone:
+        """Return the backbone of a joint that moves alike, with that one's damping of the structure."""
+        return replace(self, damping=self.friction_damping + joint.modal_damping + joint.damping_slope * self.amplitude)
 
 
 @record
@@ -69,9 +76,11 @@ def shaped_load(joint: BoltedJoint, mode: LinearMode) -> Array:
     return np.asarray(own.boundary_mass @ mode.contact + own.coupling.T @ mode.modes)
 
 
-def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, steps: int = STEPS
-                          ) -> ModalBackbone:
+def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, steps: int = STEPS,
+                          near: ModalBackbone | None = None) -> ModalBackbone:
     """Return the backbone of `mode` about the modal `amplitudes` (A,), m kg^0.5; where it softens it reaches further.
+
+    The contact's states are first taken to be those of a backbone `near`, of a joint alike.
 
     Returns
     -------
@@ -99,59 +108,56 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     shape = _Shape.of(joint, mode)
     loads = (2.0 * np.pi * mode.frequency)**2 * amplitudes[falling]
     back = np.argsort(falling)
-    x, square, work, outputs, sliding, opened = (value[back] for value in _cycles(joint, shape, loads, steps))
+    cycles, busy, states = _cycles(joint, shape, loads, steps, None if near is None else near.states)
+    x, square, work, outputs = (value[back] for value in cycles)
     damping = work / (2.0 * np.pi * square * x**2)
     return ModalBackbone(
-        amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi),
-        damping=damping + joint.modal_damping + joint.damping_slope * x,
-        friction_damping=damping, outputs=outputs, output_names=tuple(joint.structure.outputs), dissipated=work,
-        linear_frequency=mode.frequency, sliding=sliding.astype(np.int64), open=opened.astype(np.int64))
+        amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi), damping=damping, friction_damping=damping,
+        outputs=outputs, output_names=tuple(joint.structure.outputs), linear_frequency=mode.frequency, dissipated=work,
+        sliding=busy[0][back], open=busy[1][back], states=states).of(joint)
 
 
-def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int) -> tuple[Array, ...]:
-    """Return amplitude, omega^2, work, outputs, and numbers of sliding and open points, of cycles at falling loads."""
+def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int, guess: States | None
+            ) -> tuple[list[Array], list[NDArray[np.int64]], States]:
+    """Return amplitude, omega^2, work and outputs, numbers of sliding and open points, of cycles at falling loads.
+
+    The last value is the states under all loads, of which there may be a guess.
+    """
     fall, rise = 1.0 - 2.0 * np.arange(1, steps + 1) / steps, np.arange(1, APPROACH + 1) / APPROACH
-    path, last = [], 0.0
-    for k, load in enumerate(loads):
-        turned = load if k % 2 == 0 else -load  # from one end of a cycle to the other end of the next, as in a decay
-        path += [last + (turned - last) * rise, turned * fall, -turned * fall]
-        last = turned
-    level = np.concatenate(path)
-    x, out, history = _respond(joint, shape, level)
-    found = []
-    for start in range(APPROACH - 1, len(level), 2 * steps + APPROACH):
-        own, middle, stop = slice(start, start + 2 * steps + 1), start + steps, start + 2 * steps
-        work = float(np.sum(0.5 * (level[own][1:] + level[own][:-1]) * np.diff(x[own]))) / (1.0 - 1.0 / steps**2)
-        way = 0.5 * np.sign(level[start])
-        tips = [way * (0.5 * (values[start] + values[stop]) - values[middle]) for values in (x, out)]
-        square = _first_harmonic(2.0 * way * x[own], 2.0 * way * level[own])
-        found.append((tips[0], square, work, tips[1], *_busy(history.state[own])))
-    return tuple(np.array(column) for column in zip(*found, strict=True))
+    turned = loads * (-1.0)**np.arange(len(loads))  # from an end of a cycle to the other end of the next, as in a decay
+    last = np.r_[0.0, turned[:-1]][:, None]
+    approach, there = last + (turned[:, None] - last) * rise, np.outer(turned, fall)
+    level = np.hstack([approach, there, -there]).ravel()
+    x, out, history = _respond(joint, shape, level, guess)
+    own = (APPROACH - 1 + np.arange(2 * steps + 1)) + (2 * steps + APPROACH) * np.arange(len(loads))[:, None]
+    work = np.sum(0.5 * (level[own][:, 1:] + level[own][:, :-1]) * np.diff(x[own]), axis=1) / (1.0 - 1.0 / steps**2)
+    way = np.sign(turned)[:, None]
+    tips = [0.5 * way * (0.5 * (values[own[:, 0]] + values[own[:, -1]]) - values[own[:, steps]]) for values in (
+        x[:, None], out)]
+    square = _first_harmonic(way * x[own], way * level[own])
+    busy = [np.any(history.state[own] == one, axis=1).sum(axis=1) for one in (SLIP, SEPARATION)]
+    return [tips[0][:, 0], square, work, tips[1]], busy, history.state
 
 
-def _first_harmonic(x: Array, load: Array) -> float:
-    """Return the first harmonic of a load over the amplitude, along a loop (2 S + 1,) that begins at its upper tip."""
-    turn, top = len(x) // 2, 0.5 * (x[0] + x[-1])
-    size, middle = 0.5 * (top - x[turn]), 0.5 * (top + x[turn])
+def _first_harmonic(x: Array, load: Array) -> Array:
+    """Return loads' first harmonics over the amplitude, along loops (A, 2 S + 1) that begin at their upper tips."""
+    turn, top = x.shape[1] // 2, 0.5 * (x[:, :1] + x[:, -1:])
+    size, middle = 0.5 * (top - x[:, turn, None]), 0.5 * (top + x[:, turn, None])
     phase = np.arccos(np.clip((x - middle) / size, -1.0, 1.0))
-    phase[turn + 1:] = 2.0 * np.pi - phase[turn + 1:]
-    phase[[0, turn, -1]] = 0.0, np.pi, 2.0 * np.pi
+    phase[:, turn + 1:] = 2.0 * np.pi - phase[:, turn + 1:]
+    phase[:, [0, turn, -1]] = 0.0, np.pi, 2.0 * np.pi
     cosine = np.cos(phase)
     slope = np.diff(load) / np.where(np.diff(cosine) == 0.0, 1.0, np.diff(cosine))  # the load is straight in x
-    parts = (load[:-1] - slope * cosine[:-1]) * np.diff(np.sin(phase)) + slope * np.diff(
+    parts = (load[:, :-1] - slope * cosine[:, :-1]) * np.diff(np.sin(phase)) + slope * np.diff(
         0.5 * phase + 0.25 * np.sin(2.0 * phase))
-    return float(parts.sum() / (np.pi * size))
+    return np.asarray(parts.sum(axis=1) / (np.pi * size[:, 0]))
 
 
-def _respond(joint: BoltedJoint, shape: _Shape, level: Array) -> tuple[Array, Array, StaticHistory]:
+def _respond(joint: BoltedJoint, shape: _Shape, level: Array, guess: States | None
+             ) -> tuple[Array, Array, StaticHistory]:
     """Return modal amplitude (S,) and outputs (S, outputs) under the loads `level` (S,), from the preload on."""
     rest = joint.preloaded
-    history = joint.follow(joint.bolts + level[:, None] * shape.contact, rest)
+    history = joint.follow(joint.bolts + level[:, None] * shape.contact, rest, guess)
     moved = history.displacement - rest.displacement
     return (moved @ shape.contact + shape.compliance * level,
             moved @ shape.outputs.T + level[:, None] * shape.output_modes, history)
-
-
-def _busy(states: NDArray[np.int8]) -> tuple[int, int]:
-    """Return how many points slide and how many open in a cycle."""
-    return int(np.any(states == SLIP, axis=0).sum()), int(np.any(states == SEPARATION, axis=0).sum())
