@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig import run
+from fretflow.experiments.rig.experiment import BASELINE
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
 from fretflow.experiments.rig.setup import (
@@ -22,6 +23,7 @@ from fretflow.experiments.rig.setup import (
     friction_from_energy,
 )
 from fretflow.inference.experiment import Covariance
+from fretflow.inference.parameters import Parameters
 from fretflow.inference.posterior import Found, Posterior
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.joints import FRETTING_RIG
@@ -258,16 +260,22 @@ def test_recording_without_loops_is_refused() -> None:
         first_friction(replace(recorded(), loops=None))
 
 
-@pytest.mark.parametrize(("friction", "verdict"), [
-    (0.015, Verdict.UNKNOWN), (0.03, Verdict.NAMED), (2.5, Verdict.NAMED), (3.5, Verdict.UNKNOWN)])
-def test_no_physics_is_named_with_a_friction_that_no_dry_contact_has(
-        monkeypatch: pytest.MonkeyPatch, friction: float, verdict: Verdict) -> None:
-    """Below 0.02 is a fluid film, above 3 seizure, whatever the baseline's coefficient that the fit changes."""
+@pytest.mark.parametrize(("friction", "compliance", "verdict"), [
+    (0.015, 0.0, Verdict.UNKNOWN), (0.03, 0.0, Verdict.NAMED), (2.5, 0.0, Verdict.NAMED), (3.5, 0.0, Verdict.UNKNOWN),
+    (0.6, 3.2, Verdict.NAMED), (0.6, -3.4, Verdict.UNKNOWN)])
+def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
+        monkeypatch: pytest.MonkeyPatch, friction: float, compliance: float, verdict: Verdict) -> None:
+    """Friction below 0.02 is a fluid film, above 3 seizure; specimens are not a fifth softer than their drawing."""
     monkeypatch.setattr(run, "hypothesis", lambda point: Hypothesis(friction=friction / 0.5))
     names = frozenset({"viscous"})
-    fit = SimpleNamespace(prediction=SimpleNamespace(point=None))
-    found = Found(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({}, 0.1, {}))
+    space = Parameters.of(BASELINE, ("viscous",))
+    z = np.where([one.field == "compliance" for one in space.coordinates], compliance, 0.0)
+    z[-1] = 5.0  # an effect's own range may be too narrow
+    fit = SimpleNamespace(prediction=SimpleNamespace(point=None), parameters=space, z=z)
+    found = Found(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))
     hypotheses: Any = SimpleNamespace(fits={names: fit})
     problem = SimpleNamespace(friction_coefficient=np.full(4, 0.5))
     experiment: Any = SimpleNamespace(rig=SimpleNamespace(problem=problem))
-    assert run.plausible(found, hypotheses, experiment).verdict is verdict
+    judged = run.plausible(found, hypotheses, experiment)
+    assert judged.verdict is verdict
+    assert judged.probability == pytest.approx(0.9 if verdict is Verdict.NAMED else 0.95)

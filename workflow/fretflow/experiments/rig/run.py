@@ -37,6 +37,7 @@ from fretflow.experiments.rig.setup import (
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
+from fretflow.inference.beginnings import BENT
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import Found, beyond_noise, decide, detected, held_to, smallest_visible
@@ -165,12 +166,18 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
 
 
 def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Found:
-    """Return a verdict that names nothing where the fit asks for a friction coefficient that no dry contact has."""
-    fitted = hypothesis(hypotheses.fits[found.after].prediction.point).friction
-    friction = fitted * float(np.mean(experiment.rig.problem.friction_coefficient))
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or FRICTION[0] < friction < FRICTION[1]:
+    """Return a verdict that names nothing where the fit asks for a rig that is not the stated one.
+
+    That is a friction coefficient that no dry contact has, or a parameter of the baseline that one in a thousand of
+    what the file states is beyond: an effect that is right needs no such help (prior-data conflict: M. Evans,
+    H. Moshonov, Bayesian Anal. 1 (2006) 893-914).
+    """
+    fit = hypotheses.fits[found.after]
+    friction = hypothesis(fit.prediction.point).friction * float(np.mean(experiment.rig.problem.friction_coefficient))
+    bent = any(abs(at) > BENT for one, at in zip(fit.parameters.coordinates, fit.z, strict=True) if not one.effect)
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not bent):
         return found
-    return replace(found, verdict=Verdict.UNKNOWN, sets=())
+    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - found.posterior.none)
 
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
