@@ -23,6 +23,7 @@ from fretflow.inference.posterior import (
     faint,
     held_to,
     largest_odds,
+    ruled_out,
     taken_of_effects,
 )
 from fretflow.inference.search import Search, Start
@@ -83,6 +84,21 @@ def test_probabilities_leave_to_nothing_what_the_test_of_few_tests_leaves() -> N
     for one in held.ranking:
         assert one.probability == held.posterior.sets[frozenset(one.effects)]
     assert left_to_chance(sure, 1e-9) == sure
+
+
+def test_a_verdict_that_is_held_back_has_its_probability_in_the_ranking_too() -> None:
+    """What rejects a name leaves it no probability on the same page; what tells nothing gives that to nothing."""
+    sets = {frozenset({"viscous"}): 0.7, frozenset({"backlash"}): 0.1, frozenset(): 0.05}
+    told = replace(found(Verdict.NAMED), posterior=Posterior(sets, 0.15, {}), ranking=tuple(Candidate(
+        effects=tuple(sorted(names)), probability=share, explained=0.9, chi_squared=0.0, degrees_of_freedom=1,
+        log_evidence=0.0) for names, share in sets.items()))
+    for held, none in ((ruled_out(told), 0.05), (detected(told, detection_at(0.5)), 0.5)):
+        shown = {one.effects: one.probability for one in held.ranking}
+        assert shown[()] == none == held.posterior.none
+        assert held.probability == pytest.approx(none if held.verdict is Verdict.NONE else 1.0 - none)
+        assert sum(shown.values()) + held.posterior.unlisted == pytest.approx(1.0)
+        assert shown[("viscous",)] == pytest.approx(0.0 if held.verdict is Verdict.UNKNOWN else 0.7 * 0.5 / 0.95)
+        assert [one.probability for one in held.ranking] == sorted(shown.values(), reverse=True)
 
 
 def test_effects_that_predict_worse_or_explain_nothing_are_not_named() -> None:

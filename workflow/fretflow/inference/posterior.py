@@ -108,8 +108,27 @@ def _nothing(found: Found, p: float) -> Found:
     """Return that nothing is left out, at least as probable as the p-value alone of a test of that leaves it."""
     if found.verdict is Verdict.NONE:
         return found
-    return replace(found, verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0,
-                   probability=max(found.posterior.none, 1.0 / (1.0 + largest_odds(p))))
+    before, none = found.posterior.none, max(found.posterior.none, 1.0 / (1.0 + largest_odds(p)))
+    return replace(shared_anew(found, none, (1.0 - none) / (1.0 - before) if before < 1.0 else 0.0),
+                   verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0, probability=none)
+
+
+def ruled_out(found: Found) -> Found:
+    """Return that something else acts than what would be named: all that the catalogue held falls to what it lacks."""
+    none = found.posterior.none
+    return replace(shared_anew(found, none, 0.0), verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - none)
+
+
+def shared_anew(found: Found, none: float, left: float) -> Found:
+    """Return a verdict's posterior and ranking with another probability of nothing, and what is `left` of all sets'.
+
+    The rest falls to what the catalogue lacks.
+    """
+    sets = {names: left * share if names else none for names, share in found.posterior.sets.items()}
+    ranking = sorted((replace(one, probability=sets.get(frozenset(one.effects), 0.0)) for one in found.ranking),
+                     key=lambda one: -one.probability)
+    return replace(found, ranking=tuple(ranking), posterior=replace(
+        found.posterior, sets=sets, unlisted=1.0 - sum(sets.values())))
 
 
 def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
@@ -120,7 +139,7 @@ def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
     worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
         return found
-    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - found.posterior.none)
+    return ruled_out(found)
 
 
 def posterior(found: Search) -> Posterior:

@@ -40,7 +40,15 @@ from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.beginnings import BENT
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.posterior import Found, beyond_noise, decide, detected, held_to, smallest_visible
+from fretflow.inference.posterior import (
+    Found,
+    beyond_noise,
+    decide,
+    detected,
+    held_to,
+    ruled_out,
+    smallest_visible,
+)
 from fretflow.inference.search import FAST, FULL, Pool, Search
 from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
@@ -177,7 +185,7 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
     bent = any(abs(at) > BENT for one, at in zip(fit.parameters.coordinates, fit.z, strict=True) if not one.effect)
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not bent):
         return found
-    return replace(found, verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - found.posterior.none)
+    return ruled_out(found)
 
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:

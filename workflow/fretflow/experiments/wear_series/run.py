@@ -22,7 +22,7 @@ from fretflow.experiments.wear_series.scatter import volume_laws
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, detected, largest_odds
+from fretflow.inference.posterior import Found, decide, detected, largest_odds, shared_anew
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
 from fretflow.inference.strategy import search
 from fretflow.inference.verdict import (
@@ -111,11 +111,7 @@ def left_to_chance(found: Found, p: float) -> Found:
     if found.verdict is Verdict.NONE or none >= least:
         return found
     rest = (1.0 - least) / (1.0 - none)
-    sets = {names: rest * share if names else least for names, share in found.posterior.sets.items()}
-    ranking = sorted((replace(one, probability=sets.get(frozenset(one.effects), 0.0)) for one in found.ranking),
-                     key=lambda one: -one.probability)
-    return replace(found, probability=rest * found.probability, ranking=tuple(ranking),
-                   posterior=replace(found.posterior, sets=sets, unlisted=rest * found.posterior.unlisted))
+    return replace(shared_anew(found, least, rest), probability=rest * found.probability)
 
 
 def detect(data: WearData) -> Detection:
