@@ -92,7 +92,7 @@ def test_a_verdict_that_is_held_back_has_its_probability_in_the_ranking_too() ->
     told = replace(found(Verdict.NAMED), posterior=Posterior(sets, 0.15, {}), ranking=tuple(Candidate(
         effects=tuple(sorted(names)), probability=share, explained=0.9, chi_squared=0.0, degrees_of_freedom=1,
         log_evidence=0.0) for names, share in sets.items()))
-    for held, none in ((ruled_out(told), 0.05), (detected(told, detection_at(0.5)), 0.5)):
+    for held, none in ((ruled_out(told, "explains nothing"), 0.05), (detected(told, detection_at(0.5)), 0.5)):
         shown = {one.effects: one.probability for one in held.ranking}
         assert shown[()] == none == held.posterior.none
         assert held.probability == pytest.approx(none if held.verdict is Verdict.NONE else 1.0 - none)

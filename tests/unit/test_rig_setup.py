@@ -279,3 +279,6 @@ def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
     judged = run.plausible(found, hypotheses, experiment)
     assert judged.verdict is verdict
     assert judged.probability == pytest.approx(0.9 if verdict is Verdict.NAMED else 0.95)
+    needed = "baseline.compliance" if compliance else "the friction coefficient"
+    told = f"needs {needed} far from what is stated or possible"
+    assert judged.against == ("" if verdict is Verdict.NAMED else told)

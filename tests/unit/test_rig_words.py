@@ -1,11 +1,13 @@
 """What is said of a diagnosis of the rig: every verdict has a sentence, alternatives what would part them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fretflow.experiments.rig.words import at_bounds, next_measurement, sentence, separating, unfinished
 from fretflow.inference.parameters import Parameters
-from fretflow.inference.posterior import Found, Posterior
-from fretflow.inference.verdict import Candidate, Location, Remainder, ResidualLaw, Verdict
+from fretflow.inference.posterior import Found, Posterior, held_to
+from fretflow.inference.verdict import Candidate, HeldOut, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import after_model
 
 PLACE = Location(block="contact law", channel="friction force", phase="knee", cycles=(0, 1000), zone="")
@@ -34,6 +36,16 @@ def test_what_remains_is_told_with_its_place():
     text = sentence(found(Verdict.NAMED, {"viscous"}), REST, PLACE, None)
     assert "what remains (7 % of the difference, 4.7 times the noise) is not explained" in text
     assert "it lies in friction force, the knee" in text
+
+
+def test_an_unknown_says_why_the_nearest_is_not_enough():
+    plain = sentence(found(Verdict.UNKNOWN), REST, PLACE, None)
+    assert "backlash would explain 30 %, and what the nearest leaves (4.7 times the noise) is more than" in plain
+    held = held_to(replace(found(Verdict.NAMED, {"backlash"}), after=frozenset({"backlash"})),
+                   HeldOut(what="", before=2.0, after=3.0, floor=1.0), 1000)
+    assert sentence(held, REST, PLACE, None).endswith(
+        "backlash would explain 30 %, but the nearest predicts held-out loops worse than the baseline, and leaves 4.7 "
+        "times the noise.")
 
 
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():

@@ -60,6 +60,7 @@ class Found:
     probability: float
     ranking: tuple[Candidate, ...]
     posterior: Posterior
+    against: str = ""  # what the set that would be named does, so that it is not
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -113,10 +114,11 @@ def _nothing(found: Found, p: float) -> Found:
                    verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0, probability=none)
 
 
-def ruled_out(found: Found) -> Found:
+def ruled_out(found: Found, against: str) -> Found:
     """Return that something else acts than what would be named: all that the catalogue held falls to what it lacks."""
     none = found.posterior.none
-    return replace(shared_anew(found, none, 0.0), verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - none)
+    return replace(shared_anew(found, none, 0.0), verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - none,
+                   against=against)
 
 
 def shared_anew(found: Found, none: float, left: float) -> Found:
@@ -139,7 +141,7 @@ def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
     worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
         return found
-    return ruled_out(found)
+    return ruled_out(found, "predicts held-out loops worse than the baseline" if worse else "explains nothing")
 
 
 def posterior(found: Search) -> Posterior:

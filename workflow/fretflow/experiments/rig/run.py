@@ -52,7 +52,7 @@ from fretflow.inference.posterior import (
 from fretflow.inference.search import FAST, FULL, Pool, Search
 from fretflow.inference.strategy import search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of
+from fretflow.inference.words import after_model, blocks_of, listed
 from fretflow.recordings.recording import Recording
 from fretflow.solvers.periodic import PeriodicProblem
 
@@ -182,10 +182,12 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
     """
     fit = hypotheses.fits[found.after]
     friction = hypothesis(fit.prediction.point).friction * float(np.mean(experiment.rig.problem.friction_coefficient))
-    bent = any(abs(at) > BENT for one, at in zip(fit.parameters.coordinates, fit.z, strict=True) if not one.effect)
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not bent):
+    beyond = [one for one, at in zip(fit.parameters.coordinates, fit.z, strict=True) if not one.effect
+              and abs(at) > BENT]
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not beyond):
         return found
-    return ruled_out(found)
+    needed = listed([one.name for one in beyond]) if beyond else "the friction coefficient"
+    return ruled_out(found, f"needs {needed} far from what is stated or possible")
 
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:

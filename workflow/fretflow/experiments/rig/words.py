@@ -75,9 +75,11 @@ def _unknown(found: Found, remainder: Remainder, location: Location, law: Residu
     near = [one for one in found.ranking if one.effects][:3]
     best = ", ".join(f"{listed(one.effects)} would explain {100.0 * one.explained:.0f} %" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
+    times = f"{remainder.times_noise:.1f} times the noise"
+    why = (f"but the nearest {found.against}, and leaves {times}" if found.against else
+           f"and what the nearest leaves ({times}) is more than another form of its law would")
     return (f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: "
-            f"{best or 'no effect of the catalogue explains any of it'}, and what the nearest leaves "
-            f"({remainder.times_noise:.1f} times the noise) is more than another form of its law would{told}.")
+            f"{best or 'no effect of the catalogue explains any of it'}, {why}{told}.")
 
 
 def of_instruments(wrong: Sequence[str]) -> str:
