@@ -200,7 +200,7 @@ class RigModel:
             other = beginning(start)
         except NonConvergenceError:
             return period
-        return period if self._like_measured(other, **of) else other
+        return other if self._like_measured(other, **of) is None else period
 
     def _like_measured(self, period: Period, **of: object) -> PeriodicSolution | None:
         """Return a period's motion, as large and as late as it was measured; None where it is no other motion."""
