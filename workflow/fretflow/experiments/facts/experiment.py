@@ -24,10 +24,11 @@ from fretflow.experiments.facts.model import Condition, worn_test
 from fretflow.experiments.facts.quantities import quantity_of
 from fretflow.experiments.independent import IndependentExperiment
 from fretflow.experiments.rig.experiment import rig_effects
-from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel
+from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.inference.experiment import Measurement, Point, Prediction
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.recordings.kinds.facts import PARAMETERS, Fact, FactsFile
+from fretflow.wear.history import WearSettings
 
 MEANINGS = {"moving_mass": "mass of the driven block", "friction_coefficient": "friction coefficient",
             "wear_coefficient": "Archard wear coefficient",
@@ -139,7 +140,7 @@ class FactsExperiment(IndependentExperiment):
 
         The corners of the ridges let a contact converge slowly, so that the difference to the next mesh is no bound.
         """
-        after = replace(self, rig=replace(finer, wear_tolerance=FINE)).predict(prediction.point)
+        after = replace(self, rig=replace(finer, wear_tolerance=WearSettings.tolerance)).predict(prediction.point)
         more = np.array([fact.distance(fine) - fact.distance(coarse) for fact, fine, coarse in zip(
             self.file.facts, shown(after).quantities, shown(prediction).quantities, strict=True)])
         return replace(self, correction=more, code_error=np.diag(np.abs(more)))

@@ -11,7 +11,7 @@ import numpy as np
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
-from fretflow.experiments.rig.model import FINE, Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.setup import errors_of
@@ -20,6 +20,7 @@ from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.recordings.kinds.joints import FRETTING_RIG
+from fretflow.wear.history import WearSettings
 
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
 BASELINE = tuple(Coordinate("", name, 0.0, sd, True) for name, sd in (
@@ -77,9 +78,9 @@ class RigExperiment(Experiment):
 
     def finer(self) -> Experiment | None:
         """Return the same with finer steps of wear."""
-        if self.rig.wear_tolerance <= FINE:
+        if self.rig.wear_tolerance <= WearSettings.tolerance:
             return None
-        return replace(self, rig=replace(self.rig, wear_tolerance=FINE))
+        return replace(self, rig=replace(self.rig, wear_tolerance=WearSettings.tolerance))
 
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail."""

@@ -38,8 +38,8 @@ MOST_ITERATIONS = 15  # Newton's; a hypothesis that takes more is given up
 MOST_PERIODS = 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
 # tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
-# stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with less.
-WEAR_TOLERANCE, FINE = 0.1, 0.01
+# stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with that of a case.
+WEAR_TOLERANCE = 0.1
 
 
 def harmonics_of(samples: int) -> int:
