@@ -28,14 +28,13 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from fretflow.core.records import quantity, record
-from fretflow.inference.experiment import Covariance, Measurement
+from fretflow.inference.experiment import TOLERANCE, Covariance, Measurement
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array
 from fretflow.recordings.readings import SEED
 
 LOOP_HARMONICS = 7  # of what no law tells, by the phase; their sd falls with the order, as of continuous functions
 MODULATING = 2  # the same, of what a law of another form does to a signature
-LEAST = 0.01  # of the rms of a channel, below which what a loop shows of an effect is round-off and has no direction
 SIZES = np.geomspace(1e-3, 1.0, 10)  # sigma and tau, from what hardly any channel resolves to all of it
 FORMS = np.geomspace(0.003, 1.0, 8)  # e, from below all noise to laws that have nothing in common
 DRAWS = 1000  # of a posterior: its 90 % interval is then known to 3 % of its width
@@ -183,7 +182,7 @@ def _levelled(measurement: Measurement, signature: Array) -> Array:
         own = np.sqrt([np.mean(share[rows]) for rows in parts])
         rms = float(np.sqrt(np.mean(own**2)))
         for rows, size in zip(parts, own, strict=True):
-            if LEAST * rms < size < rms:
+            if TOLERANCE < size < rms:  # what is less has no direction
                 found[rows] *= rms / size
     return found
 

@@ -27,6 +27,9 @@ from fretflow.effects.catalogue import catalogue, check_together
 from fretflow.effects.effect import Effect
 from fretflow.inference.parameters import Array, Parameters
 
+# Relative, to which predictions are solved: it changes them by less than a hundredth of the noise, and what they show
+# of an effect below it is round-off.
+TOLERANCE = 1e-4
 STEP = 0.02  # of a coordinate, for derivatives: a fiftieth of what was uncertain beforehand
 
 

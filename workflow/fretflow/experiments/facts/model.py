@@ -13,7 +13,8 @@ from fretflow.case.config import WearScheme
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.experiments.facts.quantities import Array, WornTest
-from fretflow.experiments.rig.model import MOST_PERIODS, TOLERANCE, Hypothesis, RigModel
+from fretflow.experiments.rig.model import MOST_PERIODS, Hypothesis, RigModel
+from fretflow.inference.experiment import TOLERANCE
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.history import WearSettings

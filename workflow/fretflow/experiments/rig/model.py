@@ -21,6 +21,7 @@ from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
+from fretflow.inference.experiment import TOLERANCE
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
@@ -31,7 +32,6 @@ from fretflow.wear.history import WearSettings, WearStep
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
-TOLERANCE = 1e-4  # of a period's residual: changes what is predicted by less than a hundredth of the noise
 HARMONICS = 20  # of the masses' motion, at most
 MOST_ITERATIONS = 15  # Newton's; a hypothesis that takes more is given up
 # of a simulation's wear: faces micrometres apart need 60 to 100, less plausible laws over cycles may need thousands

@@ -21,7 +21,7 @@ from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
 from fretflow.experiments.structure.responses import POWERS, response_curves
-from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction, differences
+from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structure_sections import TYPICAL
@@ -47,7 +47,6 @@ MANY = 40  # contact points, from which on predictions take their time
 DRAWS = 16  # of what chance decides: their sd is known to a sixth
 LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours are half of its sd apart
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
-SETTLED = 1e-4  # of the amplitude: periodic motions tell frequency and damping that far
 
 
 @dataclass(frozen=True)
@@ -385,7 +384,7 @@ class StructureExperiment(Experiment):
         for amplitude in asked[::1 + self.structure.contacts // MANY]:
             modal = amplitude / (moved[-1] / found[-1].amplitude if found else self.observation.gain(mode))
             try:
-                found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, SETTLED,
+                found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, TOLERANCE,
                                            found[-1] if found else None))
             except NonConvergenceError:
                 break
