@@ -15,9 +15,9 @@ from fretflow.effects.effect import in_sensors_alone
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, signed_fields
-from fretflow.inference.search import QUARTILE, Names, Search, Start, Task, basis, log_gain
+from fretflow.inference.search import Names, Search, Start, Task, basis, log_gain
+from fretflow.recordings.periods import LEVEL
 
-BENT = float(norm.ppf(0.9995))  # coordinate of the baseline that one in a thousand of its prior is beyond
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
 
 
@@ -150,10 +150,11 @@ def _laid(experiment: Experiment, origin: Fit) -> Iterator[Point]:
             yield Point(space, middle)
             if not catalogue()[name].first_order and in_sensors_alone(catalogue()[name]):  # a slope misses a resonance
                 first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
-                yield from (Point(space, middle + at * first) for at in np.linspace(-BENT, BENT, FINE))
+                end = norm.isf(0.5 * LEVEL)
+                yield from (Point(space, middle + at * first) for at in np.linspace(-end, end, FINE))
             for place in np.flatnonzero(space.own(name)):
-                for way in (-2.0 * QUARTILE, 2.0 * QUARTILE):
-                    yield Point(space, middle + way * np.eye(len(middle))[place])
+                for quartile in norm.interval(0.5):
+                    yield Point(space, middle + 2.0 * quartile * np.eye(len(middle))[place])
 
 
 def started(found: Search, origin: Fit, fit: Fit) -> Start:

@@ -16,6 +16,7 @@ from scipy.stats import norm
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect, Prior, parameter_limits
+from fretflow.recordings.periods import LEVEL
 
 Array = NDArray[np.float64]
 
@@ -134,6 +135,11 @@ class Parameters:
     def own(self, effect: str) -> NDArray[np.bool_]:
         """Return which coordinates (size,) are those of an effect; of the baseline where its name is empty."""
         return np.array([one.effect == effect for one in self.coordinates], dtype=bool)
+
+
+def is_bent(z: Array) -> NDArray[np.bool_]:
+    """Tell which coordinates lie further out than all but one in a thousand (`LEVEL`) of their prior."""
+    return np.asarray(2.0 * norm.sf(np.abs(z)) < LEVEL)
 
 
 def _of_effect(kind: type[Effect], signs: Mapping[str, float], scaled: Scaled | None) -> list[Coordinate]:

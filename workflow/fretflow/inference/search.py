@@ -31,13 +31,13 @@ from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array
 from fretflow.inference.verdict import FALSE_ALARMS
+from fretflow.recordings.periods import LEVEL
 
 T = TypeVar("T")
 R = TypeVar("R")
 Names = frozenset[str]
 
-QUARTILE = float(norm.ppf(0.75))  # coordinates of the points of a range at which an effect is begun, beside its middle
-NEGLIGIBLE = log(1e3)  # of log evidence: "decisive" twice over (H. Jeffreys, Theory of Probability (1961), app. B)
+NEGLIGIBLE = -log(LEVEL)  # of log evidence: "decisive" twice over (H. Jeffreys, Theory of Probability (1961), app. B)
 
 
 class Pool(Protocol):
@@ -309,8 +309,8 @@ class Search:
 
 
 def has_moved(fit: Fit, since: Array | None) -> bool:
-    """Tell whether a fit is elsewhere in its ranges than it was."""
-    return since is None or bool(np.abs(fit.z - since).max() >= QUARTILE)
+    """Tell whether a fit is elsewhere in its ranges than it was: half of them is no further from their middle."""
+    return since is None or bool(np.abs(fit.z - since).max() >= norm.ppf(0.75))
 
 
 def log_gain(columns: Array, left: Array) -> float:

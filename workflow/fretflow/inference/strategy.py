@@ -14,7 +14,6 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.beginnings import (
-    BENT,
     Beginning,
     begin_task,
     beginnings_task,
@@ -28,7 +27,7 @@ from fretflow.inference.beginnings import (
 )
 from fretflow.inference.experiment import Covariance, Experiment, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.parameters import Array
+from fretflow.inference.parameters import Array, is_bent
 from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
 
 Progress = Callable[[float, str], None]
@@ -191,7 +190,7 @@ def to_rest(found: Search, size: int) -> None:
 def begin_all(found: Search) -> None:
     """Fit every effect from the best of its starts, and keep what it changes there."""
     origins = [found.baseline]
-    if found.stated is not None and np.any(np.abs(found.baseline.z) > BENT):
+    if found.stated is not None and is_bent(found.baseline.z).any():
         origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
     untold: list[Beginning] = []
     for origin in origins:

@@ -37,9 +37,9 @@ from fretflow.experiments.rig.setup import (
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
-from fretflow.inference.beginnings import BENT
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.parameters import is_bent
 from fretflow.inference.posterior import (
     Found,
     beyond_noise,
@@ -182,8 +182,8 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
     """
     fit = hypotheses.fits[found.after]
     friction = hypothesis(fit.prediction.point).friction * float(np.mean(experiment.rig.problem.friction_coefficient))
-    beyond = [one for one, at in zip(fit.parameters.coordinates, fit.z, strict=True) if not one.effect
-              and abs(at) > BENT]
+    beyond = [one for one, far in zip(fit.parameters.coordinates, is_bent(fit.z), strict=True)
+              if far and not one.effect]
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not beyond):
         return found
     needed = listed([one.name for one in beyond]) if beyond else "the friction coefficient"

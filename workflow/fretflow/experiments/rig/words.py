@@ -12,9 +12,8 @@ from fretflow.case.config import Case
 from fretflow.case.sections import SIDES
 from fretflow.effects.catalogue import catalogue, described, tables
 from fretflow.experiments.rig.model import Hypothesis, RigModel
-from fretflow.inference.beginnings import BENT
 from fretflow.inference.evidence import drawn
-from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
+from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, is_bent
 from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
@@ -94,7 +93,7 @@ def in_doubt(doubted: Sequence[str]) -> str:
 
 def at_bounds(space: Parameters, z: Array) -> list[str]:
     """Return a warning of parameters that stand far outside of their plausible ranges."""
-    own = [one.name for one, at in zip(space.coordinates, z, strict=True) if abs(at) > BENT]
+    own = [one.name for one, far in zip(space.coordinates, is_bent(z), strict=True) if far]
     return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is held plausible: the fit "
             "may stand for something else, or the range be too narrow"] if own else []
 
