@@ -17,8 +17,6 @@ from fretflow.experiments.independent import FREEDOM
 from fretflow.recordings.readings import SEED
 from fretflow.structure.motion import measure, noise_floor
 
-LONGEST = 8  # part of a sequence beyond which correlations are not looked at: of so few pairs they are mostly chance
-
 
 @dataclass(frozen=True)
 class Noise:
@@ -33,11 +31,14 @@ class Noise:
 
 
 def correlation_length(sequences: tuple[Array, ...]) -> float:
-    """Return ``1 + 2 sum rho``, up to where a pair of correlations turns negative (Geyer, Stat. Sci. 7, 1992)."""
+    """Return ``1 + 2 sum rho``, up to where a pair of correlations turns negative (Geyer, Stat. Sci. 7, 1992).
+
+    Lags of which a sequence has fewer than `FREEDOM` are not looked at: what so few pairs show is mostly chance.
+    """
     power = sum(float(one @ one) for one in sequences)
     if not power > 0.0:
         return 1.0
-    total, longest = 1.0, min(len(one) for one in sequences) // LONGEST
+    total, longest = 1.0, min(len(one) for one in sequences) // FREEDOM
     for lag in range(1, max(longest, 1), 2):
         pair = sum(float(one[k:] @ one[:-k]) * len(one) / (len(one) - k) for one in sequences for k in (lag, lag + 1)
                    ) / power
@@ -122,4 +123,4 @@ def effective(left: Array, used: Mask) -> float:
 
 def _runs(left: Array, used: Mask) -> list[Array]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], used, [False]])))
-    return [left[a:b] for a, b in edges.reshape(-1, 2) if b - a > 2 * LONGEST]
+    return [left[a:b] for a, b in edges.reshape(-1, 2) if b - a > 2 * FREEDOM]
