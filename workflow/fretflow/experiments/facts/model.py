@@ -21,9 +21,6 @@ from fretflow.wear.history import WearSettings
 from fretflow.wear.march import run_history
 
 GRID = np.geomspace(0.8, 12.0, 18)  # of the in-phase mode: a stuck contact raises the resonance several times over
-# A contact that slides makes a peak so flat that what samples leave out raises hills on it, a few per cent wide: points
-# of the frequency's logarithm closer than these are compared before the best one is refined.
-BESIDE = np.linspace(-0.06, 0.06, 13)
 
 
 @dataclass(frozen=True)
@@ -89,6 +86,8 @@ def in_phase_frequency(problem: PeriodicProblem) -> float:
 def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProblem, starts: Array) -> float:
     """Return the frequency (Hz) at which the first harmonic of the driven block is largest, beside the best start.
 
+    A contact that slides makes a peak so flat that what samples leave out raises hills on it, a few per cent wide:
+    points up to half of the way to neighbours in `GRID`, in as many steps, are compared before the best one is refined.
     Where a joint begins to slide there the curve has a corner, so that no parabola is laid through it. A maximum is
     flat: its place is known to the root of what its height is.
 
@@ -109,11 +108,12 @@ def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProb
         return float(abs(np.fft.rfft(block)[1]) / len(block))
 
     middle = start = max(map(float, starts), key=motion) if len(starts) > 1 else float(starts[0])
+    apart = float(np.log(GRID[1] / GRID[0]))
+    beside, step = np.linspace(-0.5 * apart, 0.5 * apart, len(GRID) + 1, retstep=True)
     while max(middle / start, start / middle) < GRID[-1] / GRID[0]:
-        off = max(map(float, BESIDE), key=lambda one: motion(middle * np.exp(one)))
+        off = max(map(float, beside), key=lambda one: motion(middle * np.exp(one)))
         middle *= float(np.exp(off))
-        if abs(off) < BESIDE[-1]:
-            step = float(BESIDE[1] - BESIDE[0])
+        if abs(off) < beside[-1]:
             best = minimize_scalar(lambda one, about=middle: -motion(about * np.exp(one)), bounds=(-step, step),
                                    method="bounded", options={"xatol": step * np.sqrt(TOLERANCE)})
             return middle * float(np.exp(best.x))
