@@ -14,7 +14,8 @@ from scipy import stats
 
 from fretflow.experiments.rig.changes import RIG_HARMONICS
 from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of
-from fretflow.experiments.rig.observation import DIGITIZING, HARMONICS
+from fretflow.experiments.rig.observation import HARMONICS
+from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
@@ -39,7 +40,7 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
         Frequency of the hum in Hz.
     """
     seen = np.concatenate([one.channels[name].ravel() for one, _ in blocks])
-    least = DIGITIZING * (np.nanmax(seen) - np.nanmin(seen))
+    least = SIZES[0] * (np.nanmax(seen) - np.nanmin(seen))
     squares, freedom, size = np.zeros(3), np.zeros(3), 0.0  # of hum, of other smooth differences, of the rest
     for loops, frequency in blocks:
         samples = len(loops.phase)

@@ -23,8 +23,9 @@ from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.sensor_drift import SensorDrift
 from fretflow.experiments.rig.equations import DELAYS, GAINS, Equations, Solution, Unknown, blocks_of, is_periodic
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
-from fretflow.experiments.rig.observation import LOOP_OFFSET, SYNCHRONISED, Array
+from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED, Array
 from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear, friction_from_energy
+from fretflow.inference.parameters import HALF
 from fretflow.recordings.loopset import LoopSet, plateau
 from fretflow.recordings.periods import LEVEL, is_noisy, standing_still
 from fretflow.recordings.plausibility import STATED
@@ -242,8 +243,9 @@ def _lost_zero(recording: Recording, case: Case) -> list[str]:
     sizes = {"displacement": 1.0, loops.force_name: rest[1], "excitation": -rest[0]}
     signals = {name: loops.mean(name)[there] for name in sizes}
     means = {name: size * signals[name].mean(axis=1) for name, size in sizes.items()}
-    lost = float(np.hypot(*(LOOP_OFFSET[name] * abs(sizes[name]) * np.ptp(signals[name], axis=1).max() / 2.0
-                            for name in ("displacement", loops.force_name)))) * float(stats.norm.isf(LEVEL / 2.0))
+    zeros = [CHANNELS[own].lost * abs(sizes[name]) * np.ptp(signals[name], axis=1).max() / 2.0
+             for own, name in (("displacement", "displacement"), ("friction_force", loops.force_name))]
+    lost = float(np.hypot(*zeros) * stats.norm.isf(LEVEL / 2.0))
     cycles = loops.cycles[there].astype(float)
     total = sum(means.values())
     drifting = [name for name in means if _drifts(cycles, total, lost) and _drifts(cycles, means[name], lost)
@@ -269,7 +271,7 @@ def _off(found: Solution, distance: float, variance: float) -> bool:
 
 
 def _gain(name: str, gain: float, sd: float) -> str:
-    half = float(stats.norm.isf(0.05)) * sd  # of a 90 % interval
+    half = HALF * sd
     return (f"the {name} is {gain:.3g} times what the rig's masses and springs make of the other channels "
             f"({gain - half:.3g} to {gain + half:.3g}): check its gain")
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import quantity, record
+from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd
 from fretflow.recordings.recording import Recording
@@ -24,19 +25,29 @@ from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopChannel:
+    """What is known of a channel's zero, in sd over the channel's size (see `_size`), and of its mean over a loop."""
+
+    lost: float  # between recordings, by each loop
+    free: float  # as it was set at rest before the test
+    needed: bool = False
+    absolute: bool = False  # whether the mean counts: a gain acts on the whole of it
+    growing: bool = False  # whether the mean follows the wear over the test: its sensor's gain acts on all of that
+    warming: bool = False  # whether it is the distance of parts that grow with heat
+
+
 # that the model predicts, as far as they were measured
-CHANNELS = ("displacement", "friction_force", "excitation", "normal_force", "approach")
-NEEDED = ("displacement", "friction_force")
-ABSOLUTE = ("normal_force",)  # whose mean over a loop counts: a gain acts on the whole of it
-GROWING = ("approach",)  # whose mean follows the wear over the test: its sensor's gain acts on all of that
+CHANNELS = {"displacement": LoopChannel(lost=0.05, free=0.03, needed=True, warming=True),
+            "friction_force": LoopChannel(lost=0.01, free=0.01, needed=True),
+            "excitation": LoopChannel(lost=0.002, free=0.02),
+            "normal_force": LoopChannel(lost=0.003, free=0.01, absolute=True),
+            # what it is counted from is unknown: faces meet on asperities
+            "approach": LoopChannel(lost=0.005, free=3.0, growing=True, warming=True)}
 HARMONICS = 12  # of a loop that are compared
-# A loop's zero is lost between recordings, and a channel's own was set at rest before the test; both over the channel's
-# size, see `_size`. What the approach is counted from is unknown: faces meet on asperities.
-LOOP_OFFSET = {"displacement": 0.05, "friction_force": 0.01, "excitation": 0.002, "normal_force": 0.003,
-               "approach": 0.005}
-FREE_OFFSET = {"displacement": 0.03, "friction_force": 0.01, "excitation": 0.02, "normal_force": 0.01, "approach": 3.0}
 WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
-DIGITIZING = 1e-3  # of the range: interpolation between samples, and what no sensor resolves
 DEFAULT_WEAR_SD = 0.02  # of the volume or of the largest depth, where nothing tells it
 TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends
 SYNCHRONISED = 1.5e-3  # of a period, to which a channel is in step with the drive, in all loops alike
@@ -267,10 +278,11 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
         raise UnreliableRecordingError(f"{block}: displacement and friction_force are needed; name their columns")
     for name in names:
         channel = "friction_force" if name == "force" else name
-        values = from_zero(loops.channels[name], loops.phase)
+        kind, values = CHANNELS[channel], from_zero(loops.channels[name], loops.phase)
         spread = _spread(values)
-        samples, size = spread.mean.shape[1], _size(channel, spread.mean)
-        least, known, places = DIGITIZING * size, np.flatnonzero(loops.repeats), []
+        samples, size = spread.mean.shape[1], _size(kind, spread.mean)
+        # interpolation between samples, and what no sensor resolves
+        least, known, places = SIZES[0] * size, np.flatnonzero(loops.repeats), []
         # noise of a colour is white noise and waves of the first harmonics; both have the variance that repeats show
         excess, waves = spread.smooth_excess, smooth_waves(samples)
         white = spread.noise_sd**2 / (1.0 + excess * waves.shape[1] / samples)
@@ -285,33 +297,31 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
             floor = np.sqrt(spread.repeat_sd**2 + least**2)
             place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
             places.append(place)
-            centred, own = mean if name in ABSOLUTE else mean - mean.mean(), f"{block} {k} {channel}"
+            centred, own = mean if kind.absolute else mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} wave {j}", place, one / np.sqrt(repeats)) for j, one in enumerate(waves.T)]
             stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
                              (f"{own} offset", place, np.full(samples, np.hypot(
-                                 spread.offset_sd / np.sqrt(repeats), _loop_offset(channel, size)))),
+                                 spread.offset_sd / np.sqrt(repeats), _loop_offset(kind, size)))),
                              (f"{channel} synchronisation", place, SYNCHRONISED * moving),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * (
-                                 mean if name in GROWING else centred)),
-                             (f"{channel} zero", place, np.full(samples, FREE_OFFSET[channel] * found.setdefault(
-                                 channel, size)))]
-        if channel in NEEDED:
+                                 mean if kind.growing else centred)),
+                             (f"{channel} zero", place, np.full(samples, kind.free * found.setdefault(channel, size)))]
+        if kind.needed:
             stack.smooth.append(spread.smooth_share)
             stack.repeats.append(Repeats(values[known], tuple(places)))
     return found
 
 
-def _loop_offset(channel: str, size: float) -> float:
+def _loop_offset(channel: LoopChannel, size: float) -> float:
     """Return the sd of what a loop's zero loses against those of other loops."""
-    lost = LOOP_OFFSET[channel] * size
-    return float(np.hypot(lost, WARMTH)) if channel in ("displacement", "approach") else lost
+    return float(np.hypot(channel.lost * size, WARMTH * channel.warming))
 
 
-def _size(channel: str, means: Array) -> float:
+def _size(channel: LoopChannel, means: Array) -> float:
     """Return what a channel's zero is compared with: half its largest loop, or what it comes to over the test."""
-    if channel in ABSOLUTE:
+    if channel.absolute:
         return float(np.nanmax(np.abs(means)))
-    if channel == "approach":
+    if channel.growing:
         return 0.5 * float(np.nanmax(means) - np.nanmin(means))
     return 0.5 * float(np.nanmax(np.ptp(means, axis=-1)))
 

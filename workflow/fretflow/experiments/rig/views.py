@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.experiments.rig.observation import ABSOLUTE, Array, Observation, Piece
+from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
 from fretflow.experiments.rig.setup import SAMPLES
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.verdict import Comparison, Evolution, ResidualMap, WearMap
@@ -39,7 +39,7 @@ def level(observation: Observation, vector: Array) -> Array:
     """
     moved = np.array(vector, dtype=float)
     for piece in observation.pieces:
-        if piece.block in LOOPS and piece.channel not in ABSOLUTE:
+        if piece.block in LOOPS and not CHANNELS[piece.channel].absolute:
             moved[piece.place] += float(np.mean(observation.values[piece.place] - vector[piece.place]))
     return moved
 
@@ -130,7 +130,7 @@ def _sd(observation: Observation, covariance: Covariance) -> Array:
     """Return the sd (M,) of levelled differences, of noise and of what samples share: calibration, mesh, sampling."""
     modes = np.array(covariance.modes)
     for piece in observation.pieces:
-        if piece.block in LOOPS and piece.channel not in ABSOLUTE:
+        if piece.block in LOOPS and not CHANNELS[piece.channel].absolute:
             modes[piece.place] -= modes[piece.place].mean(axis=0)
     return np.asarray(np.sqrt(covariance.variance + np.sum(modes**2, axis=1)))
 
