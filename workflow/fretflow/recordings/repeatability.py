@@ -22,7 +22,7 @@ from fretflow.core.records import quantity, record
 
 Array = NDArray[np.float64]
 
-SMOOTH = 5  # harmonics, of which white noise of N samples has 10 / N
+SMOOTH = 5  # harmonics: above, the masses of a rig let nothing through; of white noise of N samples 10 / N lie in these
 COLOURED = 0.05  # p-value of white noise below which noise has a colour
 
 

@@ -19,6 +19,7 @@ from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
+from fretflow.recordings.repeatability import SMOOTH
 from fretflow.solvers.fourier import derivative_matrix
 from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.sensitivity import Direction
@@ -27,7 +28,6 @@ from fretflow.structure.sensors import Signals, band_limited
 
 CONTACT, WEAR, RIG, EXCITATION, GEOMETRY, SENSOR = (
     "contact law", "wear law", "rig", "excitation", "geometry", "sensor")
-RIG_HARMONICS = 5  # of a force on the arm: above, the masses let nothing through
 GAP_SIZE = InitialGap.priors()["crown"].high  # m, of a change of the gap
 
 
@@ -181,7 +181,7 @@ def _laws(loop: Loop) -> list[Array]:
 def _rig(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     def changes(loop: Loop) -> list[dict[str, Array]]:
         return loop.answers([_on_arm(loop, loop.force_size * history, 0) for history in
-                             loop.harmonics(RIG_HARMONICS).T])
+                             loop.harmonics(SMOOTH).T])
 
     def alike(loop: Loop) -> list[dict[str, Array]]:
         return loop.answers([_on_arm(loop, history, 0) for history in
@@ -222,9 +222,9 @@ def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
 
 def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     def changes(loop: Loop) -> list[dict[str, Array]]:
-        basis = loop.harmonics(RIG_HARMONICS)
+        basis = loop.harmonics(SMOOTH)
         drive = loop.period.condition.excitation.amplitude
-        histories = [drive * basis[:, 2 * k - 1 + part] for k in range(2, RIG_HARMONICS + 1)
+        histories = [drive * basis[:, 2 * k - 1 + part] for k in range(2, SMOOTH + 1)
                      for part in (0, 1)]
         answers = loop.answers([_on_arm(loop, history, 1) for history in histories])
         return [change | {"excitation": history} for change, history in zip(answers, histories, strict=True)]

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fretflow.experiments.rig.changes import RIG_HARMONICS
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import is_unsteady, repeatability
+from fretflow.recordings.repeatability import SMOOTH, is_unsteady, repeatability
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 Array = NDArray[np.float64]
@@ -123,7 +122,7 @@ class Equations:
                      for name in ("excitation", "displacement", loops.force_name)]
             for k, j in zip(*np.nonzero(loops.usable), strict=True):
                 rows += [(*(line[k, j, n] for line in lines), 2.0 * np.pi * n * frequency[k], n, place + k, cycles[k])
-                         for n in range(1, RIG_HARMONICS + 1)]
+                         for n in range(1, SMOOTH + 1)]
         excitation, x, force, omega, *places = (np.array(column) for column in zip(*rows, strict=True))
         receptance = np.linalg.inv(rig.impedance(omega))
         block, arm = receptance[:, 1, 0], receptance[:, 1, 1]

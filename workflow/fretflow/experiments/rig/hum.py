@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fretflow.experiments.rig.changes import RIG_HARMONICS
 from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of
 from fretflow.experiments.rig.observation import HARMONICS
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
+from fretflow.recordings.repeatability import SMOOTH
 
 Array = NDArray[np.float64]
 MAINS = (50.0, 60.0)  # Hz (IEC 60038)
@@ -82,14 +82,14 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
         powers = _powers(loops.mean("displacement"))
         for k in np.nonzero(loops.usable)[0]:
             shapes.append(_seen(mains / frequency[k], turns))
-            bent.append(np.stack([lines[k, 1:RIG_HARMONICS + 1] for lines in powers], axis=1))
+            bent.append(np.stack([lines[k, 1:SMOOTH + 1] for lines in powers], axis=1))
     felt, driven = equations.friction / equations.force, equations.damped / equations.displacement
     forces = list(felt * np.concatenate(bent).T)
     if (plain := equations.solve()).holds:
         return None
     bending, waves, found = equations.solve(forces), np.concatenate(shapes).T, []
     # a filter of a channel, whatever it does to each harmonic, grows with the channel from loop to loop as no hum does
-    filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, RIG_HARMONICS)
+    filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, SMOOTH)
                                     for unit in (1.0, 1j)]).squares
                    for one in (equations.displacement, equations.friction, equations.drive))
     for name, factor in (("displacement", 1.0), ("friction_force", felt + plain.values[Unknown.COMPLIANCE]),
@@ -113,7 +113,7 @@ def _powers(motion: Array) -> list[NDArray[np.complex128]]:
 def _seen(turns_a_period: float, turns: Array) -> NDArray[np.complex128]:
     """Return the harmonics that cosine and sine of a hum, and a straight line, have in a period (harmonics, 3)."""
     signals = np.column_stack([_wave(turns_a_period * turns), turns])
-    return np.asarray(np.fft.rfft(signals, axis=0)[1:RIG_HARMONICS + 1] * 2.0 / len(turns))
+    return np.asarray(np.fft.rfft(signals, axis=0)[1:SMOOTH + 1] * 2.0 / len(turns))
 
 
 def _wave(turns: Array) -> Array:
