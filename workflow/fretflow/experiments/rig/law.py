@@ -13,7 +13,6 @@ from fretflow.experiments.rig.phases import Strokes, smoothed
 from fretflow.experiments.rig.views import level, loop_pieces
 from fretflow.inference.verdict import ResidualLaw
 
-ALIKE = 0.02  # of the explained share: the plainer state is told
 CHANNELS = {"friction_force": "N", "displacement": "m"}
 CYCLES, ENERGY = SLOW = ("cycles", "dissipated energy per cycle")  # over which a change is one along the motion
 
@@ -42,8 +41,7 @@ def residual_law(observation: Observation, predicted: Array) -> ResidualLaw:
     channel = max(size, key=lambda name: size[name])
     own, variance = (np.concatenate([vector[one[channel].place] for one in loops]) for vector in (left, noise))
     laws = [_law(channel, state, own, variance) for state in _states(observation, loops)]
-    most = max(law.explained for law in laws)
-    return next(law for law in laws if law.explained >= most - ALIKE)
+    return max(laws, key=lambda law: law.explained)
 
 
 def _states(observation: Observation, loops: list[dict[str, Piece]]) -> list[_State]:
