@@ -193,7 +193,6 @@ class Effect(Section):
     confirmed_by: ClassVar[str] = ""  # the sentence of what would confirm it where it is named alone
     over_cycles: ClassVar[bool] = False  # whether `period` follows cycles, energy or memory
     acts_at: ClassVar[int] = 0  # when `period` acts: 1 after those that change gap, load or layers, which it depends on
-    damps_alone: ClassVar[bool] = False  # whether it adds damping to a structure and nothing else
     first_order: ClassVar[bool] = True  # whether its change of the data tells how the period will change
     sensed_at: ClassVar[int] = 0  # where `sense` acts: 0 at the joint, 1 in the force path, 2 in the channels
 

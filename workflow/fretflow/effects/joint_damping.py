@@ -28,7 +28,6 @@ class JointDamping(Effect):
     told_by = "the same backbone in vacuum, or of a structure of one piece on the same supports"
     observables = ("damping over amplitude without a change of frequency",)
     kinds = STRUCTURES
-    damps_alone = True
 
     slope: float = parameter(1.0, "s: damping ratio over modal amplitude in m kg^0.5", 0.1, 10.0, ge=0.0,
                              source="at the largest amplitude a tenth of the least damping to thrice that there",

@@ -260,8 +260,8 @@ class StructureExperiment(Experiment):
         """
         try:
             joint = self.joint(point)
-            curve = (near.state.of(joint) if near is not None and not self.draw and moves_alike(point, near.point)
-                     else self.backbone(joint, near))
+            alike = near is not None and not self.draw and moves_alike(joint, self.joint(near.point))
+            curve = near.state.of(joint) if near is not None and alike else self.backbone(joint, near)
         except InputError as error:
             if point.effects:
                 raise NonConvergenceError(str(error)) from error
@@ -286,7 +286,8 @@ class StructureExperiment(Experiment):
         still = rough.predict(prediction.point, prediction)
         beside, steps = prediction.point.beside()
         slopes = whiten(np.nan_to_num(differences(rough, still, beside)) / steps)
-        told, moving = np.eye(space.size) + slopes.T @ slopes, [not moves_alike(one, still.point) for one in beside]
+        told, joint = np.eye(space.size) + slopes.T @ slopes, self.joint(still.point)
+        moving = [not moves_alike(self.joint(one), joint) for one in beside]
         sharp, axes = np.linalg.eigh(np.where(np.equal.outer(moving, moving), told, 0.0))  # damping costs nothing
         ends = axes / np.sqrt(sharp)
         both = [[replace(prediction.point, z=prediction.point.z + way * one) for one in ends.T] for way in (1.0, -1.0)]

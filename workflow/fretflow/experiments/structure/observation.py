@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from math import log
 
 import numpy as np
@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
 from fretflow.core.errors import InputError
-from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.structure.responses import POWERS
-from fretflow.inference.experiment import Point
 from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone
 from fretflow.recordings.plausibility import STATED
-from fretflow.solvers.nonlinear_modes.joint import LinearMode
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
@@ -95,13 +93,14 @@ class BackboneObservation:
         return np.asarray(moved * (2.0 * np.pi * motion.frequency)**POWERS[self.backbone.amplitude_unit])
 
 
-def moves_alike(one: Point, other: Point) -> bool:
-    """Tell whether two hypotheses differ in damping alone, which moves nothing under static loads."""
-    return _moving(one) == _moving(other)
+def moves_alike(one: BoltedJoint, other: BoltedJoint) -> bool:
+    """Tell whether two joints differ in damping alone, which moves nothing under static loads."""
+    return _same(*(replace(joint, modal_damping=0.0, damping_slope=0.0) for joint in (one, other)))
 
 
-def _moving(point: Point) -> tuple[dict[str, dict[str, float]], set[str]]:
-    effects = {name for name in point.effects if not catalogue()[name].damps_alone}
-    values = {name: own for name, own in point.parameters.values(point.z).items() if name in effects or not name}
-    return values | {"": {name: one for name, one in values[""].items() if name != "modal_damping"}}, (
-        effects & point.neutral)
+def _same(one: object, other: object) -> bool:
+    """Tell whether two values are the same, records by their fields."""
+    if is_dataclass(one) and one is not other:
+        return type(one) is type(other) and all(
+            _same(getattr(one, part.name), getattr(other, part.name)) for part in fields(one))
+    return one is other or np.array_equal(one, other)  # type: ignore[arg-type]
