@@ -33,7 +33,6 @@ from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
 HARMONICS = 20  # of the masses' motion, at most
-MOST_ITERATIONS = 15  # Newton's; a hypothesis that takes more is given up
 # of a simulation's wear: faces micrometres apart need 60 to 100, less plausible laws over cycles may need thousands
 MOST_PERIODS = 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
@@ -115,8 +114,7 @@ class RigModel:
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=harmonics_of(self.samples),
-                                        tolerance=TOLERANCE, max_iterations=MOST_ITERATIONS, estimate_error=False),
-                                 keeps_tangents=True)
+                                        tolerance=TOLERANCE, estimate_error=False), keeps_tangents=True)
 
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
         """March the wear through the recorded cycle counts and solve the other conditions at the end.
