@@ -16,7 +16,8 @@ PLAUSIBLE = {
     "specimen.youngs_modulus": (1e8, 1.3e12), "specimen.density": (100.0, 2.5e4),
     "specimen.body_width": (1e-5, 1.0), "specimen.body_height": (1e-5, 1.0), "specimen.contact_width": (1e-6, 0.5),
     "specimen.ridge_height": (1e-6, 0.5), "specimen.face_radius": (1e-6, 1e3),
-    "contact.friction_coefficient": (0.01, 3.0),
+    # below, fluid films; above, seizure: F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids (1950)
+    "contact.friction_coefficient": (0.02, 3.0),
     # J. F. Archard and W. Hirst, Proc. R. Soc. A 236 (1956) 397: 1e-18 to 1e-12 m^2/N for metals and polymers
     "wear.coefficient": (1e-19, 1e-12),
     "solver.penalty": (1e3, 1e13),

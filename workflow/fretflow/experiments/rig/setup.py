@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
+from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
@@ -23,9 +24,7 @@ Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from
 # specimens' compliance is 2.9 % too small instead of 9.7 %.
 ELEMENTS, DEGREE, GROWTH = 3, 2, 2.0
 CONFIRMING = Mesh().contact_elements // DEGREE  # with the nodes of a case's own mesh
-# Friction coefficients of dry metals in contact: below, fluid films; above, seizure (F. P. Bowden, D. Tabor, The
-# Friction and Lubrication of Solids (1950)).
-FRICTION = (0.02, 3.0)
+FRICTION = PLAUSIBLE["contact.friction_coefficient"]
 # The corners of ridge and body let the compliance converge by about h^1.1 only (M. L. Williams, J. Appl. Mech. 19
 # (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
 # the coarse mesh misses 2.4 to 3.2 of the difference between the two; what is told beyond the finer stays as an error.
