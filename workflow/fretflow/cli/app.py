@@ -12,7 +12,7 @@ import sys
 from cyclopts import App
 
 from fretflow import __version__
-from fretflow.cli import calibrate, case, diagnose, effects, export, loops, modes, response, run, trial, verify
+from fretflow.cli import calibrate, case, diagnose, effects, loops, modes, response, run, trial, verify
 from fretflow.cli.terminal import Interruption, Terminal, describe, say
 from fretflow.pipeline.ranks import close_process
 
@@ -25,7 +25,7 @@ app = App(name="fretflow", version=__version__, help_format="plaintext", result_
           help_epilogue="With --quiet a command says errors alone.")
 app.register_install_completion_command()
 for command in (run.run, modes.modes, calibrate.calibrate, run.render, verify.verify, effects.effects, loops.loops,
-                diagnose.diagnose, response.response, trial.trial, export.export, case.init, case.show):
+                diagnose.diagnose, response.response, trial.trial, run.export, case.init, case.show):
     app.command(command, help_format="markdown")
 
 

@@ -1,4 +1,4 @@
-"""The run command: cases in turn or at once, and what was found in the end; the render command: its pictures again."""
+"""The run command: cases in turn or at once, and what was found; render: its pictures again; export: as a recording."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from fretflow.cli.terminal import (
     load,
     new_table,
     say,
+    say_line,
     show_files,
     show_warnings,
 )
@@ -277,3 +278,24 @@ def render(run: Path, /, *, figures: Several = (), formats: Several = (), json: 
 
     files = render_run(run, figures, formats)
     show_files([*files, *keep_json(json, {"files": list(map(str, files))})], "files")
+
+
+def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0, json: Json = None) -> None:
+    """Write a run's loops and wear as a recording, which `loops` reads and `diagnose` explains.
+
+    Parameters
+    ----------
+    run
+        result folder of a case, for example runs/test1
+    to
+        folder of the recording; by default RUN/recording
+    noise
+        of displacement and force, as a share of half their range, such as 0.005; with it each loop is drawn three
+        times, which a diagnosis needs
+    """
+    from fretflow.pipeline.results import RunResults
+
+    folder = run / "recording" if to is None else to
+    files = RunResults.of(run).to_recording(folder, noise)
+    show_files([*files, *keep_json(json, {"recording": str(folder), "files": list(map(str, files))})], "recording")
+    say_line(f"`fretflow loops {folder}` reads it, and `fretflow diagnose {folder}` explains it")
