@@ -1,12 +1,13 @@
-"""The file ``recording.toml`` of any kind of recording: read, and validated in one line."""
+"""The file ``recording.toml`` of any kind of recording: what all have, read, and validated in one line."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
+from fretflow.case.sections import Section, Title
 from fretflow.core.errors import ConfigError, CorruptRecordingError, missing_last, reason
 from fretflow.core.files import RECORDING, read_toml
 
@@ -15,6 +16,20 @@ CLEARER = {"extra_forbidden": "unknown key; docs/recordings.md lists those there
            "too_short": "must hold one at least", "model_type": "must be a table of keys"}
 
 M = TypeVar("M", bound=BaseModel)
+
+
+class Description(Section):
+    """What a ``recording.toml`` says of itself, whatever was recorded."""
+
+    format: Literal["fretflow-recording/1"] = Field(description="format of this file")
+    title: Title = Field("", description="one line for people")
+    source: str = Field("", description="where the recording comes from")
+    licence: str = Field("", description="terms of its use")
+
+
+def file_at(path: Path) -> Path:
+    """Return the file of a recording that is named by its folder or by the file itself."""
+    return path / FILE if path.is_dir() else path
 
 
 def read_description(toml: Path) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fretflow.core.errors import RecordingError, UnreliableRecordingError
 from fretflow.core.records import record
 from fretflow.recordings.blocks import Columns, read_columns
 from fretflow.recordings.cleaning import clean_loops
+from fretflow.recordings.description import file_at
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import LoopSet, Series, frozen_arrays
 from fretflow.recordings.notes import Note, row_ranges
@@ -108,7 +109,7 @@ def read_joint_recording(path: Path) -> Recording:
     ConfigError
         If ``recording.toml`` has a missing, unknown or impossible value.
     """
-    toml = path / FILE if path.is_dir() else path
+    toml = file_at(path)
     file = load_recording_file(toml)
     folder, test = toml.parent, file.test
     notes: list[Note] = []

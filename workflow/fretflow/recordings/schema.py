@@ -14,12 +14,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, field_validator, model_validator
 
 from fretflow.case.config import Rig, Section, Specimens
-from fretflow.case.sections import Title
 from fretflow.core import units as u
 from fretflow.core.errors import UnitError, did_you_mean
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.description import FILE as FILE
-from fretflow.recordings.description import read_description, validated
+from fretflow.recordings.description import Description, read_description, validated
 from fretflow.recordings.kinds import RecordingKind, kind_called
 
 
@@ -208,13 +207,9 @@ class MapBlock(FileBlock):
     """A table without cycles: a frequency response, a map of depth."""
 
 
-class RecordingFile(Section):
+class RecordingFile(Description):
     """A whole ``recording.toml``."""
 
-    format: Literal["fretflow-recording/1"] = Field(description="format of this file")
-    title: Title = Field("", description="one line for people")
-    source: str = Field("", description="where the recording comes from")
-    licence: str = Field("", description="terms of its use")
     test: RecordedTest
     rig: Rig | None = None
     specimen: Specimens | None = None

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from fretflow.core.errors import InputError, did_you_mean
 from fretflow.recordings.description import FILE as FILE
-from fretflow.recordings.description import read_description
+from fretflow.recordings.description import file_at, read_description
 
 GROUP = "fretflow.recordings"
 
@@ -106,7 +106,7 @@ def kind_called(name: object) -> RecordingKind:
 
 def kind_at(path: Path) -> RecordingKind:
     """Return the kind of the recording at `path`; of one whose file cannot be read, that whose reader says why."""
-    toml = path / FILE if path.is_dir() else path
+    toml = file_at(path)
     if toml.is_file() and toml.suffix.lower() != ".toml":
         return next(kind for kind in kinds().values() if kind.tables)
     try:

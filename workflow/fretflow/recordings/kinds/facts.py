@@ -33,12 +33,12 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from fretflow.case.config import ContactSection, Rig, Section, Specimens
-from fretflow.case.sections import MOST_CYCLES, Title
+from fretflow.case.sections import MOST_CYCLES
 from fretflow.core import units as u
 from fretflow.core.errors import did_you_mean
 from fretflow.core.records import record
 from fretflow.core.units import per_cent
-from fretflow.recordings.description import FILE, read_description, validated
+from fretflow.recordings.description import Description, file_at, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.structure_columns import parsed
 from fretflow.recordings.notes import Note
@@ -194,13 +194,9 @@ def _range(name: str, pair: object) -> tuple[float, float]:
     return low, high
 
 
-class FactsFile(Section):
+class FactsFile(Description):
     """A whole file of facts."""
 
-    format: Literal["fretflow-recording/1"]
-    title: Title = ""
-    source: str = ""
-    licence: str = ""
     test: FactsTest
     rig: Rig = Field(default_factory=Rig)
     specimen: Specimens = Field(default_factory=Specimens)
@@ -249,6 +245,6 @@ def read_facts(path: Path) -> FactsRecording:
     ConfigError
         Naming the file, the field and the way out.
     """
-    toml = path / FILE if path.is_dir() else path
+    toml = file_at(path)
     file = validated(FactsFile, read_description(toml), toml)
     return FactsRecording(path=path, title=file.title or toml.stem, file=file)

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from fretflow.case.bolted import JoinedBodies
 from fretflow.case.config import Section
-from fretflow.case.sections import Title
+from fretflow.recordings.description import Description
 from fretflow.recordings.kinds.structure_columns import StructureColumn, number, positive_range
 from fretflow.recordings.kinds.worn_profiles import LineContactSection, ProfileBlock, VolumesBlock
 
@@ -116,13 +116,9 @@ class StructureTest(Section):
     cycles: int | None = Field(None, ge=0)
 
 
-class StructureFile(Section):
+class StructureFile(Description):
     """A whole ``recording.toml`` of a structure."""
 
-    format: Literal["fretflow-recording/1"]
-    title: Title = ""
-    source: str = ""
-    licence: str = ""
     test: StructureTest
     structure: StructureSection
     backbone: BackboneBlock | None = None

@@ -33,7 +33,7 @@ from fretflow.case.config import explain
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import quantity, record
-from fretflow.recordings.description import FILE, read_description, validated
+from fretflow.recordings.description import file_at, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
 from fretflow.recordings.kinds.structure_columns import StructureColumn, read_column, stated_sd
@@ -149,7 +149,7 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     InputError
         Naming the file and the field or matrix that cannot be.
     """
-    toml = path / FILE if path.is_dir() else path
+    toml = file_at(path)
     file = _load(toml)
     own = file.structure
     if own.line_contact is not None:

@@ -26,7 +26,7 @@ from fretflow.core.errors import (
 )
 from fretflow.core.records import quantity, record
 from fretflow.core.units import parse_quantity, pretty_quantity
-from fretflow.recordings.description import FILE, read_description
+from fretflow.recordings.description import file_at, read_description
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
@@ -77,7 +77,7 @@ def read_wear_series(path: Path) -> WearSeries:
     title, file = path.stem, path
     given: dict[str, Any] = {}
     if path.is_dir() or path.suffix.lower() == ".toml":
-        title, given, file = _stated(path / FILE if path.is_dir() else path)
+        title, given, file = _stated(file_at(path))
     table = read_table(file)
     if table.rows > MOST_TESTS:
         raise UnsupportedRecordingError(f"{file}: {table.rows:,} rows are no wear series, which has a row for each "
