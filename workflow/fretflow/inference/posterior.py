@@ -43,6 +43,10 @@ class Posterior:
         """Return the probability that nothing is left out that the recording shows."""
         return self.sets[frozenset()]
 
+    def of(self, effect: str) -> float:
+        """Return the probability that an effect acts, alone or beside others."""
+        return sum(own for names, own in self.sets.items() if effect in names)
+
     @property
     def listed(self) -> float:
         """Return the probability of all sets of effects."""
