@@ -288,3 +288,38 @@ def test_asymptotic_face_of_a_crowned_face_leaves_its_corners_unworn():
     rate = K_W * model.at(face.depth).pressure_sliding
     np.testing.assert_allclose(rate[worn], face.rate, rtol=1e-5)
     assert np.all(rate[~worn] <= face.rate)
+
+
+def test_a_looser_tolerance_takes_fewer_periods_where_a_crowned_face_wears_deep():
+    """Nodes at the border of the scar come to touch within jumps; the scar is 5 times as deep as the crown is high."""
+    crowned = {"radius": 0.01}
+    loose, close = (run_history(Ridges(**crowned), settings(
+        scheme=WearScheme.IMPLICIT, tolerance=tolerance, cycles=20_000_000)) for tolerance in (0.1, 1e-3))
+    height = Ridges(**crowned).gap.max()
+    assert close.depth[-1].max() > 5.0 * height
+    assert loose.solves < 0.5 * close.solves
+    assert loose.volume[-1] == pytest.approx(close.volume[-1], rel=2e-3)
+    assert np.abs(loose.depth[-1] - close.depth[-1]).max() < 2e-3 * close.depth[-1].max()
+
+
+@pytest.mark.parametrize("load_held", [True, False])
+def test_nodes_that_touch_ahead_are_those_of_the_contact_with_a_layer(load_held):
+    """Forces press, gaps are open or shut by a layer that yields as wear does, and the load stays."""
+    model = Ridges(radius=0.02)
+    response, rng = model.cycle(SlowState.unworn(49), None)[0], np.random.default_rng(3)
+    feedback = Feedback(model.flexibility, model.areas, load_held)
+    force, softness = response.mean_pressure * model.areas, np.full(49, 4e-7)
+    worn = softness * force * rng.uniform(0.5, 3.0, 49)
+    touch = feedback.touching(response, worn, softness)
+    before, ahead = response.contact_share > 0.0, np.zeros(49)
+    assert np.any(touch != before)
+    pressed = np.flatnonzero(touch)
+    gap = np.where(before, 0.0, response.mean_opening) + worn - softness * force - model.flexibility @ force
+    matrix = np.zeros((pressed.size + 1, pressed.size + 1))
+    matrix[:-1, :-1] = (model.flexibility + np.diag(softness))[np.ix_(pressed, pressed)]
+    matrix[-1, :-1] = matrix[:-1, -1] = float(load_held)
+    matrix[-1, -1] = float(not load_held)
+    *ahead[pressed], approach = np.linalg.solve(matrix, np.r_[-gap[pressed], LOAD if load_held else 0.0])
+    assert np.all(ahead[pressed] > 0.0)
+    opened = gap + model.flexibility @ ahead + softness * ahead + approach
+    assert np.all(opened[~touch] > 0.0)

@@ -26,10 +26,13 @@ def found(verdict: Verdict, *sets: set[str], explained: float = 0.93, probabilit
 
 
 def test_a_pair_and_a_single_effect_are_named():
-    one, two = (sentence(found(Verdict.NAMED, names), REST, PLACE, None) for names in (
-        {"viscous"}, {"viscous", "backlash"}))
+    """Of a pair each has its own probability: that of all sets that it is in."""
+    pair = frozenset({"viscous", "backlash"})
+    shares = Posterior({pair: 0.75, frozenset({"viscous"}): 0.21, frozenset(): 0.04}, 0.0, {})
+    one, two = (sentence(replace(found(Verdict.NAMED, names), posterior=shares), REST, PLACE, None) for names in (
+        {"viscous"}, pair))
     assert "Very probably, the model leaves out viscous, which explains 93 %" in one
-    assert "backlash and viscous, which explain 93 %" in two
+    assert "backlash (75 %) and viscous (96 %), which explain 93 %" in two
 
 
 def test_what_remains_is_told_with_its_place():

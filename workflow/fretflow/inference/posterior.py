@@ -26,7 +26,7 @@ from fretflow.inference.evidence import DRAWS, FORMS
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
 from fretflow.inference.search import Names, Search, Start, basis, log_gain
-from fretflow.inference.verdict import Candidate, Detection, Estimate, HeldOut, Verdict
+from fretflow.inference.verdict import FALSE_ALARMS, Candidate, Detection, Estimate, HeldOut, Verdict
 from fretflow.recordings.readings import SEED
 
 
@@ -42,6 +42,10 @@ class Posterior:
     def none(self) -> float:
         """Return the probability that nothing is left out that the recording shows."""
         return self.sets[frozenset()]
+
+    def of(self, effect: str) -> float:
+        """Return the probability that an effect acts, alone or beside others."""
+        return sum(own for names, own in self.sets.items() if effect in names)
 
     @property
     def listed(self) -> float:
@@ -100,9 +104,19 @@ def detected(found: Found, detection: Detection) -> Found:
 
 
 def beyond_noise(found: Found, search: Search) -> Found:
-    """Return a verdict held to what repeats explain: where the baseline leaves no more, there is nothing to explain."""
+    """Return a verdict held to what repeats explain: where the baseline leaves no more, there is nothing to explain.
+
+    What takes more of that than noise would let the best of so many sets take (Wilks' test) is still something.
+    """
     left, expected = search.chi_squared(frozenset()), search.experiment.measurement.expected
-    return found if left > expected else _nothing(found, float(chi2.sf(left, expected)))
+    if left > expected:
+        return found
+    p = float(chi2.sf(left, expected))
+    if found.sets:
+        more = len(search.fits[found.after].z) - len(search.baseline.z)
+        sets = comb(len(search.experiment.candidates()), len(found.after))
+        p = min(p, sets * float(chi2.sf(left - search.chi_squared(found.after), more)))
+    return found if p < FALSE_ALARMS else _nothing(found, p)
 
 
 def _nothing(found: Found, p: float) -> Found:

@@ -306,8 +306,8 @@ def _rows(size: int, contact: Sequence[int] | None, contact_map: Array | None) -
         return rows
     nodes: NDArray[np.int64] = np.asarray(contact)
     if not nodes.size or nodes.dtype.kind not in "iu" or size % 3 or nodes.min() < 0 or 3 * nodes.max() + 2 >= size:
-        raise InputError(f"contact: node numbers must be whole and lie between 0 and {size // 3 - 1}, three of {size} "
-                         "DOF a node")
+        raise InputError(f"contact: {contact} must be whole numbers k, counted from 0, of nodes that have three of the "
+                         f"{size} DOF, 3 k to 3 k + 2; give a contact_map where DOF are other than that")
     return np.asarray(np.eye(size)[(3 * nodes[:, None] + np.arange(3)).ravel()])
 
 

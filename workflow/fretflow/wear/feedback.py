@@ -24,6 +24,7 @@ from scipy.linalg import cho_factor, cho_solve, eigvalsh
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.wear.cycle import CycleResponse
 
+MAX_SET_CHANGES = 200
 Coefficient = float | NDArray[np.float64]  # K_w in m^2/N, () or (nodes,)
 
 
@@ -70,10 +71,73 @@ class Feedback:
         result[np.ix_(index, index)] = stiffness
         return result
 
-    def rate_jacobian(self, coefficient: Coefficient, response: CycleResponse) -> NDArray[np.float64]:
-        """Return d(rate)/d(depth) (nodes, nodes), 1/cycle, with the slip path frozen."""
-        factor = coefficient * response.slip_path / self.areas
-        return -factor[:, None] * self.unloading(response.contact_share > 0.0)
+    def rate_jacobian(self, coefficient: Coefficient, response: CycleResponse,
+                      closed: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+        """Return d(rate)/d(depth) (nodes, nodes), 1/cycle, with the slip path frozen, of the `closed` nodes.
+
+        By default those are closed that touch in the period.
+        """
+        touch = response.contact_share > 0.0
+        return -self.rate_slope(coefficient, response)[:, None] * self.unloading(touch if closed is None else closed)
+
+    def rate_slope(self, coefficient: Coefficient, response: CycleResponse) -> NDArray[np.float64]:
+        """Return the change of each node's wear rate by its force, (nodes,), m/(cycle N), with the slip path frozen.
+
+        Nodes that are open slide and wear as those do, in the mean, that touch.
+        """
+        by_pressure = np.broadcast_to(coefficient * response.slip_path, self.areas.shape)
+        touch = response.contact_share > 0.0
+        mean = np.average(by_pressure[touch], weights=self.areas[touch]) if touch.any() else 0.0
+        return np.asarray(np.where(touch, by_pressure, mean) / self.areas)
+
+    def touching(self, response: CycleResponse, worn: NDArray[np.float64], softness: NDArray[np.float64]
+                 ) -> NDArray[np.bool_]:
+        """Return which nodes (nodes,) touch once the faces wear.
+
+        Parameters
+        ----------
+        response
+            The period before that.
+        worn : (nodes,), m
+            Depth that nodes would lose under the forces of that period.
+        softness : (nodes,), m/N
+            How much less that is for each newton that they lose: of a backward Euler step, a layer of such flexibility.
+        """
+        closed, clearance = response.contact_share > 0.0, _clearance(response)
+        for _ in range(MAX_SET_CHANGES):
+            change, approach = self._moved(response, closed, clearance + worn, softness)
+            opening = self.flexibility @ change + softness * change + approach + clearance + worn
+            following = np.where(closed, self._forces(response) + change > 0.0, opening < 0.0)
+            if np.array_equal(following, closed):
+                return closed
+            closed = following
+        return response.contact_share > 0.0  # a guess of what touches: none is worse than another
+
+    def force_change(self, response: CycleResponse, closed: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how the forces (nodes,), N, would change if just the nodes `closed` touched, and pulled if need be."""
+        return self._moved(response, closed, _clearance(response), np.zeros_like(self.areas))[0]
+
+    def _forces(self, response: CycleResponse) -> NDArray[np.float64]:
+        return response.mean_pressure * self.areas
+
+    def _moved(self, response: CycleResponse, closed: NDArray[np.bool_], opening: NDArray[np.float64],
+               softness: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return the change of forces (nodes,), N, and the vertical motion, m, that keep `closed` nodes in touch.
+
+        Their gaps grow by `opening` (nodes,), m; the others carry nothing.
+        """
+        change = np.where(closed, 0.0, -self._forces(response))
+        index = np.flatnonzero(closed)
+        if not index.size:
+            return change, 0.0
+        matrix = self.flexibility[np.ix_(index, index)] + np.diag(softness[index])
+        right = -(self.flexibility[index] @ change + opening[index])
+        if not self.load_held:
+            change[index] = np.linalg.solve(matrix, right)
+            return change, 0.0
+        bordered = np.block([[matrix, np.ones((index.size, 1))], [np.ones(index.size), 0.0]])
+        *change[index], approach = np.linalg.solve(bordered, np.r_[right, -change.sum()])
+        return change, float(approach)
 
     def fastest_decay(self, coefficient: Coefficient, response: CycleResponse) -> float:
         """Return the largest eigenvalue of minus `rate_jacobian`, 1/cycle; 0 when nothing wears.
@@ -103,6 +167,11 @@ class Feedback:
         """Return the number of cycles (inf if unbounded) beyond which an explicit jump amplifies errors."""
         decay = self.fastest_decay(coefficient, response)
         return 2.0 / decay if decay > 0.0 else np.inf
+
+
+def _clearance(response: CycleResponse) -> NDArray[np.float64]:
+    """Return how far open nodes are apart, (nodes,), m; 0 where they touch."""
+    return np.where(response.contact_share > 0.0, 0.0, response.mean_opening)
 
 
 def _largest(matrix: NDArray[np.float64]) -> float:

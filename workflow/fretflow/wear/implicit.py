@@ -9,10 +9,13 @@ photochemical dispersion problems, SIAM J. Sci. Comput. 20 (1999)), on dw/dn = r
 
 r' is how the rate changes at held depth, by laws over cycles. The method keeps its order with any J and r', so
 the Jacobian with frozen slip path (see `feedback`) will do, and is L-stable when J is exact: wear patterns that
-have settled stay settled however long the jump. The difference to the embedded first-order solution
-``w0 + dn k1`` estimates that one's error and controls the jump; the error of w1 is far smaller. Of a deep scar a small
-share of the depth lifts nodes off: an error that takes from a node as much as the mean pressure is too large as well,
-since no Jacobian of the contact before it says what follows. A jump takes two periodic solutions, and one more for each
+have settled stay settled however long the jump. At the border of a scar nodes come to touch, and others leave: J is
+of the nodes that touch g dn cycles on, as the contact problem has it with a layer that yields to force as wear does,
+and r(w0) is as if these touched at once, less what nodes that are still open must approach first.
+
+The difference to the embedded first-order solution ``w0 + dn k1`` estimates that one's error and controls the jump;
+the error of w1 is far smaller. Of a deep scar a small share of the depth lifts nodes off: an error that takes from a
+node as much as the mean pressure is too large as well. A jump takes two periodic solutions, and one more for each
 attempt that was too long. Depth never falls.
 
 The dissipated energy is a further component of w with J = 0: k1 and k1 + k2 are the energies of the first and
@@ -88,13 +91,13 @@ class Implicit(Generic[S]):
     def attempt(self, now: WearStep, jump: int, state: S, anew: bool = False) -> tuple[SlowState, float, S]:
         """Return the slow state after `jump` cycles, its error over the tolerance, and a state."""
         joint, model, before = self.joint, self.joint.model, now.response
-        jacobian, idle = joint.linearised(now, jump)
-        factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * jacobian)
-        first = lu_solve(factors, now.rate + GAMMA * idle)
+        linear = joint.linearised(now, jump, joint.touching(now, GAMMA * jump))
+        factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * linear.by_depth)
+        first = lu_solve(factors, linear.rate + GAMMA * linear.over_jump)
         # The stage may ask a node to rise: it keeps its depth, as worn metal does.
         stage = model.evolve(now.slow, jump, jump * np.maximum(first, 0.0), jump * before.dissipated_energy, before)
         response, middle = settle(model, stage, state, anew)
-        second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first - GAMMA * idle)
+        second = lu_solve(factors, joint.rate(response, stage) - 2.0 * first - GAMMA * linear.over_jump)
         worn = jump * np.maximum(1.5 * first + 0.5 * second, 0.0)
         energy = 0.5 * jump * (before.dissipated_energy + response.dissipated_energy)
         end = model.evolve(now.slow, jump, worn, energy, mean_response(before, response))

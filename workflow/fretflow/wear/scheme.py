@@ -31,6 +31,15 @@ class Scheme(Protocol[S]):
 
 
 @dataclass(frozen=True)
+class LinearisedRate:
+    """The wear rate over a jump: ``rate + by_depth @ (depth worn) + over_jump * (share of the jump)``."""
+
+    rate: NDArray[np.float64]  # (nodes,), m/cycle; of nodes that come to touch less than nothing at first
+    by_depth: NDArray[np.float64]  # (nodes, nodes), 1/cycle
+    over_jump: NDArray[np.float64]  # (nodes,), m/cycle, without wear
+
+
+@dataclass(frozen=True)
 class WearingJoint(Generic[S]):
     """A vibrating joint that wears, and how."""
 
@@ -80,21 +89,29 @@ class WearingJoint(Generic[S]):
         slope = np.divide(less - more, 2.0 * DIFFERENCE * worn, out=np.zeros_like(worn), where=worn > 0.0)
         return np.asarray(np.maximum(slope, 0.0))
 
-    def linearised(self, now: WearStep, jump: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how the rate changes over a jump, with the slip path frozen.
+    def touching(self, now: WearStep, ahead: float) -> NDArray[np.bool_]:
+        """Return which nodes (nodes,) touch `ahead` cycles on, with the slip path frozen."""
+        feedback, response = self.feedback(now), now.response
+        softness = ahead * feedback.rate_slope(self.rate_slope(now), response)
+        return feedback.touching(response, ahead * now.rate, softness)
 
-        First d(rate)/d(depth) (nodes, nodes), 1/cycle; then the change (nodes,), m, that the laws over cycles would
-        bring about without wear, as debris that leaves opens the gap.
+    def linearised(self, now: WearStep, jump: int, touch: NDArray[np.bool_]) -> LinearisedRate:
+        """Return how the rate changes over a jump, with the slip path frozen, while the nodes `touch` (nodes,) do so.
+
+        The change that the laws over cycles would bring about without wear is, say, that of debris that leaves and so
+        opens the gap.
         """
-        jacobian = self.feedback(now).rate_jacobian(self.rate_slope(now), now.response)
+        feedback, slope = self.feedback(now), self.rate_slope(now)
+        jacobian = feedback.rate_jacobian(slope, now.response, touch)
+        rate = now.rate + feedback.rate_slope(slope, now.response) * feedback.force_change(now.response, touch)
         if not self.model.has_laws:
-            return jacobian, np.zeros_like(now.rate)
+            return LinearisedRate(rate, jacobian, np.zeros_like(now.rate))
         idle = self.model.evolve(now.slow, jump, np.zeros_like(now.rate), jump * now.response.dissipated_energy,
                                  now.response)
         change = (jacobian @ (self.model.gap(idle) - self.model.gap(now.slow))
                   + self.rate(now.response, idle) - now.rate)
         own = jacobian * self.model.opening_share(now.slow, jump) - np.diag(self.self_limiting(now, jump))
-        return np.asarray(own), np.asarray(change)
+        return LinearisedRate(rate, np.asarray(own), np.asarray(change))
 
     def remaining(self, now: WearStep) -> int:
         """Return the cycles to the next asked count."""

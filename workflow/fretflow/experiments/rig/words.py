@@ -17,7 +17,7 @@ from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, i
 from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
-from fretflow.inference.words import listed
+from fretflow.inference.words import listed, probability
 from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
@@ -37,7 +37,8 @@ def sentence(found: Found, remainder: Remainder, location: Location, law: Residu
                 "and simulation.")
     if found.verdict is Verdict.NAMED:
         (names,) = found.sets
-        return (f"{grade(found.probability)}, the model leaves out {listed(names)}, which "
+        each = [f"{name} ({probability(found.posterior.of(name))})" for name in names] if len(names) > 1 else names
+        return (f"{grade(found.probability)}, the model leaves out {listed(each)}, which "
                 f"{'explain' if len(names) > 1 else 'explains'} {share}; {_rest(remainder)}.")
     if found.verdict is Verdict.AMBIGUOUS:
         sure = frozenset.intersection(*found.sets)
@@ -48,10 +49,10 @@ def sentence(found: Found, remainder: Remainder, location: Location, law: Residu
     return _unknown(found, remainder, location, law)
 
 
-def grade(probability: float) -> str:
+def grade(p: float) -> str:
     """Return how sure a probability is, as J. B. Kadane's grades of evidence have it for a reader."""
     for least, word in ((0.99, "Almost surely"), (0.9, "Very probably"), (0.7, "Probably")):
-        if probability >= least:
+        if p >= least:
             return word
     return "Perhaps"
 
