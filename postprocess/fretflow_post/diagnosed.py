@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from fretflow.core.errors import InputError, did_you_mean, printable
 from fretflow.core.units import pretty_unit, readable_unit
+from fretflow.inference.parameters import HALF
 from fretflow.inference.verdict import Diagnosis, Estimate, Evolution, MeasuredCurve, ResidualLaw, ResidualMap, Verdict
 from fretflow.inference.words import channel_words, headline, together
 from matplotlib.axes import Axes
@@ -26,7 +27,6 @@ SAME = 1e-9  # of the largest value: a channel that is predicted this well was g
 LARGE = 12.0  # sd: above it colours follow the square root, so that what is left after is seen beside what was before
 SMALLEST_LIMIT = 6.0  # sd: smaller differences than this are never drawn in full colour
 LARGEST_SHARE = 0.99  # of the differences before lies within the colours
-NORMAL_90 = 1.645  # sd of half a 90 % interval
 FIXED_UNITS = {"1": ("%", 0.01), "Hz": ("Hz", 1.0), "m*kg^0.5": ("m·√kg", 1.0)}  # which need no other size or have none
 READ = (("friction_limit", "friction limit", "N"), ("tangential_stiffness", "tangential stiffness", "N/m"),
         ("dissipated_energy", "energy of a cycle", "J"), ("sliding_distance", "sliding distance", "m"))
@@ -230,7 +230,7 @@ def law_curve(law: ResidualLaw | None) -> tuple[tuple[str, str], Array, Array, A
     x_label, y_label = (f"{name} ({pretty_unit(unit)})" if unit else name for name, unit in (
         (law.state, x_unit), (f"{channel_words(law.channel)}, measured − predicted", y_unit)))
     order = np.argsort(law.x)
-    return (x_label, y_label), law.x[order] / x_size, law.y[order] / y_size, NORMAL_90 * law.sd[order] / y_size
+    return (x_label, y_label), law.x[order] / x_size, law.y[order] / y_size, HALF * law.sd[order] / y_size
 
 
 @_drawn

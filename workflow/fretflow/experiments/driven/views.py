@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from fretflow.case.casefile import entries
 from fretflow.effects.catalogue import table_lines
@@ -14,6 +13,7 @@ from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import LEAST_OF_CYCLE, Array, DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.views import MOST_SHOWN, evolution
+from fretflow.inference.parameters import HALF
 from fretflow.inference.verdict import Comparison, Estimate, Evolution, ResidualLaw, ResidualMap
 from fretflow.inference.words import interval
 from fretflow.recordings.kinds.joints import LUMPED
@@ -63,7 +63,7 @@ def two_stiffnesses(readings: Evolution | None, made: Iterable[Estimate]) -> lis
     if readings is None or fitted is None or np.isnan(readings.tangential_stiffness[0]).all():
         return []
     every = readings.tangential_stiffness[0][np.isfinite(readings.tangential_stiffness[0])]
-    read, scatter = float(np.median(every)), float(ndtri(0.95) * np.std(every)) / np.sqrt(len(every))
+    read, scatter = float(np.median(every)), float(HALF * np.std(every)) / np.sqrt(len(every))
     if fitted.low - scatter <= read <= fitted.high + scatter:
         return []
     shown = interval(replace(fitted, value=read, low=fitted.low - fitted.value + read,
