@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 from fretflow.core.errors import MeshError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.core.units import parse_quantity
 from numpy.typing import NDArray
 
 from fretflow_meshes.gmsh_files import HEXAHEDRON, QUADRILATERAL, Group, write_groups
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ROUNDED = 9  # decimals of a metre at which points of neighbouring blocks are one

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from fretflow.core.errors import MeshError
+from fretflow.core.records import Array
 from fretflow.core.specimen_mesh import copied_mesh
 from numpy.typing import NDArray
 
 from fretflow_meshes.gmsh_files import gmsh_session
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # faces of an element by its number of corners, in gmsh's order; a triangle repeats its last corner

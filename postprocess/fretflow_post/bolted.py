@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyvista as pv
+from fretflow.core.records import Array
 from fretflow.core.units import readable_unit
 from fretflow.pipeline.bolted import JointStudy
 from matplotlib.axes import Axes
@@ -19,8 +20,6 @@ from fretflow_post import style
 from fretflow_post.curves import readable_log
 from fretflow_post.offscreen import require_offscreen
 from fretflow_post.scene import Layer, View, shoot, surface
-
-Array = NDArray[np.float64]
 
 STATES = ("sticks", "slides", "opens at times", "stays open")
 STATE_COLOURS = (style.BLUE, style.YELLOW, style.ORANGE, "#F2F2F2")

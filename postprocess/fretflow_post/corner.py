@@ -7,17 +7,15 @@ from pathlib import Path
 from textwrap import fill
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.words import parameter_words
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 from scipy.stats import gaussian_kde
 
 from fretflow_post import style
-
-Array = NDArray[np.float64]
 
 DECADES = 10.0  # ends of a 90 % interval that are further apart, relatively, are drawn by their logarithm
 HELD = (0.9, 0.5)  # shares of the draws within the regions

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from fretflow.core.errors import InputError, did_you_mean, printable
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.verdict import Diagnosis, Estimate, Evolution, MeasuredCurve, ResidualLaw, ResidualMap, Verdict
@@ -14,13 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.corner import plot_corner
 from fretflow_post.wear_maps import plot_wear_maps
-
-Array = NDArray[np.float64]
 
 MOST_LOOPS = 6  # more would be too small to compare
 SAME = 1e-9  # of the largest value: a channel that is predicted this well was given, not predicted

@@ -6,20 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.structure.reduction.reduced_specimen import ModeShapes
 from fretflow.structure.two_mass_rig.lumped import RigModes
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.panels import axes_pixels, axis_arrows, show_shot
 from fretflow_post.scene import Layer, View, shoot, surface
 from fretflow_post.specimens import MM, MeshedSpecimen
-
-Array = NDArray[np.float64]
 
 SHOWN = 5  # modes of each specimen, in a row
 REACH = 0.12  # largest displacement that is drawn, of the body's largest size

@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pyvista as pv
+from fretflow.core.records import Array
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ModeShapes
 from fretflow.wear.archard import split_between_faces
@@ -22,7 +23,6 @@ from fretflow_post.contact_grid import contact_cells
 from fretflow_post.scene import hexahedra
 from fretflow_post.specimens import MeshedSpecimen
 
-Array = NDArray[np.float64]
 Fields = Mapping[str, NDArray[Any]]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from fretflow.contact.law import ContactState
+from fretflow.core.records import Array
 from fretflow.solvers.periodic import PeriodicSolution
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
@@ -17,8 +18,6 @@ from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.contact_grid import contact_cells, node_patches
-
-Array = NDArray[np.float64]
 
 FRAMES, PER_SECOND = 24, 8  # a period in three seconds
 DPI = 60  # of the animation: a file of less than 1 MB

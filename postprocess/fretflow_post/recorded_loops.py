@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.core.store import write_csv
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.recordings.loop_sets import LoopsRead
@@ -16,8 +17,6 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from fretflow_post import style
-
-Array = NDArray[np.float64]
 
 MOST_LOOPS = 9  # drawn and named in the legend; more would not be told apart
 MOST_BARS = 60  # told apart in a panel; of more a band is drawn

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import WearMap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fretflow_post import style
-
-Array = NDArray[np.float64]
 
 RASTER = 210  # pixels of a map along its longer side
 LEAST = 3  # pixels along its shorter one

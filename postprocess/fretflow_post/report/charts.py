@@ -27,11 +27,10 @@ from bokeh.models import (
     WheelZoomTool,
 )
 from bokeh.plotting import figure
+from fretflow.core.records import Array
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, LOW = 460, 330, 250  # pixels of a chart, and the height of a flat one
 MARGINS = 130  # pixels above and below a map

@@ -9,16 +9,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import Comparison, Diagnosis, MeasuredCurve
 from fretflow.inference.words import number
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from fretflow_post.diagnosed import SAME, curve_units, readings
 from fretflow_post.report.charts import LOW, Chart, Limits, extent, thinned
-
-Array = NDArray[np.float64]
 
 ALIKE = 4.0  # largest over smallest extent of loops that are drawn on one scale
 READABLE = 0.1  # of a channel's unit: what is smaller is told in a unit of its own

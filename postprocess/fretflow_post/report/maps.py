@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import DRIVEN, Prior, declared_priors
 from fretflow.inference.verdict import Comparison, Diagnosis, Estimate, ResidualLaw, ResidualMap, WearTests
 from fretflow.inference.words import channel_words, number, of_any_size
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.diagnosed import law_curve, residuals
 from fretflow_post.report.charts import MARGINS, Chart, Limits, extent
 from fretflow_post.report.loops import has_after
-
-Array = NDArray[np.float64]
 
 LONGEST_NAME = 22  # letters of a row's name
 MOST_COLUMNS = 400  # of a map

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_unit, readable_unit
 from fretflow.inference.verdict import WearMap
 from fretflow.inference.words import number
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from fretflow_post import style
 from fretflow_post.report.charts import LOW, MARGINS, Chart, Limits
 from fretflow_post.wear_maps import differences, known_maps, profile, raster
-
-Array = NDArray[np.float64]
 
 X_LABEL, Y_LABEL = "x, sliding direction (mm)", "y (mm)"
 EVERY = 2  # of a picture's pixels is kept

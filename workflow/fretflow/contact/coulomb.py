@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.law import FactorAndSlopes, MotionFactor
 from fretflow.core.errors import AuditError, InputError
-from fretflow.core.records import quantity, record
-
-Array = NDArray[np.float64]
+from fretflow.core.records import Array, quantity, record
 
 
 @record
@@ -143,8 +141,8 @@ class ContactAudit(NamedTuple):
     slip_direction: float
 
 
-def audit_contact(opening: NDArray[np.float64], force: NDArray[np.float64], slip: NDArray[np.complex128],
-                  limit: NDArray[np.float64], length: float = 0.0, tolerance: float = 1e-9) -> ContactAudit:
+def audit_contact(opening: Array, force: Array, slip: NDArray[np.complex128], limit: Array, length: float = 0.0,
+                  tolerance: float = 1e-9) -> ContactAudit:
     """Check unilateral contact and Coulomb's cone at every node and sample.
 
     Parameters

@@ -12,11 +12,13 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import xarray as xr
 
 T = TypeVar("T")
+Array = NDArray[np.float64]  # of numbers, whatever their unit and shape
 Labelled = tuple[tuple[str, ...], Any, str]  # dimensions, values, unit
 _PLAIN = frozenset({float, int, bool, str, tuple, type(None)})  # most fields; told at once
 

@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.effect import Effect
 from fretflow.wear.cycle import CycleResponse
 from fretflow.wear.slow import SlowState
-
-Array = NDArray[np.float64]
 
 SET_CHANGES = 100
 JUMPS = 30  # of the march of a test

@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fretflow.core.records import Array
 from fretflow.structure.driven import ActsOnMotion, Sliders, driven_force
 from fretflow.structure.motion import Motion
-
-Array = NDArray[np.float64]
 
 # The rig of test 1, which the ranges of the catalogue are of: N/m, N, m, and s in which the phase goes on by one.
 STIFFNESS, LIMIT, AMPLITUDE, TIME = 28e6, 50.0, 7e-6, 1.0 / (2.0 * np.pi * 100.0)

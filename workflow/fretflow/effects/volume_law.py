@@ -10,9 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fretflow.core.records import Array
 
 PRESSURE, SLIDING, FREQUENCY, POWER, CYCLES = "pressure", "sliding", "frequency", "power density", "cycles"
 UNITS = {PRESSURE: "Pa", SLIDING: "m", FREQUENCY: "Hz", POWER: "W/m^2", CYCLES: "1"}

@@ -15,6 +15,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.static import SEPARATION, SLIP
 from fretflow.core.errors import ConfigError, InputError
 from fretflow.core.plugins import FIGURES, MESHES, provided
+from fretflow.core.records import Array
 from fretflow.core.store import write_csv
 from fretflow.effects.bolted_cycle import BoltedCycle, numbered_mode
 from fretflow.effects.cycle import march_wear
@@ -28,8 +29,6 @@ from fretflow.structure.meshed import assembled_bodies, round_bolts
 from fretflow.structure.reduction.contact_modes import reduce_structure
 from fretflow.wear.archard import Archard
 from fretflow.wear.history import WearHistory
-
-Array = NDArray[np.float64]
 
 SLIDES = 1e-3  # of the largest energy of a cycle, from which on its slope is taken: below, few points slide
 MEASURED = ("amplitude_m", "frequency_Hz", "damping_ratio")

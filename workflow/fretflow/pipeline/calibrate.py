@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, Rig
 from fretflow.core.errors import InputError
 from fretflow.core.plugins import FIGURES, provided
-from fretflow.core.records import to_dataset
+from fretflow.core.records import Array, to_dataset
 from fretflow.core.store import write_whole
 from fretflow.core.units import pretty_quantity
 from fretflow.inference.evidence import drawn
@@ -32,7 +31,6 @@ from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from fretflow.wear.identification import WearCoefficient, identify_wear_coefficient, settled_face
 
-Array = NDArray[np.float64]
 # How far a case's rig may be off before anything is measured: a factor for one standard deviation up or down.
 PRIOR_FACTORS = {"moving_mass": 3.0, "arm_mass": 3.0, "in_phase_frequency": 1.2,
                  "out_of_phase_frequency": 1.2, "damping_ratio": 10.0}

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.case.config import Case, load_case
 from fretflow.contact.law import ContactState
@@ -24,7 +23,6 @@ from fretflow.pipeline.trends import Trend
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunResults(RunRecords):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
 from fretflow.pipeline.stage import CHECKPOINTS
@@ -22,7 +22,6 @@ from fretflow.structure.two_mass_rig.lumped import RigModes
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
 
-Array = NDArray[np.float64]
 SIDES = ("upper", "lower")
 
 
@@ -32,11 +31,11 @@ class LoopSeries:
 
     cycles: NDArray[np.int64] = quantity("1", "(K,)", coordinate=True)
     regime: tuple[str, ...] = quantity("", "(K,)")
-    friction_coefficient: NDArray[np.float64] = quantity("1", "(K,)")
-    tangential_stiffness: NDArray[np.float64] = quantity("N/m", "(K,)")
-    dissipated_energy: NDArray[np.float64] = quantity("J", "(K,), per cycle")
-    sliding_distance: NDArray[np.float64] = quantity("m", "(K,), without the elastic part")
-    peak_to_peak: NDArray[np.float64] = quantity("m", "(K,)")
+    friction_coefficient: Array = quantity("1", "(K,)")
+    tangential_stiffness: Array = quantity("N/m", "(K,)")
+    dissipated_energy: Array = quantity("J", "(K,), per cycle")
+    sliding_distance: Array = quantity("m", "(K,), without the elastic part")
+    peak_to_peak: Array = quantity("m", "(K,)")
 
 
 @record
@@ -45,12 +44,12 @@ class ForcedResponse:
 
     cycles: int  # wear cycles before
     excitation: float = quantity("N")
-    frequency: NDArray[np.float64] = quantity("Hz", "(F,)", coordinate=True)
-    amplitude: NDArray[np.float64] = quantity("m", "(F,), first harmonic of the moving mass")
-    phase: NDArray[np.float64] = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
-    checked: NDArray[np.float64] = quantity("Hz", "(C,), where the full solution was found too",
+    frequency: Array = quantity("Hz", "(F,)", coordinate=True)
+    amplitude: Array = quantity("m", "(F,), first harmonic of the moving mass")
+    phase: Array = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
+    checked: Array = quantity("Hz", "(C,), where the full solution was found too",
                                             default_factory=lambda: np.empty(0))
-    error: NDArray[np.float64] = quantity("1", "(C,), of the amplitude there", default_factory=lambda: np.empty(0))
+    error: Array = quantity("1", "(C,), of the amplitude there", default_factory=lambda: np.empty(0))
 
     @property
     def resonance(self) -> float:

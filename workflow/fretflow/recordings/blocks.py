@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnitError, UnreliableRecordingError, UnsupportedRecordingError
+from fretflow.core.records import Array
 from fretflow.core.units import per_cent, pretty_quantity
 from fretflow.recordings.channels import INDICES, unit_size
 from fretflow.recordings.headings import unit_in_heading
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.periods import is_noisy, spikes, standing_still
 from fretflow.recordings.plausibility import check_heading
-from fretflow.recordings.readers.tables import Array, Table, read_table
+from fretflow.recordings.readers.tables import Table, read_table
 from fretflow.recordings.schema import DisplacementOf, FileBlock, LoopsBlock
 
 LARGEST = 1e15  # in any unit; what is beyond was never measured

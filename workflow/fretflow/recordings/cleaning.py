@@ -15,13 +15,12 @@ from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.recordings.blocks import Columns
 from fretflow.recordings.loopset import FORCES, LoopSet
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.periods import LEVEL, ROUGH_FREEDOM, SHORTEST, SPIKE, roughness
 from fretflow.recordings.stretches import Notebook, Stretch, Unusable, make_stretch
-
-Array = NDArray[np.float64]
 
 SAME_PLACE = 0.05  # of a sample: grids closer than that are one
 MOST_PLACES = 20  # for repeats, times those that there are: memory grows as the file does

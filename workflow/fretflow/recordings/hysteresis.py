@@ -20,12 +20,10 @@ from numpy.typing import NDArray
 
 from fretflow.case.config import SlidingRegime
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.structure.sensors import MIN_SAMPLES as MIN_SAMPLES
 from fretflow.structure.sensors import HysteresisLoop as HysteresisLoop
 from fretflow.structure.sensors import dissipated_energy as dissipated_energy
-
-Array = NDArray[np.float64]
 
 STICK_WINDOW = (0.05, 0.4)  # of the force swing after a reversal
 PLATEAU_WINDOW = (0.2, 0.8)  # of the slip in a half-cycle: the ends are the knee and the edges of a scar

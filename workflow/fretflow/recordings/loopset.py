@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record, to_dataset
+from fretflow.core.records import Array, quantity, record, to_dataset
 from fretflow.recordings.schema import DisplacementOf
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 PLATEAU = 0.9  # quantile of a centred force over a loop
 FORCES = ("friction_force", "force")  # that a loop is drawn with, the first that there is
 

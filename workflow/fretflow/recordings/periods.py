@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d, uniform_filter1d
 
-Array = NDArray[np.float64]
+from fretflow.core.records import Array
 
 SHORTEST = 16  # samples a period
 HYSTERESIS = 0.1  # of half the range: what a signal must pass beyond its middle to have crossed it

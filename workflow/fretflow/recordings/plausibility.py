@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
 from fretflow.recordings.channels import CHANNELS, INDICES
 from fretflow.recordings.headings import BRACKETED, known_unit, split_heading
@@ -20,8 +21,6 @@ from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import FORCES, LoopSet, plateau
 from fretflow.recordings.notes import Note
 from fretflow.recordings.schema import RecordedTest, RecordingFile
-
-Array = NDArray[np.float64]
 
 LARGEST_FRICTION = 5.0
 # Below it friction is called superlubricity: M. Z. Baykara et al., Appl. Phys. Rev. 5 (2018) 041102.

@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, UnreliableRecordingError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.recordings.hysteresis import HysteresisLoop, LoopReadings, read_loop
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd, smoothed
-
-Array = NDArray[np.float64]
 
 MOTION_SHARE = 1.0 / 24.0  # of a period: half-width of the smoothing of the displacement
 DRAWS = 200  # even: each noise is also taken with the other sign, so that its mean is zero

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import RecordingError, UnreliableRecordingError
-from fretflow.core.records import record
+from fretflow.core.records import Array, record
 from fretflow.recordings.blocks import Columns, read_columns
 from fretflow.recordings.cleaning import clean_loops
 from fretflow.recordings.description import file_at
@@ -34,8 +33,6 @@ from fretflow.recordings.series import clean_series, loops_of_series
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Array = NDArray[np.float64]
 
 
 @record

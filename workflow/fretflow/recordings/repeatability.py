@@ -18,9 +18,7 @@ from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.core.records import quantity, record
-
-Array = NDArray[np.float64]
+from fretflow.core.records import Array, quantity, record
 
 SMOOTH = 5  # harmonics: above, the masses of a rig let nothing through; of white noise of N samples 10 / N lie in these
 COLOURED = 0.05  # p-value of white noise below which noise has a colour

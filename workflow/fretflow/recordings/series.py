@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.recordings import periods as p
 from fretflow.recordings.blocks import Columns
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.notes import Note, row_ranges
 from fretflow.recordings.periods import SHORTEST
 from fretflow.recordings.stretches import GAP
-
-Array = NDArray[np.float64]
 
 BRIDGED = 5  # sampling intervals
 SMALLEST_CYCLE = 0.1  # of the largest one

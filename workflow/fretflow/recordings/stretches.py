@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.records import Array
 from fretflow.core.units import per_cent
 from fretflow.recordings import periods as p
 from fretflow.recordings.notes import Note, row_ranges
 from fretflow.recordings.periods import SHORTEST
-
-Array = NDArray[np.float64]
 
 LONGEST_HOLE = 0.05  # of a period that is bridged
 UNEVEN = 0.1  # of the sampling interval

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.compiled import compiled
+from fretflow.core.records import Array
 
-Array = NDArray[np.float64]
 SMALLEST_LOAD = 1e-3  # of the reference force: below it a power law of the load would let friction grow without bound
 SMALLEST = float(np.finfo(float).tiny)
 

@@ -6,18 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fretflow.contact.kernels.sample import (
-    STICK,
-    Array,
-    Contact,
-    Factor,
-    PeriodHistory,
-    alike,
-    copy_sample,
-    find_in_parts,
-)
+from fretflow.contact.kernels.sample import STICK, Contact, Factor, PeriodHistory, alike, copy_sample, find_in_parts
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.compiled import compiled, multiply
+from fretflow.core.records import Array
 
 MAX_EXTRAPOLATION = 2.0
 SAME_TANGENT = 1e-4  # relative; far from the accuracy that Newton needs of a tangent

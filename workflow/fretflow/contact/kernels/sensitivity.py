@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fretflow.contact.kernels.sample import SLIP, Array, Contact, Factor, Indices, PeriodHistory, States
+from fretflow.contact.kernels.sample import SLIP, Contact, Factor, Indices, PeriodHistory, States
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.compiled import compiled, multiply
+from fretflow.core.records import Array
 
 
 class Histories(NamedTuple):

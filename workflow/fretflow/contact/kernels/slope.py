@@ -7,7 +7,6 @@ import numpy as np
 from fretflow.contact.kernels.cone import limit
 from fretflow.contact.kernels.sample import (
     STICK,
-    Array,
     Contact,
     Factor,
     Indices,
@@ -21,6 +20,7 @@ from fretflow.contact.kernels.sample import (
     unknowns,
 )
 from fretflow.core.compiled import compiled, multiply
+from fretflow.core.records import Array
 
 
 @compiled

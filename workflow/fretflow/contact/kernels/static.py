@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from fretflow.contact.kernels.cone import limit
 from fretflow.contact.law import ContactState
 from fretflow.core.compiled import compiled, factorise, largest, multiply_symmetric, substitute
+from fretflow.core.records import Array
 
-Array = NDArray[np.float64]
 States = NDArray[np.int8]
 Indices = NDArray[np.int64]
 STICK, SLIP, SEPARATION = int(ContactState.STICK), int(ContactState.SLIP), int(ContactState.SEPARATION)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.recordings import periods as p
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
@@ -26,7 +27,6 @@ from fretflow.recordings.series import closes
 from fretflow.structure.motion import FEWEST, Motion, measure
 from fretflow.structure.sensors import BACKWARDS
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_ROWS = 200_000  # of a record; longer ones are thinned, and cut

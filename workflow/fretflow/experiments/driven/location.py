@@ -8,8 +8,9 @@ from math import isqrt
 import numpy as np
 from scipy import stats
 
+from fretflow.core.records import Array
 from fretflow.core.units import readable_unit
-from fretflow.experiments.driven.data import Array, DrivenData, Mask
+from fretflow.experiments.driven.data import DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.law import equal_bins
 from fretflow.experiments.rig.location import parity_parts

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fretflow.core.records import Array
 from fretflow.effects.driven import DrivenJoint
-from fretflow.experiments.driven.data import Array, Cycle, DrivenData, Mask
+from fretflow.experiments.driven.data import Cycle, DrivenData, Mask
 from fretflow.experiments.independent import FREEDOM
 from fretflow.recordings.readings import SEED
 from fretflow.structure.motion import measure, noise_floor

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from fretflow.case.casefile import entries
+from fretflow.core.records import Array
 from fretflow.effects.catalogue import table_lines
 from fretflow.effects.driven import DrivenJoint
-from fretflow.experiments.driven.data import LEAST_OF_CYCLE, Array, DrivenData
+from fretflow.experiments.driven.data import LEAST_OF_CYCLE, DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.rig.views import MOST_SHOWN, evolution
 from fretflow.inference.parameters import HALF

@@ -11,8 +11,9 @@ from scipy.optimize import minimize_scalar
 
 from fretflow.case.config import WearScheme
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.cycle import PeriodicCycle
-from fretflow.experiments.facts.quantities import Array, WornTest
+from fretflow.experiments.facts.quantities import WornTest
 from fretflow.experiments.rig.model import MOST_PERIODS, Hypothesis, RigModel
 from fretflow.inference.experiment import TOLERANCE
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution

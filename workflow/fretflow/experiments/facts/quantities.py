@@ -8,17 +8,15 @@ from math import isqrt
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
+from fretflow.core.records import Array
 from fretflow.experiments.rig.model import on_points
 from fretflow.recordings.kinds.facts import CORNER, SETTLED_WITHIN, Fact
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.history import WearHistory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

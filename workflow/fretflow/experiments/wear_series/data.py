@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.effects.volume_law import CYCLES, FREQUENCY, POWER, PRESSURE, SLIDING
 from fretflow.experiments.independent import FREEDOM
 from fretflow.experiments.wear_series.scatter import POWERS, Tests, curve_square, power_designs
 from fretflow.recordings.kinds.wear_series import WearSeries
 from fretflow.recordings.notes import row_ranges, rows_in_words
 
-Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
 ALIKE = 1.3  # largest over smallest value of a condition that does not vary, or of what is measured between repeats

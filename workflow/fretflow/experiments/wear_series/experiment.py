@@ -13,10 +13,11 @@ from math import log
 
 import numpy as np
 
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.volume_law import UNITS, VolumeLaw
 from fretflow.experiments.independent import IndependentExperiment
-from fretflow.experiments.wear_series.data import Array, WearData
+from fretflow.experiments.wear_series.data import WearData
 from fretflow.inference.experiment import Measurement, Point, Prediction
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 

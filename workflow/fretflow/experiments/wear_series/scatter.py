@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from fretflow.core.records import Array
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.volume_law import VolumeLaw, WornTests
-
-Array = NDArray[np.float64]
 
 POWERS = (0.0, 0.25, 0.5, 0.75, 1.0)  # lambda: 0 is scatter in proportion to the volume, 1 scatter of one size
 

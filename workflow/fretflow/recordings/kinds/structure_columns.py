@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.recordings.headings import split_heading
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table
-
-Array = NDArray[np.float64]
 
 
 class StructureColumn(Section):

@@ -25,14 +25,13 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from fretflow.case.bolted import Elasticity
 from fretflow.case.config import explain
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.recordings.description import file_at, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
@@ -59,8 +58,6 @@ from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.schema import name_of
 from fretflow.structure.matrices import StructureMatrices
 from fretflow.structure.meshed import assembled_bodies, round_bolts
-
-Array = NDArray[np.float64]
 
 MODAL = "modal"  # the amplitude is the mass-normalised one of the mode
 MODAL_UNIT = "m*kg^0.5"

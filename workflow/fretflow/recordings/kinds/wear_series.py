@@ -24,15 +24,13 @@ from fretflow.core.errors import (
     UnreliableRecordingError,
     UnsupportedRecordingError,
 )
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.core.units import parse_quantity, pretty_quantity
 from fretflow.recordings.description import file_at, read_description
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.wear_headings import ROLES, Heading, dimension, roles_of, take_apart
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table, read_table
-
-Array = NDArray[np.float64]
 
 WEAR_SERIES = RecordingKind(
     "wear-series", "wear series: one wear coefficient and the dissipated energy predict the worn volume of each test",

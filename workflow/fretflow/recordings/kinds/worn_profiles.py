@@ -26,18 +26,15 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.integrate import trapezoid
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.recordings.kinds.structure_columns import StructureColumn, number, read_column, stated_sd
 from fretflow.recordings.readers.tables import read_table
-
-Array = NDArray[np.float64]
 
 FEWEST_PLACES = 5  # of a profile: two edges, a middle and what lies between
 

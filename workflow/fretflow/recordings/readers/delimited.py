@@ -16,8 +16,9 @@ from typing import TextIO
 import numpy as np
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
+from fretflow.core.records import Array
 from fretflow.recordings.notes import Note
-from fretflow.recordings.readers.tables import MOST_COLUMNS, Array, Table
+from fretflow.recordings.readers.tables import MOST_COLUMNS, Table
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn")
 COMMENTS = ("#", "%")

@@ -23,9 +23,10 @@ import h5py
 import numpy as np
 
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError
+from fretflow.core.records import Array
 from fretflow.core.store import array_of, open_hdf5
 from fretflow.recordings.notes import Note
-from fretflow.recordings.readers.tables import Array, Table
+from fretflow.recordings.readers.tables import Table
 
 SUFFIXES = (".mat",)
 SHORTEST = 8  # samples of a loop

@@ -14,19 +14,17 @@ from zipfile import BadZipFile
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.io import mmread
 
 from fretflow.core.errors import CorruptRecordingError, InputError, UnsupportedRecordingError
+from fretflow.core.records import Array
 from fretflow.core.store import array_of, open_hdf5, unit_of
 from fretflow.core.units import parse_quantity
 from fretflow.recordings.readers.hdf5 import SUFFIXES as HDF5
 from fretflow.recordings.readers.matlab import SUFFIXES as MATLAB
 from fretflow.recordings.readers.matlab import load_matlab
 from fretflow.structure.matrices import StructureMatrices, check_force_map
-
-Array = NDArray[np.float64]
 
 MATRIX_MARKET = ".mtx"
 NUMPY = ".npz"

@@ -11,14 +11,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 import fretflow.recordings.readers as room
 from fretflow.core.errors import CorruptRecordingError, UnsupportedRecordingError, did_you_mean
+from fretflow.core.records import Array
 from fretflow.recordings.notes import Note
 
-Array = NDArray[np.float64]
 MOST_COLUMNS = 1000
 
 

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.solvers.continuation.checkpoint import Checkpoint, Trace
 from fretflow.solvers.continuation.curve import (
     ResponseCurve,
@@ -46,7 +47,6 @@ from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.starts import instant_of, settled_starts
 
-Array = NDArray[np.float64]
 OFF = 0.03  # distance of a good point from where the last chord led
 FAR = 2.0  # arcs; a root beyond is on another part of the curve
 BACK = -0.3  # cosine of the bend beyond which a root lies on the part behind

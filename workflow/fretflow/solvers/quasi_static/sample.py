@@ -25,18 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import Coulomb
-from fretflow.contact.kernels.sample import (
-    SEPARATION,
-    SLIP,
-    STICK,
-    Array,
-    Contact,
-    PeriodHistory,
-    empty_factor,
-    find_in_parts,
-)
+from fretflow.contact.kernels.sample import SEPARATION, SLIP, STICK, Contact, PeriodHistory, empty_factor, find_in_parts
 from fretflow.contact.kernels.slope import differentiate
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.solvers.periodic import PeriodicProblem
 
 __all__ = ["SEPARATION", "SLIP", "STICK", "Array", "ContactSystem", "PeriodHistory", "SampleChange",
