@@ -5,7 +5,7 @@ The baseline is a slider with a spring (imposed displacement) or a mass on a dam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -31,13 +31,12 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
 from fretflow.inference.posterior import decide
 from fretflow.inference.search import FAST, FULL
-from fretflow.inference.strategy import begin_all, search
+from fretflow.inference.strategy import Progress, begin_all, search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED
 from fretflow.recordings.recording import Recording
 
-Progress = Callable[[float, str], None]
 DrivenSearch = IndependentSearch[DrivenExperiment]
 ROWS = 800  # samples that count in a search, so that all hypotheses are weighed in seconds
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,14 +22,13 @@ from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
-from fretflow.inference.strategy import search
+from fretflow.inference.strategy import Progress, search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.kinds.facts import QUANTITIES, FactsFile, FactsRecording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt
 from fretflow.solvers.periodic import PeriodicProblem
 
-Progress = Callable[[float, str], None]
 FactsSearch = IndependentSearch[FactsExperiment]
 NAMES = {"moving_mass": "rig.moving_mass", "friction_coefficient": "contact.friction_coefficient",
          "wear_coefficient": "wear.coefficient", "compliance": "specimen.compliance"}

@@ -6,7 +6,7 @@ the covariance; a full diagnosis confirms its answer on a mesh of the pipeline's
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,13 +50,11 @@ from fretflow.inference.posterior import (
     smallest_visible,
 )
 from fretflow.inference.search import FAST, FULL, Pool, Search
-from fretflow.inference.strategy import search, start_search
+from fretflow.inference.strategy import Progress, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed
 from fretflow.recordings.recording import Recording
 from fretflow.solvers.periodic import PeriodicProblem
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)

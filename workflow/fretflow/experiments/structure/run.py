@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,12 +20,10 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, Task, fit_task
-from fretflow.inference.strategy import begin_all, correct, search, start_search
+from fretflow.inference.strategy import Progress, begin_all, correct, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
-
-Progress = Callable[[float, str], None]
 
 QUICK = replace(FAST, secants=True)  # derivatives are differences, several times as dear as a prediction
 AGAIN = 2  # times that fits move the amplitudes at which points slide, and with them what periodic motions correct

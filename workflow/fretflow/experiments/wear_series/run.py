@@ -6,7 +6,7 @@ of the conditions, a smooth curve through all columns, and repeats; laws of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, largest_odds, shared_anew
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
-from fretflow.inference.strategy import search
+from fretflow.inference.strategy import Progress, search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
     Detection,
@@ -39,7 +39,6 @@ from fretflow.inference.verdict import (
 from fretflow.inference.words import after_model, implausible, listed, number
 from fretflow.recordings.kinds.wear_series import WearSeries
 
-Progress = Callable[[float, str], None]
 WearSearch = IndependentSearch[WearSeriesExperiment]
 
 
