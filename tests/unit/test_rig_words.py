@@ -54,12 +54,12 @@ def test_an_unknown_says_why_the_nearest_is_not_enough():
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
     nothing = Remainder(share=0.002, times_noise=1.3, where="")
     text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
-    assert text.endswith("explains 100 % of the difference; less than 1 % of it remains, 1.3 times the noise.")
+    assert text.endswith("explains 99.8 % of the difference; 0.2 % of it remains, 1.3 times the noise.")
 
 
 def test_a_remainder_of_the_noise_is_not_called_unexplained_and_lies_nowhere():
     for share, times, said in (
-            (0.002, 1.0, "what remains (less than 1 % of the difference) is no larger than the noise."),
+            (0.002, 1.0, "what remains (0.2 % of the difference) is no larger than the noise."),
             (0.011, 1.0, "what remains (1 % of the difference) is no larger than the noise."),
             (0.011, 1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained: it lies in "
                          "reversal.")):

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, eigvalsh
 
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.wear.capped_contact import MAX_SET_CHANGES
 from fretflow.wear.cycle import CycleResponse
 
-MAX_SET_CHANGES = 200
 Coefficient = float | NDArray[np.float64]  # K_w in m^2/N, () or (nodes,)
 
 
@@ -78,9 +78,9 @@ class Feedback:
         By default those are closed that touch in the period.
         """
         touch = response.contact_share > 0.0
-        return -self.rate_slope(coefficient, response)[:, None] * self.unloading(touch if closed is None else closed)
+        return -self.rate_by_force(coefficient, response)[:, None] * self.unloading(touch if closed is None else closed)
 
-    def rate_slope(self, coefficient: Coefficient, response: CycleResponse) -> NDArray[np.float64]:
+    def rate_by_force(self, coefficient: Coefficient, response: CycleResponse) -> NDArray[np.float64]:
         """Return the change of each node's wear rate by its force, (nodes,), m/(cycle N), with the slip path frozen.
 
         Nodes that are open slide and wear as those do, in the mean, that touch.
@@ -111,7 +111,7 @@ class Feedback:
             if np.array_equal(following, closed):
                 return closed
             closed = following
-        return response.contact_share > 0.0  # a guess of what touches: none is worse than another
+        return response.contact_share > 0.0  # laws that fall with pressure may let no set hold: the jump's error tells
 
     def force_change(self, response: CycleResponse, closed: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return how the forces (nodes,), N, would change if just the nodes `closed` touched, and pulled if need be."""

@@ -91,7 +91,7 @@ class Implicit(Generic[S]):
     def attempt(self, now: WearStep, jump: int, state: S, anew: bool = False) -> tuple[SlowState, float, S]:
         """Return the slow state after `jump` cycles, its error over the tolerance, and a state."""
         joint, model, before = self.joint, self.joint.model, now.response
-        linear = joint.linearised(now, jump, joint.touching(now, GAMMA * jump))
+        linear = joint.linearised(now, jump, GAMMA * jump)
         factors = lu_factor(np.eye(len(now.depth)) - GAMMA * jump * linear.by_depth)
         first = lu_solve(factors, linear.rate + GAMMA * linear.over_jump)
         # The stage may ask a node to rise: it keeps its depth, as worn metal does.

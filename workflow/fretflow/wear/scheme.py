@@ -89,27 +89,21 @@ class WearingJoint(Generic[S]):
         slope = np.divide(less - more, 2.0 * DIFFERENCE * worn, out=np.zeros_like(worn), where=worn > 0.0)
         return np.asarray(np.maximum(slope, 0.0))
 
-    def touching(self, now: WearStep, ahead: float) -> NDArray[np.bool_]:
-        """Return which nodes (nodes,) touch `ahead` cycles on, with the slip path frozen."""
-        feedback, response = self.feedback(now), now.response
-        softness = ahead * feedback.rate_slope(self.rate_slope(now), response)
-        return feedback.touching(response, ahead * now.rate, softness)
-
-    def linearised(self, now: WearStep, jump: int, touch: NDArray[np.bool_]) -> LinearisedRate:
-        """Return how the rate changes over a jump, with the slip path frozen, while the nodes `touch` (nodes,) do so.
+    def linearised(self, now: WearStep, jump: int, ahead: float) -> LinearisedRate:
+        """Return how the rate changes over a jump at held slip path, by the nodes that touch `ahead` cycles on.
 
         The change that the laws over cycles would bring about without wear is, say, that of debris that leaves and so
         opens the gap.
         """
-        feedback, slope = self.feedback(now), self.rate_slope(now)
-        jacobian = feedback.rate_jacobian(slope, now.response, touch)
-        rate = now.rate + feedback.rate_slope(slope, now.response) * feedback.force_change(now.response, touch)
+        feedback, slope, response = self.feedback(now), self.rate_slope(now), now.response
+        by_force = feedback.rate_by_force(slope, response)
+        touch = feedback.touching(response, ahead * now.rate, ahead * by_force)
+        jacobian = feedback.rate_jacobian(slope, response, touch)
+        rate = now.rate + by_force * feedback.force_change(response, touch)
         if not self.model.has_laws:
             return LinearisedRate(rate, jacobian, np.zeros_like(now.rate))
-        idle = self.model.evolve(now.slow, jump, np.zeros_like(now.rate), jump * now.response.dissipated_energy,
-                                 now.response)
-        change = (jacobian @ (self.model.gap(idle) - self.model.gap(now.slow))
-                  + self.rate(now.response, idle) - now.rate)
+        idle = self.model.evolve(now.slow, jump, np.zeros_like(now.rate), jump * response.dissipated_energy, response)
+        change = (jacobian @ (self.model.gap(idle) - self.model.gap(now.slow)) + self.rate(response, idle) - now.rate)
         own = jacobian * self.model.opening_share(now.slow, jump) - np.diag(self.self_limiting(now, jump))
         return LinearisedRate(rate, np.asarray(own), np.asarray(change))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
@@ -17,7 +18,7 @@ from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, i
 from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
-from fretflow.inference.words import listed, probability
+from fretflow.inference.words import listed, percent, probability
 from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
@@ -31,7 +32,7 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
 
 def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
     """Return the verdict in one sentence: what is known, how sure it is, and what stays unexplained."""
-    share = f"{100.0 * found.explained:.0f} % of the difference"
+    share = f"{percent(found.explained)} of the difference"
     if found.verdict is Verdict.NONE:
         return ("The baseline with its own parameters refitted explains the recording within the errors of measurement "
                 "and simulation.")
@@ -58,12 +59,12 @@ def grade(p: float) -> str:
 
 
 def _rest(remainder: Remainder) -> str:
-    share, times = round(100.0 * remainder.share), f"{remainder.times_noise:.1f} times the noise"
-    little = "less than 1 %" if share < 1.0 else f"{share} %"
+    times = f"{remainder.times_noise:.1f} times the noise"
+    little = percent(max(remainder.share, sys.float_info.min))
     if round(remainder.times_noise, 1) <= 1.0:  # noise lies nowhere
         return f"what remains ({little} of the difference) is no larger than the noise"
     where = f": it lies in {remainder.where}" if remainder.where else ""
-    if share < 1.0:
+    if remainder.share < 0.01:
         return f"{little} of it remains, {times}{where}"
     return f"what remains ({little} of the difference, {times}) is not explained{where}"
 
@@ -73,7 +74,7 @@ def _unknown(found: Found, remainder: Remainder, location: Location, law: Residu
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
     near = [one for one in found.ranking if one.effects][:3]
-    best = ", ".join(f"{listed(one.effects)} would explain {100.0 * one.explained:.0f} %" for one in near)
+    best = ", ".join(f"{listed(one.effects)} would explain {percent(one.explained)}" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
     times = f"{remainder.times_noise:.1f} times the noise"
     why = (f"but the nearest {found.against}, and leaves {times}" if found.against else
