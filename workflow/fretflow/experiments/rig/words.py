@@ -18,7 +18,7 @@ from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
 from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
-from fretflow.inference.words import listed
+from fretflow.inference.words import listed, not_enough
 from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
@@ -75,9 +75,7 @@ def _unknown(found: Found, remainder: Remainder, location: Location, law: Residu
     near = [one for one in found.ranking if one.effects][:3]
     best = ", ".join(f"{listed(one.effects)} would explain {100.0 * one.explained:.0f} %" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
-    times = f"{remainder.times_noise:.1f} times the noise"
-    why = (f"but the nearest {found.against}, and leaves {times}" if found.against else
-           f"and what the nearest leaves ({times}) is more than another form of its law would")
+    why = not_enough(found.against, remainder.times_noise)
     return (f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: "
             f"{best or 'no effect of the catalogue explains any of it'}, {why}{told}.")
 

@@ -14,18 +14,18 @@ from fretflow.experiments.structure.experiment import THIRDS, StructureExperimen
 from fretflow.experiments.structure.observation import MATRICES
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
-from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, Place, Verdict
-from fretflow.inference.words import blocks_of
+from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, Place, Remainder, Verdict
+from fretflow.inference.words import blocks_of, listed, not_enough
 from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
 
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
 
 
-def told(experiment: StructureExperiment, found: Search, judged: Found) -> dict[str, Any]:
+def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
     return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged, found, location.text),
+            "sentence": _sentence(judged, found, left, location.text),
             "curves": experiment.curves(found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
@@ -111,18 +111,19 @@ def _checked(found: Search, names: Names) -> str:
             f"static loads by {100.0 * frequency:.2g} % of the frequency{damping} at most")
 
 
-def _sentence(judged: Found, found: Search, where: str) -> str:
+def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
     """Return the verdict in a sentence or two."""
     verdict, sets, explained = judged.verdict, judged.sets, found.explained(judged.after)
-    missed = chi2.sf(found.chi_squared(frozenset()), len(found.experiment.measurement.values)) < FALSE_ALARMS
-    if verdict is Verdict.NONE and missed:
-        return ("Bolt load, friction and modal damping leave something within the numerical errors of the model "
-                "here, so that nothing can be named; see what finer matrices give.")
     if verdict is Verdict.NONE:
+        misses, count = found.chi_squared(frozenset()), len(found.experiment.measurement.values)
+        if chi2.sf(misses, count) < FALSE_ALARMS:
+            return ("Bolt load, friction and modal damping leave something within the numerical errors of the model "
+                    "here, so that nothing can be named; see what finer matrices give.")
         return "Bolt load, friction and modal damping explain frequency and damping over the amplitude."
     if verdict is Verdict.UNKNOWN:
-        return (f"Something is missing that no effect of the catalogue explains; the best leaves "
-                f"{100.0 * (1.0 - explained):.0f} % of the difference. {where}").strip()
+        near = (f": {listed(judged.after)} would explain {100.0 * explained:.0f} % of the difference, "
+                f"{not_enough(judged.against, left.times_noise)}") if judged.after else ""
+        return f"Something is missing that no effect of the catalogue explains{near}. {where}".strip()
     names = " or ".join(" with ".join(sorted(one)) for one in sets)
     return f"What is missing is {names}: {100.0 * explained:.0f} % of the difference. {where}".strip()
 

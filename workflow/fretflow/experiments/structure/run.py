@@ -67,12 +67,13 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
             correct(found, [0, 1, 2])
     judged = held_to(detected(decide(found), detection), None, 0)
     progress(0.85, "what is held out")
-    own, made = room.told(experiment, found, judged), estimates(found, judged.after)
+    left, made = remainder(found, judged), estimates(found, judged.after)
+    own = room.told(experiment, found, judged, left)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
-        detection=detection, parameters=made, remainder=remainder(found, judged),
+        detection=detection, parameters=made, remainder=left,
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), **own)
