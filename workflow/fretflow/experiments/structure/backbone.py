@@ -12,10 +12,13 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.structure.experiment import THIRDS, StructureExperiment
 from fretflow.experiments.structure.observation import MATRICES
+from fretflow.experiments.structure.responses import response_curves
+from fretflow.inference.experiment import Prediction
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
-from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, Place, Remainder, Verdict
+from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
 from fretflow.inference.words import blocks_of, listed, not_enough
+from fretflow.recordings.kinds.structures import MODAL_UNIT
 from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
 
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
@@ -26,7 +29,7 @@ def told(experiment: StructureExperiment, found: Search, judged: Found, left: Re
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
     return {"held_out": _held_out(experiment, found, judged.after), "location": location,
             "sentence": _sentence(judged, found, left, location.text),
-            "curves": experiment.curves(found.baseline.prediction, after.prediction),
+            "curves": curves(experiment, found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
 
@@ -78,6 +81,10 @@ def _notes(experiment: StructureExperiment) -> list[str]:
     own = experiment.structure
     notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
              f"motions that strain nothing; mode {experiment.mode + 1} is compared", *outside_of_mode(experiment)]
+    if experiment.spacing != 1.0:
+        other = "much finer than" if experiment.spacing < 1.0 else "twice as coarse as"
+        notes.append(f"the backbone is most probable as of a mesh {other} that of the matrices: what the distance of "
+                     "contact points changes counts as an error")
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
     if experiment.recording.responses:
@@ -109,6 +116,23 @@ def _checked(found: Search, names: Names) -> str:
     damping = "".join(f" and {np.max(np.abs(one)):.2g} of the damping ratio" for one in more[1:])
     return (f"periodic motions of the fitted model ({HARMONICS} harmonics), with which it is compared, differ from "
             f"static loads by {100.0 * frequency:.2g} % of the frequency{damping} at most")
+
+
+def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
+    """Return backbone and responses as measured and as two predictions, before and after, have them."""
+    own, told = experiment.measurement, experiment.recorded
+    before, after = (one.values for one in fits)
+    models = [(one.state, experiment.joint(one.point).linear_modes(experiment.mode + 1)[experiment.mode])
+              for one in fits]
+    name, unit = "modal amplitude", MODAL_UNIT
+    if told.amplitude_unit != MODAL_UNIT:
+        name, unit = f"amplitude of {told.amplitude_of}", told.amplitude_unit
+    backbones = tuple(MeasuredCurve(
+        label=f"{channel} over amplitude", x_label=name, x_unit=unit,
+        y_label=("natural frequency", "damping ratio")[k], y_unit=("Hz", "1")[k], x=experiment.points.amplitude,
+        measured=own.values[own.channel == k], before=before[own.channel == k], after=after[own.channel == k])
+        for k, channel in enumerate(own.channels))
+    return backbones + response_curves(experiment.recording.responses, experiment.structure, models)
 
 
 def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
