@@ -270,3 +270,16 @@ def test_a_decay_is_read_at_its_start_and_its_end():
     seen = instantaneous_mode(time, signal + 0.05 * np.exp(-3.0 * time) * np.sin(2.0 * np.pi * 290.0 * time), 79.0)
     assert seen.frequency == pytest.approx(80.0, rel=2e-4)
     assert seen.damping == pytest.approx(0.005, rel=0.03)
+
+def test_what_moved_before_changes_nothing_but_round_off(structures):
+    structure, curves = reduce_structure(structures.lap_beam(25)), []
+    for before in ([], [3e-4], [2e-5, 1e-6]):
+        joint = BoltedJoint(structure=structure, law=Coulomb(0.45), bolt_load=6e3)
+        mode = joint.linear_modes(1)[0]
+        for amplitude in before:
+            quasi_static_backbone(joint, mode, np.array([amplitude]))
+        curves.append(quasi_static_backbone(joint, mode, np.geomspace(2e-6, 1.5e-4, 8)))
+    for other in curves[1:]:
+        assert np.array_equal(other.states, curves[0].states)
+        assert np.allclose(other.frequency, curves[0].frequency, rtol=1e-11)
+        assert np.allclose(other.friction_damping, curves[0].friction_damping, rtol=0.0, atol=1e-11)

@@ -7,6 +7,7 @@ by the sliders' own mapping, sample by sample, with nothing of the package: its 
 import numpy as np
 import pytest
 from fretflow.core.errors import InputError
+from fretflow.experiments.structure import backbone
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.responses import backbone_of, oscillator
 from fretflow.inference.experiment import Point
@@ -82,7 +83,7 @@ def test_held_motions_tell_the_backbone_and_the_model_needs_their_force(recordin
     assert count == 4
     assert predicted.values[:count] == pytest.approx(own.values[:count], rel=3e-4)
     assert predicted.values[count:] == pytest.approx(own.values[count:], rel=0.03)
-    curves = experiment.curves(predicted, predicted)[2:]
+    curves = backbone.curves(experiment, predicted, predicted)[2:]
     assert len(curves) >= 3
     for one in curves:
         assert one.after == pytest.approx(one.measured, rel=0.03, abs=0.03 * one.measured.max())

@@ -77,6 +77,14 @@ class Told(Ridge):
         self.asked.append(point)
         return Prediction(point, self._values(point.z) + 1e3 * ("bending-gap" in point.effects) * (PLACE < 0.3))
 
+    def candidates(self) -> tuple[str, ...]:
+        """Return the effects."""
+        return "joint-damping", "bending-gap"
+
+    def meshes(self) -> tuple[Told]:
+        """Return the same."""
+        return (self,)
+
     def told_at(self, prediction: Prediction) -> Told:
         """Return the same."""
         return self

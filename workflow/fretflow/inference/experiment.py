@@ -206,6 +206,11 @@ class Covariance:
         left = vectors if wide else scaled @ (vectors / np.sqrt(square))
         return left, 1.0 - 1.0 / np.sqrt(1.0 + square)
 
+    @property
+    def log_density(self) -> float:
+        """Return the log of the density of no error at all, up to a constant; wide errors make it small."""
+        return float(np.sum(np.log1p(-self._shared[1])) - 0.5 * np.sum(np.log(self.variance)))
+
     def hiding(self, rows: NDArray[np.bool_]) -> Covariance:
         """Return the same with errors of some rows (M,) without bound, so that these tell nothing."""
         return Covariance(np.where(rows, np.inf, self.variance), self.modes)

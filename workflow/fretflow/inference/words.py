@@ -252,6 +252,20 @@ def after_model(verdict: Verdict, effects: Iterable[str]) -> str:
     return " + ".join(("baseline", *names)) + why.get(verdict, "")
 
 
+def not_enough(against: str, times_noise: float) -> str:
+    """Return why the nearest effect, which leaves so many times the noise, is not it: a check is `against` it, or that.
+
+    Examples
+    --------
+    >>> from fretflow.inference.words import not_enough
+    >>> not_enough("explains nothing", 4.7)
+    'but the nearest explains nothing, and leaves 4.7 times the noise'
+    """
+    times = f"{times_noise:.1f} times the noise"
+    return (f"but the nearest {against}, and leaves {times}" if against else
+            f"and what the nearest leaves ({times}) is more than another form of its law would")
+
+
 def separating(sets: Sequence[Collection[str]]) -> str:
     """Return the measurement that would tell alternatives apart; where there is one only, what would confirm it.
 

@@ -18,7 +18,7 @@ from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, i
 from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
-from fretflow.inference.words import listed, percent, probability
+from fretflow.inference.words import listed, not_enough, percent, probability
 from fretflow.inference.words import separating as separating
 
 Names = Collection[str]
@@ -76,9 +76,7 @@ def _unknown(found: Found, remainder: Remainder, location: Location, law: Residu
     near = [one for one in found.ranking if one.effects][:3]
     best = ", ".join(f"{listed(one.effects)} would explain {percent(one.explained)}" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
-    times = f"{remainder.times_noise:.1f} times the noise"
-    why = (f"but the nearest {found.against}, and leaves {times}" if found.against else
-           f"and what the nearest leaves ({times}) is more than another form of its law would")
+    why = not_enough(found.against, remainder.times_noise)
     return (f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: "
             f"{best or 'no effect of the catalogue explains any of it'}, {why}{told}.")
 

@@ -12,21 +12,24 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.structure.experiment import THIRDS, StructureExperiment
 from fretflow.experiments.structure.observation import MATRICES
+from fretflow.experiments.structure.responses import response_curves
+from fretflow.inference.experiment import Prediction
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
-from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, Place, Verdict
-from fretflow.inference.words import blocks_of
+from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
+from fretflow.inference.words import blocks_of, listed, not_enough, percent
+from fretflow.recordings.kinds.structures import MODAL_UNIT
 from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
 
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
 
 
-def told(experiment: StructureExperiment, found: Search, judged: Found) -> dict[str, Any]:
+def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
     return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged, found, location.text),
-            "curves": experiment.curves(found.baseline.prediction, after.prediction),
+            "sentence": _sentence(judged, found, left, location.text),
+            "curves": curves(experiment, found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
 
@@ -78,6 +81,10 @@ def _notes(experiment: StructureExperiment) -> list[str]:
     own = experiment.structure
     notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
              f"motions that strain nothing; mode {experiment.mode + 1} is compared", *outside_of_mode(experiment)]
+    if experiment.spacing != 1.0:
+        other = "much finer than" if experiment.spacing < 1.0 else "twice as coarse as"
+        notes.append(f"the backbone is most probable as of a mesh {other} that of the matrices: what the distance of "
+                     "contact points changes counts as an error")
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
     if experiment.recording.responses:
@@ -111,20 +118,38 @@ def _checked(found: Search, names: Names) -> str:
             f"static loads by {100.0 * frequency:.2g} % of the frequency{damping} at most")
 
 
-def _sentence(judged: Found, found: Search, where: str) -> str:
+def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
+    """Return backbone and responses as measured and as two predictions, before and after, have them."""
+    own, told = experiment.measurement, experiment.recorded
+    before, after = (one.values for one in fits)
+    models = [(one.state, experiment.joint(one.point).linear_modes(experiment.mode + 1)[experiment.mode])
+              for one in fits]
+    name, unit = "modal amplitude", MODAL_UNIT
+    if told.amplitude_unit != MODAL_UNIT:
+        name, unit = f"amplitude of {told.amplitude_of}", told.amplitude_unit
+    backbones = tuple(MeasuredCurve(
+        label=f"{channel} over amplitude", x_label=name, x_unit=unit,
+        y_label=("natural frequency", "damping ratio")[k], y_unit=("Hz", "1")[k], x=experiment.points.amplitude,
+        measured=own.values[own.channel == k], before=before[own.channel == k], after=after[own.channel == k])
+        for k, channel in enumerate(own.channels))
+    return backbones + response_curves(experiment.recording.responses, experiment.structure, models)
+
+
+def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
     """Return the verdict in a sentence or two."""
     verdict, sets, explained = judged.verdict, judged.sets, found.explained(judged.after)
-    missed = chi2.sf(found.chi_squared(frozenset()), len(found.experiment.measurement.values)) < FALSE_ALARMS
-    if verdict is Verdict.NONE and missed:
-        return ("Bolt load, friction and modal damping leave something within the numerical errors of the model "
-                "here, so that nothing can be named; see what finer matrices give.")
     if verdict is Verdict.NONE:
+        misses, count = found.chi_squared(frozenset()), len(found.experiment.measurement.values)
+        if chi2.sf(misses, count) < FALSE_ALARMS:
+            return ("Bolt load, friction and modal damping leave something within the numerical errors of the model "
+                    "here, so that nothing can be named; see what finer matrices give.")
         return "Bolt load, friction and modal damping explain frequency and damping over the amplitude."
     if verdict is Verdict.UNKNOWN:
-        return (f"Something is missing that no effect of the catalogue explains; the best leaves "
-                f"{100.0 * (1.0 - explained):.0f} % of the difference. {where}").strip()
+        near = (f": {listed(judged.after)} would explain {percent(explained)} of the difference, "
+                f"{not_enough(judged.against, left.times_noise)}") if judged.after else ""
+        return f"Something is missing that no effect of the catalogue explains{near}. {where}".strip()
     names = " or ".join(" with ".join(sorted(one)) for one in sets)
-    return f"What is missing is {names}: {100.0 * explained:.0f} % of the difference. {where}".strip()
+    return f"What is missing is {names}: {percent(explained)} of the difference. {where}".strip()
 
 
 def _parted(channel: Place, zone: Place) -> str:

@@ -18,14 +18,14 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
+from fretflow.experiments.structure.coarser import coarser, mesh_errors
 from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
-from fretflow.experiments.structure.responses import POWERS, response_curves
+from fretflow.experiments.structure.responses import POWERS
 from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
-from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structure_sections import TYPICAL
-from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone, StructureRecording
+from fretflow.recordings.kinds.structures import MeasuredBackbone, StructureRecording
 from fretflow.recordings.notes import Note
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import (
@@ -63,6 +63,8 @@ class StructureExperiment(Experiment):
     static: bool = False  # no periodic motions, however few contact points there are
     correction: Array | None = None  # (channels, points): what periodic motions add to static loads
     truncation: Array | None = None  # what twice the harmonics and samples add to that
+    coarse: ReducedStructure | None = None  # the structure with points twice as far apart
+    spacing: float = 1.0  # of contact points in what was recorded, over that of the matrices
 
     @classmethod
     def of(cls, recording: StructureRecording) -> StructureExperiment:
@@ -85,7 +87,7 @@ class StructureExperiment(Experiment):
             raise InputError(f"{recording.path}: {error}") from error
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
         kept = max(RIGID_MOTIONS + COMPARED, int(np.sum(found.structure.eigenvalues < highest**2)))
-        return replace(found, structure=condensed(found.structure, kept))
+        return replace(found, structure=(structure := condensed(found.structure, kept)), coarse=coarser(structure))
 
     @property
     def few(self) -> bool:
@@ -168,9 +170,19 @@ class StructureExperiment(Experiment):
 
     @property
     def _code_error(self) -> Array:
-        """Return what more steps of load, and more harmonics of periodic motions change, (M, any)."""
-        modes = [self._fine - replace(self, correction=None).first_prediction().values]
-        return np.column_stack(modes if self.truncation is None else [*modes, self.truncation.ravel()])
+        """Return what more steps of load, more harmonics of periodic motions and another mesh change, (M, any)."""
+        first = replace(self, correction=None).first_prediction()
+        more = [] if self.truncation is None else [self.truncation.ravel()]
+        return np.column_stack([self._fine - first.values, *more, self._other_mesh(first)])
+
+    def _other_mesh(self, prediction: Prediction) -> Array:
+        """Return modes (M, any) of what a prediction of static loads differs by on the mesh that was recorded."""
+        try:
+            other = prediction if self.coarse is None or self.spacing == 1.0 else replace(
+                self, structure=self.coarse, correction=None, static=True).predict(prediction.point)
+        except NonConvergenceError:
+            other = prediction
+        return mesh_errors(np.log(self.points.amplitude), other.values - prediction.values, self.spacing)
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
@@ -301,21 +313,6 @@ class StructureExperiment(Experiment):
         correction, truncation = (None if one is None else one[:, :count] for one in (self.correction, self.truncation))
         return replace(self, points=self.points.first(count), correction=correction, truncation=truncation)
 
-    def curves(self, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
-        """Return backbone and responses as measured and as two predictions, before and after, have them."""
-        own, told = self.measurement, self.recorded
-        before, after = (one.values for one in fits)
-        models = [(one.state, self.joint(one.point).linear_modes(self.mode + 1)[self.mode]) for one in fits]
-        name, unit = "modal amplitude", MODAL_UNIT
-        if told.amplitude_unit != MODAL_UNIT:
-            name, unit = f"amplitude of {told.amplitude_of}", told.amplitude_unit
-        backbones = tuple(MeasuredCurve(
-            label=f"{channel} over amplitude", x_label=name, x_unit=unit,
-            y_label=("natural frequency", "damping ratio")[k], y_unit=("Hz", "1")[k], x=self.points.amplitude,
-            measured=own.values[own.channel == k], before=before[own.channel == k], after=after[own.channel == k])
-            for k, channel in enumerate(own.channels))
-        return backbones + response_curves(self.recording.responses, self.structure, models)
-
     def backbone(self, joint: BoltedJoint, near: Prediction | None = None) -> ModalBackbone:
         """Return the backbone about the recorded amplitudes, or as far as the joint does not slide as a whole.
 
@@ -363,6 +360,10 @@ class StructureExperiment(Experiment):
             missed = missed if added is None else missed + way * added
         return replace(about, points=points.weighed(missed), correction=None if self.few else more,
                        truncation=None if more is None or most is None else most - more)
+
+    def meshes(self) -> tuple[StructureExperiment, ...]:
+        """Return the same for recordings of the same mesh, of one much finer, as real faces are, or twice as coarse."""
+        return (self,) if self.coarse is None else tuple(replace(self, spacing=one) for one in (1.0, 0.0, 2.0))
 
     def beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
         """Return what periodic motions of a prediction's joint add to static loads (channels, points), if there are."""

@@ -14,7 +14,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 from scipy.stats import t as student
 
 from fretflow.core.errors import InputError, NonConvergenceError
@@ -203,15 +203,41 @@ def weights_of(place: Array, missed: Array, sd: Array) -> Array:
     apart = np.abs(place[:, None] - place) / max(float(np.ptp(place)), 1e-12)
     widest = float(np.sqrt(FREEDOM / chi2.ppf(FALSE_ALARMS, FREEDOM)))  # than the scatter of so few squares tells
     fits = []
-    for length, size in product(2.0**np.arange(-3, 2), np.geomspace(0.1, max(1.0, float(np.abs(scaled).max())), 6)):
-        far = np.sqrt(3.0) * apart / length
-        smooth = size**2 * (1.0 + far) * np.exp(-far)
+    for length, size in product(lengths(place), np.geomspace(0.1, max(1.0, float(np.abs(scaled).max())), 6)):
+        smooth = size**2 * alike(apart, length)
         for wider, freedom in product((1.0, widest**0.5, widest), 4.0**np.arange(4)):  # Cauchy's to nearly normal
             told, weight = _smoothed(smooth / wider**2, scaled / wider, freedom)
             fits.append((told - len(scaled) * log(wider), np.maximum(wider**2 / weight, 1.0)))
     top = max(one[0] for one in fits)
     probable = np.exp([one[0] - top for one in fits])
     return np.asarray(1.0 / np.average([one[1] for one in fits], axis=0, weights=probable))
+
+
+def lengths(place: Array) -> Array:
+    """Return over what parts of their range values at places (P,) may be alike: from twice it to two neighbours'."""
+    return np.asarray(2.0**np.arange(1 - int(np.log2(len(place))), 2))
+
+
+def alike(apart: Array, length: float) -> Array:
+    """Return the correlation of a process, once differentiable as friction makes curves, at places so far apart."""
+    far = np.sqrt(3.0) * apart / length
+    return np.asarray((1.0 + far) * np.exp(-far))
+
+
+def errors_like(place: Array, seen: Array, shorter: float = 1.0) -> Array:
+    """Return modes (P, P) of errors over places, as large about each as those `seen` (P,) and so much shorter.
+
+    They are a process as in `weights_of`, of the length that makes those most probable.
+    """
+    apart = np.abs(place[:, None] - place) / max(float(np.ptp(place)), 1e-12)
+    fits = []
+    for length in lengths(place):
+        correlation = alike(apart, length)
+        size = np.maximum(np.sqrt(correlation @ seen**2 / correlation.sum(axis=1)), np.finfo(float).tiny)
+        told = multivariate_normal.logpdf(seen / size, cov=correlation) - float(np.sum(np.log(size)))
+        fits.append((float(told), length, size))
+    _, length, size = max(fits, key=lambda one: one[0])
+    return np.asarray(size[:, None] * np.linalg.cholesky(alike(apart, length * shorter)))
 
 
 def _smoothed(smooth: Array, values: Array, freedom: float) -> tuple[float, Array]:

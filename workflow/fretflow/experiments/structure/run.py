@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations
+from math import log
 from typing import Any
 
 import numpy as np
@@ -65,12 +67,13 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
             correct(found, [0, 1, 2])
     judged = held_to(detected(decide(found), detection), None, 0)
     progress(0.85, "what is held out")
-    own, made = room.told(experiment, found, judged), estimates(found, judged.after)
+    left, made = remainder(found, judged), estimates(found, judged.after)
+    own = room.told(experiment, found, judged, left)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
-        detection=detection, parameters=made, remainder=remainder(found, judged),
+        detection=detection, parameters=made, remainder=left,
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), **own)
@@ -110,16 +113,29 @@ def _settle(found: Search, starts: Sequence[Point]) -> None:
 def told_again(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search]:
     """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
 
-    In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording.
+    In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording. Of
+    the meshes that this may be of, the one counts that makes it most probable.
     """
     best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
-    again = start_search(told, told.predict(found.baseline.prediction.point), found.effort, found.pool)
-    again.keep(  # other errors leave derivatives about as they are
-        replace(again.fitter.linearised(told.predict(fit.prediction.point, fit.prediction), fit.jacobian), secant=True)
-        for names, fit in found.fits.items() if names)
-    again.continue_fits(again.promising(sorted(again.fits, key=lambda names: -again.log_evidence(names, frozenset()))),
-                        found.effort.last_steps)
+    predicted = {names: told.predict(fit.prediction.point, fit.prediction) for names, fit in found.fits.items()}
+    parts = [frozenset(own) for size in range(len(best) + 1) for own in combinations(sorted(best), size)]
+    choice = log(len(experiment.candidates()))  # what that of an effect costs
+
+    def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search]:
+        again = Search(one, found.pool, found.effort)
+        again.keep(replace(again.fitter.linearised(predicted[names], fit.jacobian), secant=True)
+                   for names, fit in found.fits.items())  # other errors leave derivatives about as they are
+        again.stated = again.baseline
+        again.continue_fits(parts, found.effort.last_steps)
+        begin_baselines(one, again)
+        probable = max(again.log_evidence(names, frozenset()) - len(names) * choice
+                       for names in parts if names in again.fits)
+        return probable + again.discrepancy.covariance.log_density, one, again
+
+    _, told, again = max(map(under, told.meshes()), key=lambda one: one[0])
+    again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
+        -again.log_evidence(names, frozenset())))), found.effort.last_steps)
     return told, again
 
 

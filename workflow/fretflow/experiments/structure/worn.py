@@ -13,30 +13,31 @@ from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
-from fretflow.inference.verdict import HeldOut, Location, MeasuredCurve, Place, Verdict
-from fretflow.inference.words import blocks_of
+from fretflow.inference.verdict import HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
+from fretflow.inference.words import blocks_of, listed, not_enough, percent
 
 REGIONS = ("borders of the scar", "middle of the scar")
 NEXT = "profiles of each body, of shorter tests, and at other frequencies and loads"
 
 
-def told(experiment: ProfileExperiment, found: Search, judged: Found) -> dict[str, Any]:
+def told(experiment: ProfileExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of worn profiles alone."""
     location = _locate(found, judged)
     return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged, found, location.text),
+            "sentence": _sentence(judged, found, left, location.text),
             "curves": _curves(experiment, found, judged.after),
             "notes": (*map(str, experiment.recording.notes), *_areas(experiment, found, judged.after))}
 
 
-def _sentence(judged: Found, found: Search, where: str) -> str:
-    share = f"{100.0 * found.explained(judged.after):.0f} %"
+def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
+    share = percent(found.explained(judged.after))
     if judged.verdict is Verdict.NONE:
         return "One wear coefficient explains the worn profiles."
     if judged.verdict is Verdict.UNKNOWN:
-        best = " with ".join(sorted(judged.after)) or "nothing in the catalogue"
+        near = (f": {listed(judged.after)} would explain {share} of the difference, "
+                f"{not_enough(judged.against, left.times_noise)}") if judged.after else ""
         return (f"One wear coefficient does not explain the profiles, and no effect of the catalogue does so well "
-                f"enough: {best} explains {share} of the difference. {where}")
+                f"enough{near}. {where}")
     names = " or ".join(" with ".join(sorted(one)) for one in judged.sets)
     return f"What is missing is {names}: {share} of the difference. {where}"
 

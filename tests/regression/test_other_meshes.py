@@ -1,0 +1,76 @@
+"""Property: what meshes differ by is no missing physics: periodic motions of a finer mesh, beside a file's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fretflow.contact.coulomb import Coulomb
+from fretflow.experiments.structure.experiment import StructureExperiment
+from fretflow.experiments.structure.run import diagnose_structure
+from fretflow.inference.experiment import Point
+from fretflow.inference.verdict import Verdict
+from fretflow.recordings.kinds.structures import read_structure_recording
+from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
+from fretflow.structure.reduction.contact_modes import reduce_structure
+
+LOAD, FRICTION, DAMPING = 6e3, 0.45, 1e-3
+TOML = """
+format = "fretflow-recording/1"
+[test]
+kind = "structure"
+[structure]
+matrices = "structure.npz"
+[structure.unknown]
+bolt_load = ["2 kN", "20 kN"]
+modal_damping = [1e-4, 1e-2]
+friction_coefficient = [0.2, 1.2]
+[backbone]
+file = "backbone.csv"
+amplitude_of = "tip"
+amplitude = { column = "a", unit = "um" }
+frequency = { column = "f", unit = "Hz" }
+damping = { column = "zeta", unit = "%" }
+"""
+
+
+@pytest.fixture(scope="module")
+def finer(structures, tmp_path_factory):
+    """Return a recording of rigid faces with 61 points, whose file has matrices with 25."""
+    joint = BoltedJoint(structure=reduce_structure(structures.lap_beam(61)), law=Coulomb(FRICTION), bolt_load=LOAD,
+                        modal_damping=DAMPING)
+    motions = follow_mode(joint, joint.linear_modes(1)[0], np.geomspace(4e-6, 1.5e-4, 24), tolerance=1e-3)
+    amplitude, frequency, damping = np.array([(one.outputs[0], one.frequency, one.damping) for one in motions]).T
+    rng = np.random.default_rng(11)
+    table = np.c_[1e6 * amplitude, frequency * (1.0 + 2e-4 * rng.standard_normal(24)),
+                  100.0 * damping * (1.0 + 0.02 * rng.standard_normal(24))]
+    folder, beam = tmp_path_factory.mktemp("finer"), structures.lap_beam(25)
+    np.savez(folder / "structure.npz", M=beam.mass, K=beam.stiffness, contact_map=beam.contact_map, areas=beam.areas,
+             points=beam.points, preload=beam.preload, **{"outputs/tip": beam.outputs["tip"]})
+    np.savetxt(folder / "backbone.csv", table, delimiter=",", header="a,f,zeta", comments="")
+    (folder / "recording.toml").write_text(TOML)
+    return read_structure_recording(folder)
+
+
+def test_what_a_finer_mesh_shows_otherwise_is_about_what_is_told(finer):
+    experiment = StructureExperiment.of(finer)
+    space = experiment.parameters(())
+    values = {"bolt_load": LOAD, "friction_coefficient": FRICTION, "modal_damping": DAMPING}
+    truth = experiment.predict(Point(space, np.array([one.place(values[one.field]) for one in space.coordinates])))
+    told = experiment.told_at(truth)
+    missed = told.measurement.values - told.predict(truth.point).values
+    squares = [float(np.mean(one.measurement.covariance().whiten(missed)**2)) for one in (
+        replace(told, spacing=1.0), replace(told, spacing=0.0))]
+    assert squares[0] > 5.0
+    assert 0.2 < squares[1] < 2.0
+
+
+def test_nothing_is_missing_from_rigid_faces_on_another_mesh(finer):
+    found = diagnose_structure(finer, True, lambda share, text: None)
+    assert found.verdict is Verdict.NONE
+    values = {one.name: one.value for one in found.parameters}
+    assert values["structure.bolt_load"] * values["structure.friction_coefficient"] == pytest.approx(
+        LOAD * FRICTION, rel=0.25)
+    assert any("much finer" in note for note in found.notes)

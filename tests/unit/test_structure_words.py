@@ -1,0 +1,21 @@
+"""Property: an unknown of a structure says why the nearest effect is not enough, in the words of a rig's."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from fretflow.experiments.structure import backbone, worn
+from fretflow.inference.verdict import Remainder, Verdict
+
+REST = Remainder(share=0.7, times_noise=4.7, where="damping")
+
+
+@pytest.mark.parametrize("room", [backbone, worn])
+@pytest.mark.parametrize(("against", "words"), [
+    ("", "and what the nearest leaves (4.7 times the noise) is more than another form of its law would"),
+    ("explains nothing", "but the nearest explains nothing, and leaves 4.7 times the noise")])
+def test_an_unknown_says_why_the_nearest_is_not_enough(room: Any, against: str, words: str) -> None:
+    judged = SimpleNamespace(verdict=Verdict.UNKNOWN, sets=(), after=frozenset({"bending-gap"}), against=against)
+    found = SimpleNamespace(explained=lambda names: 0.3)
+    said = room._sentence(judged, found, REST, "It is there.")
+    assert f"bending-gap would explain 30 % of the difference, {words}. It is there." in said

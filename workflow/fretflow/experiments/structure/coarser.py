@@ -1,0 +1,83 @@
+"""A structure on a coarser mesh of its faces: of given matrices no finer one is at hand.
+
+Contact acts at about half of the points, in a row, or a quarter, in a plane. The others follow at rest, as all inertia
+of the contact is dropped (`structure.reduction.contact_modes`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from fretflow.experiments.structure.points import errors_like
+from fretflow.structure.matrices import StructureMatrices
+from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled, reduce_structure
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def coarser(structure: ReducedStructure) -> ReducedStructure | None:
+    """Return a structure whose contact points are twice as far apart; None if all are at one place."""
+    kept = sparser(structure.points)
+    return None if len(kept) == structure.contacts else thinned(structure, kept)
+
+
+def sparser(points: Array) -> Indices:
+    """Return which of `points` (m, 3) are left if they are twice as far apart: both ends, and from one of them on.
+
+    Points at one place are one.
+    """
+    places, own = np.unique(points, axis=0, return_inverse=True)
+    if len(places) < 2:
+        return np.arange(len(points))
+    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    kept = [int(one) for one in np.unravel_index(int(np.argmax(apart)), apart.shape)]
+    near = np.partition(apart, 1, axis=1)[:, 1]
+    for place in np.argsort(apart[kept[0]], kind="stable"):
+        if np.all(apart[place, kept] > 1.5 * near[place]):  # between one distance and two
+            kept.append(int(place))
+    return np.flatnonzero(np.isin(own.ravel(), kept))
+
+
+def thinned(structure: ReducedStructure, kept: Indices) -> ReducedStructure:
+    """Return a structure whose contact acts at some of its points alone, which take the areas of those about them."""
+    count, modes = len(kept), len(structure.eigenvalues)
+    rest = np.setdiff1d(np.arange(structure.contacts), kept)
+    free, held = ((3 * own[:, None] + np.arange(3)).ravel() for own in (rest, kept))
+    held = np.r_[held, 3 * structure.contacts + np.arange(modes)]
+    k, _ = assembled(structure, massless=True)
+    follows = np.linalg.solve(k[np.ix_(free, free)], k[np.ix_(free, held)])
+    stiffness = k[np.ix_(held, held)] - k[np.ix_(held, free)] @ follows
+
+    def condensed(rows: tuple[Array, Array]) -> Array:
+        on_contact, on_modes = rows
+        every = np.r_[on_contact - on_modes @ structure.coupling, on_modes]  # eta is y - m u
+        return np.asarray(every[held] - every[free] @ follows)
+
+    apart = np.linalg.norm(structure.points[:, None] - structure.points[kept], axis=2)
+    near = np.isclose(apart, apart.min(axis=1, keepdims=True))
+    return replace(reduce_structure(StructureMatrices(
+        mass=np.diag(np.repeat([0.0, 1.0], [3 * count, modes])), stiffness=0.5 * (stiffness + stiffness.T),
+        contact_map=np.eye(3 * count, 3 * count + modes),
+        areas=structure.areas @ (near / near.sum(axis=1, keepdims=True)), points=structure.points[kept],
+        gap=structure.gap[kept], preload=None if structure.preload is None else condensed(structure.preload),
+        inputs={name: condensed(rows) for name, rows in structure.inputs.items()},
+        outputs={name: condensed(rows) for name, rows in structure.outputs.items()})),
+        modal_damping=structure.modal_damping)
+
+
+def mesh_errors(place: Array, doubled: Array, spacing: float) -> Array:
+    """Return modes (M, M) of what a mesh of another `spacing` of its points changes, over this one's.
+
+    Points' areas weigh pressures like the trapezoidal rule, of second order: with r times the distance between points
+    the difference is ``(r^2 - 1) / 3`` of that with twice the distance, `doubled` (M,) (L. F. Richardson, Phil. Trans.
+    R. Soc. A 210 (1911) 307-357). At which of the places (P,), of each channel in turn, it lies goes with where points
+    happen to be; they begin to slide one after the other, as closely as they lie on the coarser of both meshes.
+    """
+    share, shorter = abs(spacing**2 - 1.0) / (2.0**2 - 1.0), max(spacing, 1.0) / 2.0
+    parts = doubled.reshape(-1, len(place))
+    return np.asarray(share * block_diag(*(errors_like(place, one, shorter) for one in parts)))
