@@ -222,6 +222,19 @@ def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray]
 
 
 @pytest.mark.real_data
+@pytest.mark.parametrize("share", [3.0, 10.0])
+@pytest.mark.parametrize("power", [1.0, 2.5, 3.0])
+def test_a_spring_that_turns_the_motion_is_no_reversed_sign(power: float, share: float, recordings: Path) -> None:
+    """A support of thrice the drive and more holds the block below its resonance: in phase instead of against it."""
+    loops = read_recording(recordings / "example_baseline").loops
+    motion = np.nanmean(loops.channels["displacement"], axis=1, keepdims=True)
+    x = (motion - motion.mean(axis=-1, keepdims=True)) / 20e-6
+    drive = loops.channels["excitation"] + share * 60.0 * np.sign(x) * np.abs(x)**power
+    own = replace(loops, channels={**loops.channels, "excitation": drive})
+    assert said(replace(read_recording(recordings / "example_baseline"), loops=own, sweep=None)) == ((), ())
+
+
+@pytest.mark.real_data
 def test_a_force_in_step_with_the_friction_s_fundamental_is_no_gain_of_it(recordings: Path) -> None:
     """By its first harmonic the friction force would be a third of what it is; by the others, all of it."""
     recording = read_recording(recordings / "example_baseline")
