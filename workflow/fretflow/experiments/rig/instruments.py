@@ -76,22 +76,22 @@ def _saturated(loops: LoopSet) -> list[str]:
 def _gains(recording: Recording, case: Case) -> list[str]:
     """Return which of displacement and force contradict the rig's periodic motion by more than a stated value may."""
     rows = _fundamentals(recording)
-    if _left(rows[:, [2, 1, 0, 3]], case) < LEFT * _left(rows, case):
-        return ["excitation and friction force are swapped: the rig's equations of motion hold the other way round"]
+    mistakes = {"excitation and friction force are swapped: the rig's equations of motion hold the other way round":
+                rows[:, [2, 1, 0, 3]]} | {
+        f"the {name} is recorded with its sign reversed": rows * np.where(np.arange(rows.shape[1]) == column, -1.0, 1.0)
+        for column, name in enumerate(("excitation", "displacement", "friction force"))}
+    likeliest = min(mistakes, key=lambda text: _left(mistakes[text], case))
+    if _left(mistakes[likeliest], case) < LEFT * _left(rows, case):
+        return [likeliest]
     if recording.loops is not None and not is_periodic(recording.loops):
         return []
-    if (gains := _fitted_gains(rows, case)) is None:
-        return []
-    equations = Equations.of(recording, _rig(case))
-    if equations is not None and equations.repeated and not equations.solve().holds:
-        return []  # play or a spring besides, which may turn the motion as well
-    found = []
-    for name, gain in zip(("displacement", "friction force"), gains, strict=True):
-        if gain.real < 0.0 and abs(np.angle(gain)) > 0.75 * np.pi:
-            found.append(f"the {name} is recorded with its sign reversed, or the excitation is")
-        elif not 1.0 / STATED < abs(gain) < STATED:
-            found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the "
-                         "excitation make of it: check its unit and gain")
+    found, gains = [], _fitted_gains(rows, case)
+    for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
+        if not 1.0 / STATED < abs(gain) < STATED:
+            equations = Equations.of(recording, _rig(case))
+            if equations is None or not equations.repeated or equations.solve().holds:  # no play or spring besides
+                found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the "
+                             "excitation make of it: check its unit and gain")
     return found
 
 

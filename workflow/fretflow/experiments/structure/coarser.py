@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from fretflow.core.records import Array
 from fretflow.experiments.structure.points import errors_like
 from fretflow.structure.matrices import StructureMatrices
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled, reduce_structure
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
