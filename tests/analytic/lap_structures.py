@@ -5,6 +5,24 @@ from __future__ import annotations
 import numpy as np
 from fretflow.structure.matrices import StructureMatrices
 
+BACKBONE = """
+format = "fretflow-recording/1"
+[test]
+kind = "structure"
+[structure]
+matrices = "structure.npz"
+[structure.unknown]
+bolt_load = [{bolts}]
+modal_damping = [1e-4, 1e-2]
+friction_coefficient = [0.2, 1.2]
+[backbone]
+file = "backbone.csv"
+amplitude_of = "{of}"
+amplitude = {{ column = "a", unit = "um" }}
+frequency = {{ column = "f", unit = "Hz" }}
+damping = {{ column = "zeta", unit = "%" }}
+"""
+
 
 def sliders(stiffness, limits, mass=2.0, ground=3e4):
     """Return a mass on a spring and N sliders beside it; under a bolt load of 1 with mu = 1 they slip at `limits` (N,).
@@ -218,3 +236,12 @@ def decay_in_time(matrices, modes, springs, friction, bolt_load, damping, amplit
         new = 4.0 / step**2 * (after - x) - 4.0 / step * v - a
         x, v, a = after, v + 0.5 * step * (a + new), new
     return step * np.arange(len(seen)), seen, omega / (2.0 * np.pi)
+
+
+def write_backbone(folder, matrices, table, bolts, of):
+    """Write a recording of matrices and of amplitude, frequency and damping (P, 3) of an output, in um, Hz and %."""
+    np.savez(folder / "structure.npz", M=matrices.mass, K=matrices.stiffness, contact_map=matrices.contact_map,
+             areas=matrices.areas, points=matrices.points, preload=matrices.preload,
+             **{f"outputs/{name}": row for name, row in matrices.outputs.items()})
+    np.savetxt(folder / "backbone.csv", table, delimiter=",", header="a,f,zeta", comments="")
+    (folder / "recording.toml").write_text(BACKBONE.format(bolts=bolts, of=of))

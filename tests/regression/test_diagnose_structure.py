@@ -20,26 +20,8 @@ from fretflow.recordings.kinds.structures import read_structure_recording
 from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
 from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
 
-TOML = """
-format = "fretflow-recording/1"
-[test]
-kind = "structure"
-[structure]
-matrices = "structure.npz"
-[structure.unknown]
-bolt_load = [{bolts}]
-modal_damping = [1e-4, 1e-2]
-friction_coefficient = [0.2, 1.2]
-[backbone]
-file = "backbone.csv"
-amplitude_of = "{of}"
-amplitude = {{ column = "a", unit = "um" }}
-frequency = {{ column = "f", unit = "Hz" }}
-damping = {{ column = "zeta", unit = "%" }}
-"""
 
-
-def write(folder, matrices, decay, bolts, of):
+def write(structures, folder, matrices, decay, bolts, of):
     """Write the recording of a decay (time, signal, frequency), with noise as peaks of a measured one have it."""
     seen = instantaneous_mode(*decay)
     rng = np.random.default_rng(7)
@@ -48,12 +30,8 @@ def write(folder, matrices, decay, bolts, of):
     count = len(order)
     frequency = seen.frequency[order] + 0.02 * rng.standard_normal(count)
     damping = seen.damping[order] * (1.0 + 0.02 * rng.standard_normal(count))
-    np.savez(folder / "structure.npz", M=matrices.mass, K=matrices.stiffness, contact_map=matrices.contact_map,
-             areas=matrices.areas, points=matrices.points, preload=matrices.preload,
-             **{f"outputs/{name}": row for name, row in matrices.outputs.items()})
-    np.savetxt(folder / "backbone.csv", np.c_[1e6 * seen.amplitude[order], frequency, 100.0 * damping], delimiter=",",
-               header="a,f,zeta", comments="")
-    (folder / "recording.toml").write_text(TOML.format(bolts=bolts, of=of))
+    table = np.c_[1e6 * seen.amplitude[order], frequency, 100.0 * damping]
+    structures.write_backbone(folder, matrices, table, bolts, of)
     return read_structure_recording(folder)
 
 
@@ -64,7 +42,7 @@ def sprung(structures, tmp_path_factory):
     pressure = np.abs(beam.contact_map @ beam.preload)[2::3] / beam.areas
     springs = 3e12 * beam.areas * np.sqrt(pressure / (3.0 / beam.areas.sum()))
     decay = structures.decay_in_time(beam, 10, springs, 0.45, 8e3, 1e-3, 9e-5, 200)
-    return write(tmp_path_factory.mktemp("sprung"), beam, decay, '"2 kN", "20 kN"', "tip")
+    return write(structures, tmp_path_factory.mktemp("sprung"), beam, decay, '"2 kN", "20 kN"', "tip")
 
 
 def test_asperities_of_a_lapped_beam_are_named(sprung):
@@ -94,7 +72,8 @@ def sliding(structures, tmp_path_factory):
     damper = 2.0 * 1e-3 * 2.0 * np.pi * frequency * 2.0
     decay = structures.newmark(2.0, 1e6, stiffness, limits, 8e-5, step, 200 * 150, damper)
     time = step * np.arange(len(decay))
-    return write(tmp_path_factory.mktemp("sliding"), matrices, (time, decay, frequency), '"0.3 N", "3 N"', "head")
+    folder = tmp_path_factory.mktemp("sliding")
+    return write(structures, folder, matrices, (time, decay, frequency), '"0.3 N", "3 N"', "head")
 
 
 def test_nothing_is_missing_from_rigid_sliders(sliding):
@@ -218,11 +197,8 @@ def test_what_static_loads_leave_out_is_put_right_by_periodic_motions(structures
     """A joint that slides over much of its faces moves otherwise than its linear mode."""
     beam, count = structures.lap_beam(points, 4), 24
     seen = np.geomspace(5e-6, 1e-4, count)
-    np.savez(tmp_path / "structure.npz", M=beam.mass, K=beam.stiffness, contact_map=beam.contact_map, areas=beam.areas,
-             points=beam.points, preload=beam.preload, **{"outputs/tip": beam.outputs["tip"]})
-    np.savetxt(tmp_path / "backbone.csv", np.c_[1e6 * seen, np.full(count, 110.0), np.full(count, 0.2)], delimiter=",",
-               header="a,f,zeta", comments="")
-    (tmp_path / "recording.toml").write_text(TOML.format(bolts='"200 N", "2 kN"', of="tip"))
+    table = np.c_[1e6 * seen, np.full(count, 110.0), np.full(count, 0.2)]
+    structures.write_backbone(tmp_path, beam, table, '"200 N", "2 kN"', "tip")
     experiment = StructureExperiment.of(read_structure_recording(tmp_path))
     static = replace(experiment, static=True).first_prediction()
     right = (experiment if experiment.few else experiment.corrected(static)).predict(static.point)
@@ -263,10 +239,10 @@ def test_a_ring_down_alone_is_read_as_its_backbone(structures, tmp_path):
     frequency = np.sqrt((1e6 + stiffness.sum()) / 2.0) / (2.0 * np.pi)
     step = 1.0 / (100.0 * frequency)
     decay = structures.newmark(2.0, 1e6, stiffness, limits, 8e-5, step, 100 * 100, 5.0)
-    recording = write(tmp_path, matrices, (step * np.arange(len(decay)), decay, frequency), '"0.3 N", "3 N"', "head")
-    np.savetxt(tmp_path / "ring.csv", np.c_[step * np.arange(len(decay)), 1e6 * decay], delimiter=",", header="t,x",
-               comments="")
-    text = TOML.format(bolts='"0.3 N", "3 N"', of="head").split("[backbone]")[0]
+    time = step * np.arange(len(decay))
+    recording = write(structures, tmp_path, matrices, (time, decay, frequency), '"0.3 N", "3 N"', "head")
+    np.savetxt(tmp_path / "ring.csv", np.c_[time, 1e6 * decay], delimiter=",", header="t,x", comments="")
+    text = structures.BACKBONE.format(bolts='"0.3 N", "3 N"', of="head").split("[backbone]")[0]
     (tmp_path / "recording.toml").write_text(text + """[ring_down]
 file = "ring.csv"
 time = { column = "t", unit = "s" }

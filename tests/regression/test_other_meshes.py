@@ -17,23 +17,6 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
 from fretflow.structure.reduction.contact_modes import reduce_structure
 
 LOAD, FRICTION, DAMPING = 6e3, 0.45, 1e-3
-TOML = """
-format = "fretflow-recording/1"
-[test]
-kind = "structure"
-[structure]
-matrices = "structure.npz"
-[structure.unknown]
-bolt_load = ["2 kN", "20 kN"]
-modal_damping = [1e-4, 1e-2]
-friction_coefficient = [0.2, 1.2]
-[backbone]
-file = "backbone.csv"
-amplitude_of = "tip"
-amplitude = { column = "a", unit = "um" }
-frequency = { column = "f", unit = "Hz" }
-damping = { column = "zeta", unit = "%" }
-"""
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +30,7 @@ def finer(structures, tmp_path_factory):
     table = np.c_[1e6 * amplitude, frequency * (1.0 + 2e-4 * rng.standard_normal(24)),
                   100.0 * damping * (1.0 + 0.02 * rng.standard_normal(24))]
     folder, beam = tmp_path_factory.mktemp("finer"), structures.lap_beam(25)
-    np.savez(folder / "structure.npz", M=beam.mass, K=beam.stiffness, contact_map=beam.contact_map, areas=beam.areas,
-             points=beam.points, preload=beam.preload, **{"outputs/tip": beam.outputs["tip"]})
-    np.savetxt(folder / "backbone.csv", table, delimiter=",", header="a,f,zeta", comments="")
-    (folder / "recording.toml").write_text(TOML)
+    structures.write_backbone(folder, beam, table, '"2 kN", "20 kN"', "tip")
     return read_structure_recording(folder)
 
 
