@@ -32,7 +32,8 @@ from fretflow.wear.history import WearSettings, WearStep
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
-HARMONICS = 20  # of the masses' motion, at most
+DENSER = 4  # times the samples and harmonics: beyond the arm's own mode, which rings whenever the faces stick
+HARMONICS = 16  # of the masses' motion that more start from: with a play Newton finds all at once from nowhere else
 # of a simulation's wear: faces micrometres apart need 60 to 100, less plausible laws over cycles may need thousands
 MOST_PERIODS = 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
@@ -43,7 +44,7 @@ WEAR_TOLERANCE = 0.1
 
 def harmonics_of(samples: int) -> int:
     """Return the harmonics of the masses' motion that a period of so many samples is solved with."""
-    return min(HARMONICS, samples // 4)
+    return samples // 4
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ class RigModel:
     samples: int
     total_cycles: int
     wear_tolerance: float = WEAR_TOLERANCE
+    harmonics: int | None = None  # of the masses' motion; by default all that the samples hold
 
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
@@ -108,12 +110,12 @@ class RigModel:
             friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
 
     def denser(self) -> RigModel:
-        """Return the same with twice the samples of a period."""
-        return replace(self, samples=2 * self.samples)
+        """Return the same with `DENSER` times the samples of a period, and harmonics of the masses' motion."""
+        return replace(self, samples=DENSER * self.samples)
 
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
-        return QuasiStaticSolver(Solver(samples=self.samples, harmonics=harmonics_of(self.samples),
+        return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
                                         tolerance=TOLERANCE, estimate_error=False), keeps_tangents=True)
 
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
@@ -127,6 +129,8 @@ class RigModel:
         NonConvergenceError
             If a period is not found.
         """
+        if near is None and self.harmonics is None and harmonics_of(self.samples) > HARMONICS:
+            near = replace(self, harmonics=HARMONICS).simulate(hypothesis)
         cycle = PeriodicCycle(self.solver(), self.case_problem(hypothesis), hypothesis.effects)
         coefficient = hypothesis.wear * self.wear_coefficient
         counts, last = self.observation.counts, max(self.observation.counts)

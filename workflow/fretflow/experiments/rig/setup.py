@@ -10,7 +10,7 @@ import numpy as np
 from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
-from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.model import DENSER, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import LoopSet, plateau
@@ -29,7 +29,7 @@ FRICTION = PLAUSIBLE["contact.friction_coefficient"]
 # (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
 # the coarse mesh misses 2.4 to 3.2 of the difference between the two; what is told beyond the finer stays as an error.
 EXTRAPOLATED = 2.5
-SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to twice as many
+SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to `DENSER` times as many
 
 
 def meshes(fast: bool) -> tuple[int, int]:
@@ -168,21 +168,21 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
 
     Each loop's channel has an error of its own, as far as the differences between the meshes (samples) go; for what is
     not known of single depths see `depth_error`. Kinks of the force fall at random between samples, so that errors of
-    these are of second order, but not of a sign of their own: the difference to twice as many leaves a third of itself
-    (L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357).
+    these are of second order, but not of a sign of their own: the difference to n times as many leaves of itself the
+    (n^2 - 1)th part (L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357).
 
     Parameters
     ----------
     observation
         What the predictions are of.
     finer, denser, plain
-        Predictions (M,) on the finer mesh, with twice the samples, and of the coarse model.
+        Predictions (M,) on the finer mesh, with `DENSER` times the samples, and of the coarse model.
     """
     mesh, sampled = finer - plain, denser - plain
     modes = np.zeros((len(plain), 2 * len(observation.pieces)))
     for column, piece in enumerate(observation.pieces):
         modes[piece.place, 2 * column] = (EXTRAPOLATED - 1.0) * mesh[piece.place]
-        modes[piece.place, 2 * column + 1] = sampled[piece.place] / (2**2 - 1)
+        modes[piece.place, 2 * column + 1] = sampled[piece.place] / (DENSER**2 - 1)
     known = np.where(observation.rows(block="map"), 1.0, EXTRAPOLATED)
     return known * mesh + sampled, modes
 

@@ -1,0 +1,33 @@
+"""The arm rings on hinge and contact whenever the faces stick: what fits are corrected by holds it.
+
+The rig's arm sounds at 2,500 Hz free and near 3,000 Hz on faces that stick, at a drive of 100 Hz. Time integration, which
+knows no harmonics, is the reference.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fretflow.effects.backlash import Backlash
+from fretflow.experiments.rig.model import Hypothesis
+from fretflow.solvers.time_integration import settle
+
+STEPS, REPEATS = 1024, 1e-5  # the last step as good as the motion of `TOLERANCE`
+
+
+@pytest.mark.parametrize("effects", [(), (Backlash(play="2.5 um"),)], ids=["baseline", "play"])
+def test_more_samples_bring_the_friction_force_to_that_of_time_integration(effects, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    model = small_rig.rig(small_rig.observed({"displacement": 3e-8, "friction_force": 0.15}, (0,), (), 2e-15, 3e-9))
+    coarse, dense = ((one.simulate(Hypothesis(effects=effects)).loops[0]) for one in (model, model.denser()))
+    history = settle(dense.problem, dense.solution, (4, 40), STEPS, REPEATS)
+    wanted = lines(history.of_period(history.friction_force))
+    assert np.linalg.norm(lines(dense.solution.friction_force) - wanted) < 0.003 * np.linalg.norm(wanted)
+    assert np.linalg.norm(lines(coarse.solution.friction_force) - wanted) > 0.006 * np.linalg.norm(wanted)
+
+
+def lines(force):
+    """Return the compared harmonics of a period of the force, N."""
+    return np.fft.rfft(force)[1:11] / len(force)
