@@ -37,8 +37,10 @@ x = np.geomspace(0.02, 0.8, 100) * LONGEST
 density = TOTAL / LONGEST
 work, stiffness = 2.0 / 3.0 * density * x**3, GROUND + TOTAL - 0.5 * density * x
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-axes.loglog(1e6 * x, work / (2.0 * np.pi * stiffness * x**2), label="closed form")
-axes.loglog(1e6 * found.amplitude / np.sqrt(MASS), found.friction_damping, "o", label="60 sliders")
-axes.set(xlabel="amplitude in µm", ylabel="damping ratio")
+axes.loglog(1e6 * x, 100.0 * work / (2.0 * np.pi * stiffness * x**2), label="closed form")
+axes.loglog(1e6 * found.amplitude / np.sqrt(MASS), 100.0 * found.friction_damping, "o", label="60 sliders")
+axes.set(xlabel="amplitude in µm", ylabel="damping ratio in %")
+axes.set_xticks((2, 5, 10, 20, 50), (2, 5, 10, 20, 50))
+axes.set_yticks((0.1, 0.3, 1, 3), (0.1, 0.3, 1, 3))
 axes.legend()
 plt.show()
