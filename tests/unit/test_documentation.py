@@ -74,3 +74,5 @@ def test_tables_of_keys_tell_what_a_key_takes(monkeypatch):
     assert takes(structure_keys(), "[structure]")["bolt_load"] == 'text as `"1 N"`'
     assert "| name of each channel | a channel |" in recording_keys()
     assert "`channels`" not in recording_keys()  # a file that has this key is refused
+    for keys in (case_keys(), bolted_keys(), recording_keys(), structure_keys()):
+        assert [row for row in keys.splitlines() if row.endswith("|  |")] == []  # a key without a meaning
