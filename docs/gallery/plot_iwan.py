@@ -7,13 +7,9 @@ from static loads in the shape of the mode, beside the closed form of Iwan's mod
 spread evenly (J. Appl. Mech. 33, 1966); at small amplitudes only few of the sixty slip.
 """
 
+import fretflow as ff
 import matplotlib.pyplot as plt
 import numpy as np
-from fretflow.contact.coulomb import Coulomb
-from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
-from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
-from fretflow.structure.matrices import StructureMatrices
-from fretflow.structure.reduction.contact_modes import reduce_structure
 
 TOTAL, LONGEST, MASS, GROUND, COUNT = 4e4, 1e-4, 2.0, 3e4, 60  # N/m, m, kg, N/m
 spring = TOTAL / COUNT
@@ -25,20 +21,21 @@ M[0, 0], K[0, 0] = MASS, GROUND + TOTAL
 K[0, 1::3] = K[1::3, 0] = -spring
 preload, head = np.zeros(size), np.eye(size)[0]
 preload[3::3] = -limits
-structure = StructureMatrices(mass=M, stiffness=K, contact_map=np.eye(size)[1:], areas=np.full(COUNT, 1e-6),
-                              points=np.zeros((COUNT, 3)), preload=preload, inputs={"head": head},
-                              outputs={"head": head})
-joint = BoltedJoint(structure=reduce_structure(structure), law=Coulomb(friction_coefficient=np.array(1.0)),
-                    bolt_load=1.0)
+structure = ff.StructureMatrices(
+    mass=M, stiffness=K, contact_map=np.eye(size)[1:], areas=np.full(COUNT, 1e-6), points=np.zeros((COUNT, 3)),
+    preload=preload, inputs={"head": head}, outputs={"head": head})
+joint = ff.BoltedJoint(structure=ff.reduce_structure(structure), law=ff.Coulomb(1.0), bolt_load=1.0)
 mode = joint.linear_modes(1)[0]
-found = quasi_static_backbone(joint, mode, np.geomspace(0.03, 0.6, 15) * LONGEST * np.sqrt(MASS))
+found = ff.quasi_static_backbone(joint, mode, np.geomspace(0.03, 0.6, 15) * LONGEST * np.sqrt(MASS))
 
 x = np.geomspace(0.02, 0.8, 100) * LONGEST
 density = TOTAL / LONGEST
 work, stiffness = 2.0 / 3.0 * density * x**3, GROUND + TOTAL - 0.5 * density * x
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-axes.loglog(1e6 * x, work / (2.0 * np.pi * stiffness * x**2), label="closed form")
-axes.loglog(1e6 * found.amplitude / np.sqrt(MASS), found.friction_damping, "o", label="60 sliders")
-axes.set(xlabel="amplitude in µm", ylabel="damping ratio")
+axes.loglog(1e6 * x, 100.0 * work / (2.0 * np.pi * stiffness * x**2), label="closed form")
+axes.loglog(1e6 * found.amplitude / np.sqrt(MASS), 100.0 * found.friction_damping, "o", label="60 sliders")
+axes.set(xlabel="amplitude in µm", ylabel="damping ratio in %")
+axes.set_xticks((2, 5, 10, 20, 50), (2, 5, 10, 20, 50))
+axes.set_yticks((0.1, 0.3, 1, 3), (0.1, 0.3, 1, 3))
 axes.legend()
 plt.show()

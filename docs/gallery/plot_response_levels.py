@@ -19,5 +19,6 @@ for newton in (10, 75, 150, 400):
     curve = ff.run(changed, "runs", until="response").curves["unworn"]
     axes.loglog(curve.frequency, 1e6 * curve.amplitude / newton, label=f"{newton} N")
 axes.set(xlabel="frequency in Hz", ylabel="amplitude of the moving mass in µm/N")
+axes.set_xticks((20, 40, 100, 200, 400), (20, 40, 100, 200, 400))
 axes.legend()
 plt.show()

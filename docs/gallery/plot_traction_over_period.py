@@ -20,6 +20,6 @@ share = np.arange(len(traction)) / len(traction)
 scale = np.quantile(np.abs(traction), 0.98)  # the ends of the ridge reach further
 shown = axes.pcolormesh(1e3 * nodes[line, 0], share, traction, cmap="PuOr_r", vmin=-scale, vmax=scale,
                         shading="nearest")
-axes.set(xlabel="x in mm, sliding direction", ylabel="share of the period")
+axes.set(xlim=(-0.5, 0.5), xlabel="x in mm, sliding direction", ylabel="share of the period")
 figure.colorbar(shown, ax=axes, label="traction on the upper face in MPa")
 plt.show()

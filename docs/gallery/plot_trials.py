@@ -2,7 +2,8 @@
 How often a diagnosis is right
 ==============================
 
-Scores of the last trial on 100 concealed recordings, all sizes of effects together, with 95 % intervals.
+Scores of the last trial on 100 concealed recordings, all sizes of effects together, with 95 % intervals. It is of an
+earlier verdict; :doc:`how far to trust </diagnosis>` that of now rests on fewer recordings.
 """
 
 import json

@@ -14,8 +14,8 @@ def commands() -> str:
 
     text = app.generate_docs(output_format="markdown")
     body = re.sub(r"(?s)^.*?(?=^## fretflow run)", "", text, count=1, flags=re.MULTILINE)
-    return "# Commands\n\nWhat `./fretflow COMMAND --help` says.\n\n" + body.replace(
-        "OUT/NAME", "`OUT/NAME`").replace(" -m sphinx", "")  # what started this process
+    body = re.sub(r"OUT/NAME(-\w+(\.\w+)?)?", r"`\g<0>`", body).replace(" -m sphinx", "")  # what started this process
+    return "# Commands\n\nWhat `./fretflow COMMAND --help` says.\n\n" + body
 
 
 def public_names() -> str:

@@ -72,10 +72,16 @@ def key_tables(model: type[BaseModel], name: str = "", skip: tuple[str, ...] = (
 
 def key_table(model: type[BaseModel]) -> str:
     """Return the keys of `model` that are no tables, with unit, default and limits."""
-    rows = [(f"`{key}`", kind_of(info), default_of(info), limits_of(info), escape(info.description or ""))
+    rows = [(name_of(key, info), kind_of(info), default_of(info), limits_of(info), escape(info.description or ""))
             for key, info in model.model_fields.items()
             if table_in(info) is None and (get_origin(plain_type(info.annotation)) is not dict or info.description)]
     return table(("key", "takes", "default", "limits", "meaning"), rows) if rows else ""
+
+
+def name_of(key: str, info: FieldInfo) -> str:
+    """Return a key as it is written: that of channels stands for the name of each."""
+    kind = plain_type(info.annotation)
+    return "name of each channel" if get_origin(kind) is dict and is_channel(get_args(kind)[1]) else f"`{key}`"
 
 
 def plain_type(annotation: Any) -> Any:
@@ -124,6 +130,8 @@ def kind_of(info: FieldInfo) -> str:
     kind, unit = plain_type(info.annotation), unit_of(info)
     if get_origin(kind) is tuple:
         return in_brackets(get_args(kind), unit)
+    if get_origin(kind) is dict and is_channel(get_args(kind)[1]):
+        return "a channel"
     if unit:
         return f'text as `"1 {unit}"`'
     if is_channel(kind):

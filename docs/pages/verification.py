@@ -102,6 +102,7 @@ def scoreboards() -> str:
     """Return the results of the trials on concealed recordings, side by side."""
     shown = [name for name in TRIALS if (ROOT / "benchmarks" / name / "trial.json").is_file()]
     boards = [json.loads((ROOT / "benchmarks" / name / "trial.json").read_text(encoding="utf-8")) for name in shown]
+    heads = [f"{each['cases']} recordings, seed {each['seed']}" for each in (board["settings"] for board in boards)]
     rows = [(label, *(f"{board['all'][key]['hits']} of {board['all'][key]['cases']}" for board in boards))
             for key, label in SCORES.items()]
     rows.append(("expected calibration error", *(f"{board['all']['calibration_error']['value']:.3g}"
@@ -110,8 +111,8 @@ def scoreboards() -> str:
                  *(f"{board['all']['seconds']['value']:.0f} ({board['all']['seconds']['longest']:.0f})"
                    for board in boards)))
     rows = [(label, *(score.replace(" ", "\N{NO-BREAK SPACE}") for score in scores)) for label, *scores in rows]
-    links = ", ".join(f'<a href="trials/{name}.html">{name}</a>' for name in shown)
-    return (TRIALS_HEAD + "\n\n" + table(("", *shown), rows)
+    links = "; ".join(f'<a href="trials/{name}.html">{head}</a>' for name, head in zip(shown, heads, strict=True))
+    return (TRIALS_HEAD + "\n\n" + table(("", *heads), rows)
             + f"\nEvery case as it came out:\n\n```{{raw}} html\n<p>{links}</p>\n```\n")
 
 
@@ -121,7 +122,8 @@ TRIALS_HEAD = """# Trials on concealed recordings
 diagnoses each recording in a process of its own and only then opens them. A fifth of the recordings hides nothing, a
 fifth holds physics beyond the catalogue, a fifth two effects, the rest one, of any size: what stands little above the
 noise is not seen by anybody. The trials stand in the order in which they were made, each with seeds that nobody had
-seen; scores of all sizes are here, those of strong effects alone in the pages below. They stay as they came out."""
+seen; scores of all sizes are here, those of strong effects alone in the pages below. They stay as they came out, all
+with earlier verdicts; [diagnosis](../diagnosis.md#the-verdict) tells what became of later recordings."""
 
 
 def copy_trials(app: Sphinx, error: Exception | None) -> None:

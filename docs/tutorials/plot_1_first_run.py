@@ -7,7 +7,8 @@ ridges of steel, 75 N of excitation at 100 Hz under a normal load of 60 N, 20,00
 
     ./fretflow run examples/quick.toml
 
-runs all stages, draws the pictures and ends with a summary. The same from Python:
+runs all stages, draws the pictures and ends with a summary. The same from Python, which is the clone's
+own: ``.venv/bin/python my_script.py``, or with its full path from anywhere. Results go to ``runs`` where it is called.
 """
 
 import fretflow as ff

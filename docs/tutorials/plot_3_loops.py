@@ -61,7 +61,7 @@ import matplotlib.pyplot as plt
 figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
 for cycles in loops.cycles.values:
     one = loops.sel(cycles=cycles)
-    axes.plot(1e6 * one.displacement.T, one.friction_force.T, lw=0.8, label=[f"{cycles:,} cycles", None, None])
+    axes.plot(1e6 * one.displacement.T, one.friction_force.T, lw=0.8, label=[f"cycle {cycles:,}", None, None])
 axes.set(xlabel="displacement in µm", ylabel="friction force in N")
 axes.legend()
 

@@ -103,5 +103,6 @@ for load, joint in joints.items():
     below.semilogx(swing, 100.0 * found.friction_damping, "o-")
 above.set(ylabel="frequency in Hz")
 below.set(xlabel="amplitude of the beam's end in µm", ylabel="damping ratio of the joint in %")
+below.set_xticks((5, 10, 20, 50), (5, 10, 20, 50))
 above.legend()
 plt.show()

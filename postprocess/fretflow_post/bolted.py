@@ -42,8 +42,10 @@ def _structure(study: JointStudy) -> Figure:
     require_offscreen()
     points, bodies, faces = study.surfaces  # type: ignore[misc]  # asked before
     points = 1e3 * points
-    figure = style.new_figure(study.title, f"mesh, {len(study.bolts)} bolts, and the pressure that they make at "
-                              f"{1e-3 * study.joint.bolt_load:.3g} kN each; below, the bodies drawn apart")
+    load = f"{1e-3 * study.joint.bolt_load:.3g} kN"
+    bolts = f"the bolt and its pressure at {load}" if len(study.bolts) == 1 else (
+        f"{len(study.bolts)} bolts and their pressure at {load} each")
+    figure = style.new_figure(study.title, f"mesh, {bolts}; below, the bodies drawn apart")
     shanks = [_shank(points, faces[one.head], faces[one.nut]) for one in study.bolts]
     mesh = [Layer(surface(points, cells), {"color": colour, "show_edges": True, "edge_color": style.EDGE_COLOUR})
             for cells, colour in zip(bodies.values(), (style.LOWER_COLOUR, style.UPPER_COLOUR) * len(bodies),
@@ -181,9 +183,9 @@ def _curves(study: JointStudy) -> Figure:
     tip = 1e6 * np.abs(curve.outputs[:, 0]) if name else curve.amplitude
     place = f"amplitude of {name} (µm)" if name else "modal amplitude (m kg$^{1/2}$)"
     seen = np.array([1e6 * one.outputs[0] if name else one.amplitude for one in motions])
+    circles = "; circles: periodic motions (extended periodic motion concept)" if motions else ""
     measured = "" if study.measured is None else "; black: measured"
-    figure = style.new_figure(study.title, "static loads in the shape of the mode; circles: periodic motions "
-                              f"(extended periodic motion concept){measured}")
+    figure = style.new_figure(study.title, f"static loads in the shape of the mode{circles}{measured}")
     grid = figure.add_gridspec(2, 2, left=0.08, right=0.97, bottom=0.09, top=0.86, hspace=0.33, wspace=0.24)
     panels = [("natural frequency (Hz)", curve.frequency, [one.frequency for one in motions], 1),
               ("damping ratio (%)", 100.0 * curve.damping, [100.0 * one.damping for one in motions], 2),

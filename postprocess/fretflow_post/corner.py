@@ -37,7 +37,7 @@ def plot_corner(figure: Figure, parameters: Sequence[tuple[str, str, Array]]) ->
     """
     count, width = len(parameters), figure.get_size_inches()[0]
     small = min(13.0, 54.0 / count + 2.5)
-    grid = figure.add_gridspec(count, count, left=1.4 / width, right=0.98, bottom=1.6 / width, top=1.0 - 1.2 / width,
+    grid = figure.add_gridspec(count, count, left=1.6 / width, right=0.98, bottom=1.6 / width, top=1.0 - 1.2 / width,
                                hspace=0.08, wspace=0.08)
     columns = [_readable(*one) for one in parameters]
     wide = [bool(np.all(values > 0.0) and np.quantile(values, 0.95) > DECADES * np.quantile(values, 0.05))
@@ -81,7 +81,7 @@ def _readable(name: str, si: str, draws: Array) -> tuple[str, Array]:
         unit, size = f"$10^{{{power}}}$ {pretty_unit(unit)}".rstrip(" 1"), size * 10.0**power
     of, _, own = name.rpartition(".")
     unit = pretty_unit(unit)
-    lines = (of, fill(parameter_words(own), LETTERS), *((f"({unit})",) if unit not in ("", "1") else ()))
+    lines = (fill(of, LETTERS), fill(parameter_words(own), LETTERS), *((f"({unit})",) if unit not in ("", "1") else ()))
     return "\n".join(lines), draws / size
 
 

@@ -1,7 +1,7 @@
 """The arm rings on hinge and contact whenever the faces stick: what fits are corrected by holds it.
 
-The rig's arm sounds at 2,500 Hz free and near 3,000 Hz on faces that stick, at a drive of 100 Hz. Time integration, which
-knows no harmonics, is the reference.
+The rig's arm sounds at 2,500 Hz free and near 3,000 Hz on faces that stick, at a drive of 100 Hz. Time integration,
+which knows no harmonics, is the reference.
 """
 
 from pathlib import Path

@@ -5,6 +5,7 @@ stated, and regions hold the shares of a normal distribution that they claim.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,23 @@ def test_small_numbers_are_told_with_a_power_of_ten_and_no_correlation_has_no_si
                                     ("a.y", "1", x - 1e-5 * np.repeat([1.0, -1.0], 200))])
     assert figure.axes[1].get_xlabel() == "a\ndamping\n($10^{-3}$)"
     assert figure.texts[-1].get_text() == "0.00"
+
+
+def test_names_of_effects_do_not_run_into_each_other():
+    draws = 5.0 + 0.1 * np.random.default_rng(1).standard_normal((4, 200))
+    with style.styled():
+        figure = style.new_figure("", "", 12.0, 12.0)
+        corner.plot_corner(figure, [(f"velocity-dependent-friction.{name}", "N", own)
+                                    for name, own in zip("abcd", draws, strict=True)])
+        figure.draw_without_rendering()
+        below = [axes.xaxis.label.get_window_extent() for axes in figure.axes if axes.get_xlabel()]
+        beside = [axes.yaxis.label.get_window_extent() for axes in figure.axes if axes.get_ylabel()]
+    assert len(below) == 4
+    assert len(beside) == 3
+    assert all(one.x1 < other.x0 for one, other in pairwise(below))
+    assert all(one.y0 > other.y1 for one, other in pairwise(beside))
+    assert min(one.x0 for one in beside) > 0.0
+    assert min(one.y0 for one in below) > 0.0
 
 
 def test_draws_tell_the_stated_interval():

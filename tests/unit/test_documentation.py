@@ -35,6 +35,7 @@ def test_every_effect_says_on_its_page_what_would_confirm_it(monkeypatch):
     pairs = [(name, other) for name, kind in known.items() for other in kind.told_from]
     assert pairs
     assert all(f"[{one}]({one}.md)" in pages[other] for pair in pairs for one, other in (pair, pair[::-1]))
+    assert [name for name, text in pages.items() if f"from [{name}]({name}.md)" in text] == []
 
 
 def test_what_an_effect_changes_a_little_is_drawn_beneath(monkeypatch, tmp_path):
@@ -58,7 +59,7 @@ def test_prose_has_micrometres_and_cubes_as_they_are_printed():
 def test_tables_of_keys_tell_what_a_key_takes(monkeypatch):
     monkeypatch.syspath_prepend(PROJECT / "docs")
     pytest.importorskip("sphinx")
-    from pages.keys import bolted_keys, case_keys, structure_keys
+    from pages.keys import bolted_keys, case_keys, recording_keys, structure_keys
 
     def takes(text, table):
         rows = text.partition(f"### `{table}`\n")[2].partition("\n###")[0].splitlines()
@@ -71,3 +72,7 @@ def test_tables_of_keys_tell_what_a_key_takes(monkeypatch):
     assert takes(bolted_keys(), "[response]")["forces"] == 'texts as `"1 N"` in brackets'
     assert takes(structure_keys(), "[structure.unknown]")["bolt_load"] == 'two texts as `"1 N"` in brackets'
     assert takes(structure_keys(), "[structure]")["bolt_load"] == 'text as `"1 N"`'
+    assert "| name of each channel | a channel |" in recording_keys()
+    assert "`channels`" not in recording_keys()  # a file that has this key is refused
+    for keys in (case_keys(), bolted_keys(), recording_keys(), structure_keys()):
+        assert [row for row in keys.splitlines() if row.endswith("|  |")] == []  # a key without a meaning

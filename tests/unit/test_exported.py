@@ -55,6 +55,18 @@ def test_what_is_read_is_what_was_run(run, exact, tmp_path, noise):
     assert scatter == pytest.approx([noise * mu * 60.0 for mu in MU.values()], rel=0.1)
 
 
+def test_a_run_and_its_recording_stand_over_one_phase(run, tmp_path, monkeypatch):
+    export_recording(run, tmp_path / "a")
+    for period in run.periods.values():
+        period.displacement = period.upper_observation[:, None]
+    monkeypatch.setattr(RunResults, "periods", run.periods)
+    monkeypatch.setattr(RunResults, "areas", np.ones(1))
+    own, read = RunResults({}, run.case, tmp_path).loops, read_joint_recording(tmp_path / "a").arrays
+    assert own.phase.values == pytest.approx(read.phase.values, abs=1e-9)
+    assert own.phase.attrs["units"] == read.phase.attrs["units"] == "rad"
+    assert own.friction_force.values == pytest.approx(read.friction_force.values[:, 0], abs=1e-6)
+
+
 def test_a_run_that_cannot_be_one_is_refused(run, tmp_path, capsys, monkeypatch):
     export_recording(run, tmp_path)
     with pytest.raises(InputError, match="exists and is left as it is"):

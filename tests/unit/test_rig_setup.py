@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig import run
 from fretflow.experiments.rig.experiment import BASELINE
@@ -50,6 +51,13 @@ def recorded(volume: float | None = 1e-12, **test: float | None) -> Recording:
     return Recording(path=Path("a-recording"), title="t", given={}, rig=None, specimen=None, notes=(), series=None,
                      test=RecordedTest.model_construct(kind=FRETTING_RIG, cycles=30_000, **stated), sweep=None,
                      wear=RecordedWear.model_construct(worn_volume=volume), loops=loops, frf=None, wear_depth=None)
+
+
+def test_a_rig_that_the_recording_does_not_tell_is_told_to_be_the_default() -> None:
+    bare = recorded()
+    told = replace(bare, rig=Rig(), specimen=Specimens())
+    assert run.faulty(told, ["a gain"]).warnings == ("a gain",)
+    assert [one.partition(":")[0] for one in run.faulty(bare, ["a gain"]).warnings] == ["a gain", "rig", "specimen"]
 
 
 def test_friction_is_read_off_the_plateaus() -> None:

@@ -17,6 +17,7 @@ import xarray as xr
 from fretflow.core.errors import StoreError
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_record
+from fretflow.pipeline.run_records import ForcedResponse
 from fretflow.solvers.periodic import PeriodicSolution
 from numpy.typing import NDArray
 
@@ -204,7 +205,18 @@ def test_a_period_opens_in_xarray_over_time_with_its_states_explained(tmp_path):
         assert shown.friction_force.time.values.tolist() == pytest.approx([0.0, 0.005, 0.010, 0.015])
         assert shown.time.attrs["units"] == "s"
         assert shown.force.dims == ("sample", "node", "direction")
+        assert shown.internal.dims == ("sample", "coordinate")
         assert "time" in shown.state.coords
         assert shown.state.attrs["flag_meanings"] == "stick slip separation"
         assert shown.state.attrs["flag_values"].tolist() == [0, 1, 2]
     assert read_record(path, PeriodicSolution).friction_force.tolist() == made.friction_force.tolist()
+
+
+def test_a_forced_response_opens_in_xarray_over_its_frequencies(tmp_path):
+    made = ForcedResponse(cycles=0, excitation=60.0, frequency=np.array([20.0, 40.0, 80.0]), amplitude=np.ones(3),
+                          phase=np.zeros(3), checked=np.array([20.0, 80.0]), error=np.zeros(2))
+    path = write_record(tmp_path / "a.h5", made)
+    with xr.open_dataset(path, engine="h5netcdf") as shown:
+        assert shown.amplitude.dims == ("frequency",)
+        assert shown.error.dims == ("checked",)
+    assert read_record(path, ForcedResponse).checked.tolist() == [20.0, 80.0]

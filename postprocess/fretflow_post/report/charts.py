@@ -79,7 +79,7 @@ class Chart:
             axis.minor_tick_line_color, axis.axis_label_text_color = None, LOOKS["ink"]
             axis.formatter.power_limit_high, axis.formatter.power_limit_low = 7, -4  # beyond them with an exponent
             if label == "cycles":
-                axis.formatter = NumeralTickFormatter(format="0,0")
+                axis.formatter, axis.ticker.min_interval = NumeralTickFormatter(format="0,0"), 1.0
 
     def curve(self, name: str, look: str, x: Array, y: Array, **line: object) -> None:
         """Add the line through (`x`, `y`), broken where a value is missing."""

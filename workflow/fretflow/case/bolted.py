@@ -25,8 +25,8 @@ class Elasticity(Section):
 class Pair(Section):
     """Two named faces that touch."""
 
-    upper: str
-    lower: str
+    upper: str = Field(description="name of the upper face, a physical group of the mesh")
+    lower: str = Field(description="name of the lower face")
 
 
 class BoltTable(Section):
@@ -59,7 +59,7 @@ class Bodies(JoinedBodies):
     """Bodies of a mesh, and what holds them together."""
 
     mesh: Path | None = Field(None, description="a .msh file in metres, from the folder of this file")
-    lap_beam: dict[str, Any] | None = Field(None, description="or a bolted lap beam, see fretflow_meshes.LapBeam")
+    lap_beam: dict[str, Any] | None = Field(None, description="or a bolted lap beam that is made, see docs/case.md")
     material: Elasticity = Field(default_factory=Elasticity)
     modes: int = Field(20, ge=1, le=500, description="modes of the closed joint that are kept")
 
@@ -79,7 +79,7 @@ class Bodies(JoinedBodies):
 class BoltedJointTable(Section):
     """The contact and what presses it."""
 
-    friction_coefficient: float = Field(gt=0.0, le=5.0)
+    friction_coefficient: float = Field(gt=0.0, le=5.0, description="Coulomb friction coefficient")
     bolt_load: u.Force = Field(description="of each bolt")
     modal_damping: float = Field(0.0, ge=0.0, lt=1.0, description="damping ratio without the joint")
 
@@ -90,7 +90,7 @@ class BackboneTable(Section):
     mode: int = Field(1, ge=1, description="number of the mode, from 1")
     smallest: u.Length = Field(description="amplitude of the first sensor")
     largest: u.Length = Field(description="amplitude of the first sensor")
-    points: int = Field(13, ge=3, le=200)
+    points: int = Field(13, ge=3, le=200, description="amplitudes from the smallest to the largest")
     periodic: int = Field(2, ge=0, description="of these also as periodic motions")
     measured: Path | None = Field(None, description="CSV with amplitude_m, frequency_Hz and damping_ratio to compare")
 
@@ -105,7 +105,7 @@ class ResponseTable(Section):
     """Forced responses."""
 
     at: str = Field(description="the sensor that is driven")
-    forces: tuple[u.Force, ...] = Field(min_length=1)
+    forces: tuple[u.Force, ...] = Field(min_length=1, description="amplitudes of the force, a curve each")
 
 
 class BoltedWearTable(Section):
@@ -113,15 +113,16 @@ class BoltedWearTable(Section):
 
     coefficient: u.WearCoefficient = Field(1.1e-14, description="Archard wear coefficient")
     amplitude: u.Length = Field(description="of the first sensor, were nothing to slide")
-    cycles: int = Field(ge=1, le=10**15)
+    cycles: int = Field(ge=1, le=10**15, description="length of the test in cycles")
 
 
 class BoltedCase(Section):
     """A whole case file of a bolted structure, in SI."""
 
-    format: Literal["fretflow-structure/1"]
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)
-    title: Title = ""
+    format: Literal["fretflow-structure/1"] = Field(description="format of this file")
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100,
+                      description="name of the case; names its result folder")
+    title: Title = Field("", description="one line for people")
     structure: Bodies
     joint: BoltedJointTable
     backbone: BackboneTable

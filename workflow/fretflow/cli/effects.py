@@ -10,20 +10,22 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from fretflow.cli.terminal import Json, Out, Terminal, keep_json, new_table, show_files
+from fretflow.cli.terminal import Json, Terminal, keep_json, new_table, show_files
 from fretflow.core.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from fretflow.effects.effect import Effect
 
 
-def effects(effect: str | None = None, /, *, out: Out = Path("runs/effects"), json: Json = None) -> None:
+def effects(effect: str | None = None, /, *, out: Path = Path("runs/effects"), json: Json = None) -> None:
     """List the physics beyond the baseline, or describe one effect with its equation, parameters and a picture.
 
     Parameters
     ----------
     effect
         id of an effect
+    out
+        folder of the picture
     """
     from fretflow.effects.catalogue import catalogue
 

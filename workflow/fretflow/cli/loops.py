@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
-from fretflow.cli.terminal import Json, Out, Terminal, keep_json, new_table, positive, show_files
+from fretflow.cli.terminal import Json, Terminal, keep_json, new_table, positive, show_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,7 +27,7 @@ WIDE = 104  # characters of a terminal in which a value and its deviation stand 
 
 def loops(
     recording: Path, /, *, normal_load: str | None = None, frequency: str | None = None,
-    displacement: str | None = None, force: str | None = None, time: str | None = None, out: Out = Path("runs"),
+    displacement: str | None = None, force: str | None = None, time: str | None = None, out: Path = Path("runs"),
     json: Json = None,
 ) -> None:
     """Read recorded hysteresis loops: friction, stiffness, energy and sliding with uncertainty, for each cycle count.
@@ -48,6 +48,8 @@ def loops(
         column and unit of the friction force
     time
         column and unit of the time
+    out
+        folder of all results; a recording's own are in OUT/NAME-loops
     """
     from fretflow.core.plugins import FIGURES, provided
     from fretflow.core.store import write_csv

@@ -1,4 +1,6 @@
-"""The trial command: what is asked for, the lines of its progress, and how its errors reach the user.
+"""The trial command: concealed recordings made, diagnosed and scored.
+
+Here are what is asked for, the lines of progress, and how errors reach the user.
 
 The trial's package shares nothing with the rest and diagnoses through the command line alone; it is imported here and
 nowhere else.

@@ -1,4 +1,4 @@
-"""The verify command: where a run's periods are, and what their check says."""
+"""The verify command: a run's periods integrated in time, as a check."""
 
 from __future__ import annotations
 

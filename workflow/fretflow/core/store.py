@@ -29,7 +29,8 @@ T = TypeVar("T")
 FORMAT = "fretflow-record/1"
 # Names of dimensions by their symbol in the shape of a field; other symbols stand for themselves.
 DIMENSIONS = {"N": "sample", "nodes": "node", "contact nodes": "node", "3": "direction", "2": "pair", "K": "row",
-              "P": "point", "points": "point", "cells": "cell", "8": "corner", "dofs": "dof", "modes": "mode"}
+              "P": "point", "points": "point", "cells": "cell", "8": "corner", "dofs": "dof", "modes": "mode",
+              "d": "coordinate"}
 COMPRESSED = 1032  # times: the most that deflate makes of a byte (zlib technical details)
 _SHAPE = re.compile(r"\(([^()]+)\)")
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."  # as netCDF-4 marks such a scale

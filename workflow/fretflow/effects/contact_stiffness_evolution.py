@@ -28,6 +28,8 @@ class ContactStiffnessEvolution(ContactStiffness):
     source = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
     over_cycles = True
     observables = ("slope of the stick portion of a loop over cycles", "first resonance over cycles")
+    told_from: ClassVar[Mapping[str, str]] = {
+        other: how for other, how in ContactStiffness.told_from.items() if other != "contact-stiffness-evolution"}
     excludes: ClassVar[Mapping[str, str]] = {
         "contact-stiffness": "contact-stiffness-evolution holds the springs itself; give their parameters there"}
 

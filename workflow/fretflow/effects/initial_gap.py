@@ -64,7 +64,9 @@ class InitialGap(Effect):
         """Return the gap along the sliding direction, beside crowned and hollow faces of the same size."""
         x = np.linspace(-1.0, 1.0, 101)
         size = max(abs(self.tilt_x), abs(self.crown), abs(self.cylinder))
-        forms = {f"t_x {1e6 * self.tilt_x:.3g}, c {1e6 * self.crown:.3g}, z {1e6 * self.cylinder:.3g} µm": self,
+        sizes = {"tilt: t_x": self.tilt_x, "crown: c": self.crown, "cylinder: z": self.cylinder}
+        own = ", ".join(f"{name} {1e6 * value:.3g} µm" for name, value in sizes.items() if value)
+        forms = {own or "flat": self,
                  f"crowned: c {1e6 * size:.3g} µm": self.neutral().changed(crown=size),
                  f"rounded edges: c {1e6 * size:.3g} µm, f 0.6": self.neutral().changed(crown=size, flat=0.6),
                  f"hollow: c −{1e6 * size:.3g} µm": self.neutral().changed(crown=-size)}

@@ -75,7 +75,7 @@ class RunResults(RunRecords):
 
     @cached_property
     def loops(self) -> xr.Dataset:
-        """Return the hysteresis loops, dimensions (cycles, phase); phase is the share of the period.
+        """Return the hysteresis loops, dimensions (cycles, phase); phase in rad as in recordings.
 
         ``displacement`` in m is that of the observed points, ``face_displacement`` the area mean over the contact,
         ``friction_force`` in N is of the upper specimen on the lower one.
@@ -87,10 +87,10 @@ class RunResults(RunRecords):
             along = {"displacement": (period.upper_observation - period.lower_observation)[:, 0],
                      "face_displacement": period.displacement[:, :, 0] @ weights,
                      "friction_force": period.friction_force}
-            phase = np.arange(len(period.friction_force)) / len(period.friction_force)
+            phase = 2.0 * np.pi * np.arange(len(period.friction_force)) / len(period.friction_force)
             loops.append(to_dataset({name: (("phase",), values, "N" if "force" in name else "m")
                                    for name, values in along.items()},
-                                  {"phase": (("phase",), phase, "1"), "cycles": ((), cycles, "1")}))
+                                  {"phase": (("phase",), phase, "rad"), "cycles": ((), cycles, "1")}))
         return xr.concat(loops, dim="cycles", join="outer", combine_attrs="override")
 
     @cached_property

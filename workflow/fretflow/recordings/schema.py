@@ -114,7 +114,7 @@ class FileBlock(Section):
     """A file of the recording and its channels."""
 
     file: str = Field(description="file, from the folder of recording.toml")
-    channels: dict[str, ChannelSpec] = Field(description="what the columns are")
+    channels: dict[str, ChannelSpec] = Field(description='its column: displacement = { column = "x_um", unit = "um" }')
 
     @model_validator(mode="before")
     @classmethod

@@ -1,6 +1,6 @@
 """What solvers need of a structure: its massless boundary, its dynamic stiffness, named inputs and outputs.
 
-The contact is massless (C. Monjaraz-Tec, J. Gross, M. Krack, Comput. Struct. 274 (2023), massless-boundary component
+The contact is massless (C. D. Monjaraz Tec, J. Gross, M. Krack, Comput. Struct. 260 (2022), massless-boundary component
 mode synthesis): with internal coordinates q, loads i at named inputs and static coordinates s that are free of mass and
 spring, the relative displacement u of the contact points under the contact force f on the upper ones is
 

@@ -122,14 +122,14 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
 
 def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
     """Return what is said of a recording whose instruments contradict themselves or the rig: no physics."""
-    whole = Remainder(share=1.0, times_noise=np.inf, where="the instruments")
+    whole, told = Remainder(share=1.0, times_noise=np.inf, where="the instruments"), (*wrong, *words.assumed(recording))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=Verdict.UNKNOWN,
         effects=(), probability=1.0 - FALSE_ALARMS, ranking=(), sentence=words.of_instruments(wrong),
         detection=Detection(p_value=FALSE_ALARMS, statistic="instruments", tests={}, false_alarm_rate=FALSE_ALARMS),
         location=Location(block="sensor", channel="", phase="", cycles=(0, 0), zone="", text=""), parameters=(),
         held_out=None, separating_measurement="The channels again, calibrated against each other at rest and unloaded.",
-        smallest_visible={}, remainder=whole, warnings=tuple(wrong), notes=tuple(wrong))
+        smallest_visible={}, remainder=whole, warnings=told, notes=told)
 
 
 def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Found, before: Fit,
@@ -142,7 +142,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
                       cut=found.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
     remainder = _remainder(experiment, hypotheses, found, behind)
-    warnings = [*doubted, *map(str, recording.notes), *words.unfinished({
+    warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *words.unfinished({
         names for names in (frozenset[str](), found.after) if not hypotheses.fits[names].converged})]
     warnings += words.at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:

@@ -20,6 +20,7 @@ from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLa
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed, not_enough, percent, probability
 from fretflow.inference.words import separating as separating
+from fretflow.recordings.recording import Recording
 
 Names = Collection[str]
 WORTH_TELLING = 0.2  # of the squares that a law explains
@@ -28,6 +29,12 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
             "mass": ("rig.moving_mass", "kg", "mass of the driven block"),
             "compliance": ("specimen.lower.youngs_modulus", "Pa",
                            "modulus of the lower specimen; that of the upper goes with it, as loops tell their sum")}
+
+
+def assumed(recording: Recording) -> tuple[str, ...]:
+    """Return what of the rig is taken from the defaults of case files, as the recording does not tell it."""
+    return tuple(f"{table}: is not in the file, so that the defaults of case files are taken; give yours as [{table}]"
+                 for table in ("rig", "specimen") if getattr(recording, table) is None)
 
 
 def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:

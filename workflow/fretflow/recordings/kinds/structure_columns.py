@@ -15,6 +15,8 @@ from fretflow.recordings.headings import split_heading
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table
 
+TABLE = "file, from the folder of recording.toml"  # what the key `file` of a block holds
+
 
 class StructureColumn(Section):
     """A column of a file: its heading or place, unit, and errors."""

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from fretflow.case.bolted import JoinedBodies
 from fretflow.case.config import Section
 from fretflow.recordings.description import Description
-from fretflow.recordings.kinds.structure_columns import StructureColumn, number, positive_range
+from fretflow.recordings.kinds.structure_columns import TABLE, StructureColumn, number, positive_range
 from fretflow.recordings.kinds.worn_profiles import LineContactSection, ProfileBlock, VolumesBlock
 
 TYPICAL = {  # where nothing is said of them
@@ -30,9 +30,11 @@ class Control(StrEnum):
 class UnknownRanges(Section):
     """What is to be found, each within a range."""
 
-    bolt_load: Annotated[tuple[float, float] | None, positive_range("N")] = None
-    modal_damping: Annotated[tuple[float, float] | None, positive_range("1")] = None
-    friction_coefficient: Annotated[tuple[float, float] | None, positive_range("1")] = None
+    bolt_load: Annotated[tuple[float, float] | None, positive_range("N")] = Field(None, description="of each bolt")
+    modal_damping: Annotated[tuple[float, float] | None, positive_range("1")] = Field(
+        None, description="damping ratio without the joint")
+    friction_coefficient: Annotated[tuple[float, float] | None, positive_range("1")] = Field(
+        None, description="Coulomb friction coefficient")
 
     @field_validator("modal_damping")
     @classmethod
@@ -49,9 +51,11 @@ class StructureSection(JoinedBodies):
     mesh: str | None = Field(None, description="or a .msh file of its bodies in metres, joined by what follows")
     line_contact: LineContactSection | None = None
     material: str | dict[str, Any] | None = Field(None, description="youngs_modulus, poissons_ratio and density")
-    bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0)
-    modal_damping: Annotated[float | None, number("1")] = Field(None, ge=0.0, lt=1.0)
-    friction_coefficient: Annotated[float | None, number("1")] = Field(None, gt=0.0)
+    bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0, description="of each bolt, where known")
+    modal_damping: Annotated[float | None, number("1")] = Field(
+        None, ge=0.0, lt=1.0, description="damping ratio without the joint, where known")
+    friction_coefficient: Annotated[float | None, number("1")] = Field(
+        None, gt=0.0, description="Coulomb friction coefficient, where known")
     unknown: UnknownRanges = Field(default_factory=UnknownRanges)
 
     @model_validator(mode="after")
@@ -73,32 +77,32 @@ class StructureSection(JoinedBodies):
 class BackboneBlock(Section):
     """Natural frequency and damping over amplitude."""
 
-    file: str
+    file: str = Field(description=TABLE)
     amplitude_of: str = Field(description='a named output, or "modal"')
     mode: int | None = Field(None, ge=1, description="its number among the elastic modes, from 1")
-    amplitude: StructureColumn
-    frequency: StructureColumn
-    damping: StructureColumn | None = None
+    amplitude: StructureColumn = Field(description="as displacement, velocity or acceleration, by its unit")
+    frequency: StructureColumn = Field(description="natural frequency there")
+    damping: StructureColumn | None = Field(None, description="damping ratio there")
 
 
 class ResponseBlock(Section):
     """A frequency response under control."""
 
-    file: str
-    control: Control
+    file: str = Field(description=TABLE)
+    control: Control = Field(description="what was held while the frequency changed")
     of: str = Field(description="a named output")
     at: str | None = Field(None, description="a named input, where it is driven")
-    level: str | float | None = None
-    frequency: StructureColumn
-    force: StructureColumn | None = None
-    amplitude: StructureColumn
-    phase: StructureColumn | None = None
+    level: str | float | None = Field(None, description="amplitude at which it was held, with its unit")
+    frequency: StructureColumn = Field(description="frequency of the force")
+    force: StructureColumn | None = Field(None, description="amplitude of the force")
+    amplitude: StructureColumn = Field(description="amplitude of the output")
+    phase: StructureColumn | None = Field(None, description="of the output behind the force")
 
 
 class FreeBlock(Section):
     """A table whose columns are free to choose."""
 
-    file: str | None = None
+    file: str | None = Field(None, description=TABLE)
     columns: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="before")
@@ -112,8 +116,8 @@ class FreeBlock(Section):
 class StructureTest(Section):
     """What was done."""
 
-    kind: Literal["structure"]
-    cycles: int | None = Field(None, ge=0)
+    kind: Literal["structure"] = Field(description="what is to be predicted")
+    cycles: int | None = Field(None, ge=0, description="length of the test in cycles")
 
 
 class StructureFile(Description):

@@ -33,7 +33,7 @@ from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
-from fretflow.recordings.kinds.structure_columns import StructureColumn, number, read_column, stated_sd
+from fretflow.recordings.kinds.structure_columns import TABLE, StructureColumn, number, read_column, stated_sd
 from fretflow.recordings.readers.tables import read_table
 
 FEWEST_PLACES = 5  # of a profile: two edges, a middle and what lies between
@@ -42,37 +42,37 @@ FEWEST_PLACES = 5  # of a profile: two edges, a middle and what lies between
 class LineContactSection(Section):
     """A cylinder on a flat of the same elastic material, in plane strain."""
 
-    radius: u.Length
+    radius: u.Length = Field(description="of the cylinder")
     load: Annotated[float, number("N/m")] = Field(gt=0.0, description="normal load per length")
     elastic_modulus: u.Pressure = Field(description="of both bodies")
-    poisson_ratio: float = Field(ge=0.0, lt=0.5)
+    poisson_ratio: float = Field(ge=0.0, lt=0.5, description="of both bodies")
 
 
 class WearCondition(Section):
     """Under what a profile was worn."""
 
-    cycles: int = Field(ge=1)
-    frequency: u.Frequency
+    cycles: int = Field(ge=1, description="length of the test in cycles")
+    frequency: u.Frequency = Field(description="frequency of the motion")
     displacement_amplitude: u.Length = Field(description="half the stroke, in gross slip")
 
 
 class ProfileBlock(WearCondition):
     """A worn profile: total depth of both bodies across the scar, along the sliding."""
 
-    file: str
-    x: StructureColumn
-    depth: StructureColumn
+    file: str = Field(description=TABLE)
+    x: StructureColumn = Field(description="place along the sliding")
+    depth: StructureColumn = Field(description="total depth of both bodies there")
 
 
 class VolumesBlock(Section):
     """Worn volumes of tests, both bodies together."""
 
-    file: str
+    file: str = Field(description=TABLE)
     width: u.Length = Field(description="length of the line contact")
-    volume: StructureColumn
-    cycles: StructureColumn
-    frequency: StructureColumn
-    displacement_amplitude: StructureColumn
+    volume: StructureColumn = Field(description="worn volume of a test")
+    cycles: StructureColumn = Field(description="its length in cycles")
+    frequency: StructureColumn = Field(description="its frequency")
+    displacement_amplitude: StructureColumn = Field(description="half its stroke")
 
 
 @record

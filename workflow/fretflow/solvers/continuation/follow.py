@@ -128,7 +128,7 @@ def continue_response(problem: PeriodicProblem, start: float, stop: float, chann
 
     Notes
     -----
-    Pseudo-arc-length continuation with the contact solved at every instant; the module's text tells how.
+    Pseudo-arc-length continuation with the contact solved at every instant (``docs/theory/periodic.md``).
 
     Examples
     --------

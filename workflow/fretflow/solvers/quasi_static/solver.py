@@ -83,7 +83,7 @@ class PeriodWithTangent(PeriodicSolution):
 
 
 class QuasiStaticSolver:
-    """Solves periodic problems true to time integration; see the module's text.
+    """Solves periodic problems true to time integration (``docs/theory/periodic.md``).
 
     Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
     two thirds of the time, and within its tolerance depends on where it began.
