@@ -47,8 +47,8 @@ class ForcedResponse:
     frequency: Array = quantity("Hz", "(F,)", coordinate=True)
     amplitude: Array = quantity("m", "(F,), first harmonic of the moving mass")
     phase: Array = quantity("rad", "(F,), of that harmonic behind the force, 0 to 2 pi")
-    checked: Array = quantity("Hz", "(C,), where the full solution was found too",
-                                            default_factory=lambda: np.empty(0))
+    checked: Array = quantity("Hz", "(C,), where the full solution was found too", coordinate=True,
+                              default_factory=lambda: np.empty(0))
     error: Array = quantity("1", "(C,), of the amplitude there", default_factory=lambda: np.empty(0))
 
     @property
