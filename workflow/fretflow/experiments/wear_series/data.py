@@ -51,7 +51,7 @@ def wear_data(series: WearSeries) -> WearData:
     condition = _conditions(series)
     twice = _twice(series, condition)
     weight = 1.0 / np.bincount(twice)[twice]
-    if (count := len(np.unique(condition))) < FREEDOM:
+    if (count := min(len(np.unique(condition)), len(np.unique(twice)))) < FREEDOM:
         raise UnreliableRecordingError(f"{series.path}: {count} different conditions are too few for a law of wear, at "
                                        f"least {FREEDOM} are needed; add tests")
     if (repeated := weight < 1.0).any():

@@ -33,6 +33,7 @@ from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
+from fretflow.core.units import pretty_quantity
 from fretflow.recordings.description import file_at, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
@@ -173,7 +174,8 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     ring_down = None if file.ring_down is None else _ring_down(file.ring_down, toml.parent)
     if backbone is None and not responses and ring_down is None:
         raise ConfigError(f"{toml}: give at least one of the blocks backbone, frf and ring_down")
-    notes += _implausible(known)
+    notes += _implausible(known if own.mesh is None else {
+        **known, "youngs_modulus": _material(toml, own).youngs_modulus})
     notes += [Note(name, "is compared where structure.line_contact is given alone") for name in (
         "profile", "wear_depth", "volumes") if getattr(file, name)]
     return StructureRecording(path=path, title=file.title or name_of(path), matrices=matrices, known=known,
@@ -182,21 +184,30 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
 
 
 def _implausible(known: Mapping[str, float]) -> list[Note]:
-    value, (low, high) = known.get("friction_coefficient"), PLAUSIBLE["contact.friction_coefficient"]
-    return [] if value is None or low <= value <= high else [
-        Note("structure", f"friction_coefficient = {value:g} is beyond what joints have ({low:g} to {high:g}); check "
-                          "the number")]
+    notes = []
+    for name, unit, ends in (("friction_coefficient", "1", "contact.friction_coefficient"),
+                             ("youngs_modulus", "Pa", "specimen.youngs_modulus"),
+                             ("elastic_modulus", "Pa", "specimen.youngs_modulus")):
+        low, high = PLAUSIBLE[ends]
+        if name in known and not low <= known[name] <= high:
+            value, *limits = (pretty_quantity(one, unit, 4) for one in (known[name], low, high))
+            notes.append(Note("structure", f"{name} = {value} is beyond what joints have ({limits[0]} to {limits[1]}); "
+                                           "check the number and its unit"))
+    return notes
 
 
 def _matrices(toml: Path, own: StructureSection) -> StructureMatrices:
     if own.mesh is None:
         return read_structure(toml.parent / str(own.matrices))
+    return assembled_bodies(toml.parent / own.mesh, own, _material(toml, own), round_bolts(own.bolts))
+
+
+def _material(toml: Path, own: StructureSection) -> Elasticity:
     given = own.material if isinstance(own.material, dict) else {}
     try:
-        material = Elasticity.model_validate(given)
+        return Elasticity.model_validate(given)
     except ValidationError as error:
         raise ConfigError(f"{toml}: structure.material.{explain(error, given, model=Elasticity)}") from error
-    return assembled_bodies(toml.parent / own.mesh, own, material, round_bolts(own.bolts))
 
 
 def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: Path) -> WornRecording:
@@ -208,7 +219,8 @@ def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: 
     low, high = file.structure.unknown.friction_coefficient or TYPICAL["friction_coefficient"]
     notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down", "wear_depth")
              if getattr(file, name)]
-    notes += _implausible({} if given is None else {"friction_coefficient": float(given)})
+    notes += _implausible({"elastic_modulus": contact.elastic_modulus,
+                           **({} if given is None else {"friction_coefficient": float(given)})})
     return WornRecording(path=path, title=file.title or name_of(path), contact=contact, profiles=profiles, areas=areas,
                          friction=(low, high) if given is None else (given, given), notes=tuple(notes))
 
