@@ -52,6 +52,13 @@ def recorded(volume: float | None = 1e-12, **test: float | None) -> Recording:
                      wear=RecordedWear.model_construct(worn_volume=volume), loops=loops, frf=None, wear_depth=None)
 
 
+def test_a_displacement_from_outside_the_specimen_is_refused() -> None:
+    recording = recorded()
+    far = replace(recording.loops, displacement_of=DisplacementOf(MeasuredAt.DISTANCE, 1.0))
+    with pytest.raises(UnreliableRecordingError, match=r"loops\.displacement_of: 1 m lies outside the specimen"):
+        case_of(replace(recording, loops=far))
+
+
 def test_friction_is_read_off_the_plateaus() -> None:
     """A rigid slider's force is mu N all the time."""
     assert first_friction(recorded()) == pytest.approx(FRICTION, rel=1e-6)
