@@ -44,6 +44,19 @@ class DrawnRun(RunRecords):
                      for side, summary in zip(SIDES, self.meshes, strict=True))
 
 
+def check_names(output: Output) -> None:
+    """Refuse pictures that there are not.
+
+    Raises
+    ------
+    InputError
+        Naming the first, and those that there are.
+    """
+    wrong = [name for name in output.figures or () if name not in NAMES]
+    if wrong:
+        raise InputError(f"output.figures: {wrong[0]!r} is none of {', '.join(NAMES)}{did_you_mean(wrong[0], NAMES)}")
+
+
 def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = None) -> list[Path]:
     """Draw everything that the complete stages of a run allow.
 
@@ -72,9 +85,7 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     """
     require_offscreen()
     run = DrawnRun(folders, output or Output())
-    wrong = [name for name in run.output.figures or () if name not in NAMES]
-    if wrong:
-        raise InputError(f"output.figures: {wrong[0]!r} is none of {', '.join(NAMES)}{did_you_mean(wrong[0], NAMES)}")
+    check_names(run.output)
     files: list[Path] = []
     with style.saved_as(run.output.figure_formats):
         for name, draw in _pictures(run):

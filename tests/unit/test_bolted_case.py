@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fretflow.case.bolted import load_bolted_case
 from fretflow.case.config import load_case
+from fretflow.case.plausibility import implausible
 from fretflow.cli.run import _figure
 from fretflow.core.errors import ConfigError, MeshError
 
@@ -46,6 +47,12 @@ def test_what_cannot_be_is_one_line(tmp_path, old, new, said):
     with pytest.raises(ConfigError, match=said) as error:
         load_bolted_case(changed(tmp_path, old, new))
     assert "\n" not in str(error.value)
+
+
+def test_what_no_joint_has_is_named(tmp_path):
+    assert not list(implausible(load_bolted_case(EXAMPLES / "bolted_beam.toml")))
+    (found,) = implausible(load_bolted_case(changed(tmp_path, '"205 GPa"', '"205 Pa"')))
+    assert found.startswith("structure.material.youngs_modulus = 205 Pa is beyond what joints have")
 
 
 def test_a_lap_beam_of_unknown_keys_is_refused():

@@ -15,6 +15,7 @@ import xarray as xr
 from fretflow import cli
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import load_case, validate_case
+from fretflow.cli.calibrate import _show_rig
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.pipeline import calibrate, run_records
@@ -153,6 +154,18 @@ def test_of_two_factors_only_the_product_is_determined():
     assert found.direction_sd[0] == pytest.approx(0.01, rel=1e-3)
     np.testing.assert_allclose(found.shrinkage, np.sqrt(0.5), rtol=1e-3)
     assert found.predicted[0] == pytest.approx(1.5, rel=1e-3)
+
+
+def test_what_a_product_is_known_to_is_an_interval_as_that_of_a_parameter(capsys):
+    """Half a width in per cent is no interval where a parameter is known to a factor: "±230 %" was printed."""
+    names = tuple(calibrate.UNITS)
+    prior = LogNormalPrior(names=names, value=np.ones(5), factor=np.full(5, 10.0))
+    data = Data(names=("distance",), value=np.array([1.0]), relative_sd=np.array([5.0]))
+    found = identify(power_laws(np.eye(1, 5)), prior, data)
+    product, own = (np.array(ends) for ends in (found.product_interval, found.interval))
+    np.testing.assert_allclose(product[:, 0], own[:, 0] / found.value[0], rtol=1e-9)
+    _show_rig(found)
+    assert f"{product[0, 0]:.3g} to {product[1, 0]:.3g}" in capsys.readouterr().out
 
 
 def test_a_rough_model_leads_to_the_parameters_of_the_exact_one():

@@ -10,6 +10,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from fretflow import cli
 from fretflow.case.config import load_case
 from fretflow.core.errors import InputError, MeshError, StoreError
 from fretflow.pipeline import estimate
@@ -111,6 +112,15 @@ def test_the_mesh_stage_reports_the_quality_of_both_meshes(tmp_path, side):
     assert 0.7 < quality.pop(side) < 0.9  # of the angles outside of the core's corners, halved from 270 degrees
     assert next(iter(quality.values())) == pytest.approx(1.0, abs=1e-9)  # bricks
     assert figures["contact_nodes"] == 25
+
+
+def test_a_picture_that_there_is_not_is_refused_before_anything_is_made(tmp_path, capsys):
+    """It was after all else had been computed."""
+    path = tmp_path / "case.toml"
+    path.write_text((EXAMPLES / "quick.toml").read_text().replace("[output]", '[output]\nfigures = ["lops"]'))
+    assert cli.execute(["run", str(path), "--until", "mesh", "--out", str(tmp_path / "runs")]) == 2
+    assert "output.figures: 'lops' is none of" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_mesh_that_is_made_alone_needs_no_memory_for_what_would_follow(tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import xarray as xr
 from fretflow import cli
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Solver, validate_case
@@ -79,6 +80,10 @@ def test_the_command_makes_curves_and_reads_them_off(home, capsys):
     folder = home / stage.FOLDER
     curves = {run.state: run for run in (read_record(path, stage.RunCurve) for path in folder.glob("*.h5"))}
     assert {state: run.cycles for state, run in curves.items()} == {"unworn": 0, "worn": CYCLES}
+    with xr.open_dataset(next(folder.glob("unworn*.h5")), group="curve", engine="h5netcdf") as kept:
+        block = kept.first_harmonic.sel(channels="block")
+        assert block.dims == ("point",)
+        assert block.values.tolist() == curves["unworn"].curve.first_harmonic[:, 0].tolist()
     found = {(row["state"], row["direction"]): row for row in rows(folder / "peaks.csv")}
     assert set(found) == {(state, way) for state in ("unworn", "worn") for way in ("up", "down")}
     for (state, way), row in found.items():

@@ -60,6 +60,13 @@ def test_a_rig_that_the_recording_does_not_tell_is_told_to_be_the_default() -> N
     assert [one.partition(":")[0] for one in run.faulty(bare, ["a gain"]).warnings] == ["a gain", "rig", "specimen"]
 
 
+def test_a_displacement_from_outside_the_specimen_is_refused() -> None:
+    recording = recorded()
+    far = replace(recording.loops, displacement_of=DisplacementOf(MeasuredAt.DISTANCE, 1.0))
+    with pytest.raises(UnreliableRecordingError, match=r"loops\.displacement_of: 1 m lies outside the specimen"):
+        case_of(replace(recording, loops=far))
+
+
 def test_friction_is_read_off_the_plateaus() -> None:
     """A rigid slider's force is mu N all the time."""
     assert first_friction(recorded()) == pytest.approx(FRICTION, rel=1e-6)

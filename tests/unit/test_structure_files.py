@@ -103,6 +103,9 @@ def test_matlab_7_3(held, tmp_path):
     ({"modal_damping": np.array([0.1, 0.2])}, "modal_damping: must be one ratio"),
     ({"outputs": np.ones((2, SIZE)), "output_names": np.array(["a"])}, "outputs: 2 rows but 1 names"),
     ({"outputs": np.ones((2, 3))}, "outputs: 1 has the shape"),
+    ({"outputs": np.zeros((1, SIZE))}, "outputs: 1 holds only zeros"),
+    ({"M": np.zeros((0, 0))}, "M: holds nothing"),
+    ({"C": -np.eye(SIZE)}, "C: is not positive definite, C[0, 0] is negative"),
     ({"M": np.array([["a"] * SIZE] * SIZE)}, "M: holds no real numbers"),
 ])
 def test_bad_arrays_are_named(held, tmp_path, change, words):

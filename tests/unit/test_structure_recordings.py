@@ -110,6 +110,7 @@ def test_damping_in_the_matrices_is_known_and_what_nothing_is_said_of_is_noted(f
     ({"backbone": "a,f,zeta\n2,80,0.1\n2,79.9,0.2\n2,79.8,0.4\n"}, "1 points tell no trend"),
     ({"backbone": "a,f,zeta\n1,80,1\n2,79.9,200\n3,79,3\n"}, "damping must be a ratio from 0 to 1"),
     ({"backbone": "a,g,zeta\n1,80,0.1\n2,79.9,0.2\n3,79.8,0.4\n"}, "has no column 'f'"),
+    ({"backbone": "a,f,zeta\n1,80,0\n2,79.9,0\n3,79.8,0\n"}, "damping holds only zeros; leave it out"),
     ({"of": "nose"}, "'nose' is no output of the structure; it has tip, end"),
     ({"unit": "N"}, "backbone.amplitude.unit: 'N' is no unit like m or m/s or m/s^2"),
     ({"unit": ""}, "backbone.amplitude.unit: is required"),
@@ -226,6 +227,7 @@ def test_errors_wider_than_neighbours_tell_are_told_by_what_is_missed():
     ('kind = "structure"', 'kind = "structure"\nspeed = 3', "unknown key"),
     ('high = "1 %"', 'high = 1.0', "structure.unknown.modal_damping: is a range of damping ratios below 1"),
     ('level = "5 um"', 'level = "5 N"', "frf.level"),
+    ('level = "5 um"', 'level = "-5 um"', "frf.level: must be positive, got '-5 um'"),
     ('control = "response"', 'control = "none"', "frf.0.control"),
     ("[ring_down]", "[ring_down]\nextra = 3", "ring_down: each key but file is a table"),
     ('format = "fretflow-recording/1"', 'format = "x"', "format: must be"),
@@ -236,6 +238,32 @@ def test_a_bad_key_is_named(folder, old, new, words):
     with pytest.raises(FretflowError) as caught:
         read_structure_recording(folder(text.replace(old, new)))
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(("file", "content", "words"), [
+    ("frf.csv", "f,F,x,phi\n-79,100,5,10\n80,50,5,90\n", "frf: frequency must be positive, row 1 has -79"),
+    ("frf.csv", "f,F,x,phi\n79,-100,5,10\n80,50,5,90\n", "frf: force must be positive, row 1 has -0.1"),
+    ("frf.csv", "f,F,x,phi\n79,100,5,10\n80,50,-5,90\n", "frf: amplitude must be positive, row 2 has -5e-06"),
+    ("ring.csv", "t,acc\n0,1\n", "ring.csv: ring_down: 1 samples are no decay"),
+])
+def test_bad_rows_of_responses_and_decays_are_named(folder, file, content, words):
+    (path := folder()).joinpath(file).write_text(content)
+    with pytest.raises(FretflowError) as caught:
+        read_structure_recording(path)
+    assert words in str(caught.value)
+
+
+def test_a_decay_without_a_period_is_told_in_one_line(folder):
+    head, _, decay = TOML.format(of="tip", unit="m/s^2").partition("[ring_down]")
+    recording = read_structure_recording(folder(head.partition("[backbone]")[0] + "[ring_down]" + decay))
+    with pytest.raises(FretflowError, match="ring_down: samples every"):
+        StructureExperiment.of(recording)
+
+
+def test_friction_that_no_joint_has_is_noted(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace("friction_coefficient = 0.6", "friction_coefficient = 60")
+    assert any("friction_coefficient = 60 is beyond what joints have (0.02 to 3)" in str(note)
+               for note in read_structure_recording(folder(text)).notes)
 
 
 BAD_STRUCTURES = {

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow import cli
 from fretflow.cli import app
 from fretflow.core.errors import ConfigError, CorruptRecordingError, InputError, RecordingError
 from fretflow.recordings.kinds import kind_at
@@ -186,6 +187,14 @@ def test_a_long_record_is_no_series(table):
     path = table(rows() * 1000)
     with pytest.raises(RecordingError, match="12,000 rows are no wear series"):
         read_wear_series(path)
+
+
+def test_one_test_that_stands_six_times_is_no_series(tmp_path, capsys):
+    """It ended in a singular matrix."""
+    path = tmp_path / "tests.csv"
+    path.write_text("V_mm3,E_J\n" + "0.1,100\n" * 6)
+    assert cli.execute(["diagnose", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "1 different conditions are too few" in capsys.readouterr().err
 
 
 def test_a_missing_table_is_named(tmp_path):

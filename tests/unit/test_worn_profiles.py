@@ -79,6 +79,7 @@ def test_profiles_and_volumes_are_read_in_si(tmp_path):
     ('radius = "80 mm"', 'matrices = "a.npz"', "line_contact"),
     ('cycles = 5000', 'cycles = 0', "cycles"),
     ('unit = "um", sd', 'unit = "N", sd', "profile.depth.unit: 'N' is no unit like m"),
+    ('poisson_ratio = 0.3', 'poissons_ratio = 0.3', "did you mean poisson_ratio"),
     ('poisson_ratio = 0.3', 'poisson_ratio = 0.6', "poisson_ratio")])
 def test_a_bad_key_is_named(tmp_path, old, new, words):
     made(tmp_path)
@@ -86,6 +87,15 @@ def test_a_bad_key_is_named(tmp_path, old, new, words):
     (tmp_path / "recording.toml").write_text(text.replace(old, new))
     with pytest.raises(FretflowError, match=words):
         read_structure_recording(tmp_path)
+
+
+def test_a_modulus_in_a_wrong_unit_is_noted(tmp_path):
+    """110 Pa came to "not in the catalogue" at more than 99.9 % without a word."""
+    assert not made(tmp_path).notes
+    text = (tmp_path / "recording.toml").read_text()
+    (tmp_path / "recording.toml").write_text(text.replace("110 GPa", "110 Pa"))
+    (note,) = read_structure_recording(tmp_path).notes
+    assert "elastic_modulus = 110 Pa is beyond what joints have (100 MPa to 1.3 TPa)" in str(note)
 
 
 def test_the_march_that_made_them_is_found_again(tmp_path):

@@ -161,6 +161,7 @@ def _reason(error: ErrorDetails, model: type[BaseModel]) -> str:
     clearer = {
         "extra_forbidden": "unknown key; `fretflow init` writes a file with all known ones",
         "missing": "is required; `fretflow init` writes a file that has it",
+        "dict_type": "must be a table of keys; `fretflow init` writes a file that shows them",
         "model_type": "must be a table of keys; `fretflow init` writes a file that shows them",
         "string_pattern_mismatch": "takes letters, digits, '.', '_', '-' and begins with one of the first two",
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fretflow.case.bolted import BoltedCase
 from fretflow.case.casefile import entries
 from fretflow.case.config import Case, PeriodicMethod
 from fretflow.core.units import pretty_quantity
@@ -21,15 +22,18 @@ PLAUSIBLE = {
     # J. F. Archard and W. Hirst, Proc. R. Soc. A 236 (1956) 397: 1e-18 to 1e-12 m^2/N for metals and polymers
     "wear.coefficient": (1e-19, 1e-12),
     "solver.penalty": (1e3, 1e13),
+    "structure.material.youngs_modulus": (1e8, 1.3e12), "structure.material.density": (100.0, 2.5e4),
+    "joint.friction_coefficient": (0.02, 3.0), "joint.bolt_load": (1e-2, 1e7),
 }
 
 
 def warnings(case: Case) -> tuple[str, ...]:
     """Return what is remarkable about the values of `case`: those beyond what joints have, and those without effect."""
-    return (*dict.fromkeys(_implausible(case)), *_without_effect(case))
+    return (*dict.fromkeys(implausible(case)), *_without_effect(case))
 
 
-def _implausible(case: Case) -> Iterator[str]:
+def implausible(case: Case | BoltedCase) -> Iterator[str]:
+    """Yield what is said of each value of `case` that is beyond what joints have."""
     for entry in entries(case):
         name = ".".join((*(part for part in entry.table if part not in ("upper", "lower")), entry.key))
         if not entry.value or name not in PLAUSIBLE:

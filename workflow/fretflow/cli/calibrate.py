@@ -58,9 +58,9 @@ def _show_rig(found: Identification) -> None:
         unit = "Hz" if name in UNITS else "m"
         view.add_row(name, pretty_quantity(value, unit, 4), pretty_quantity(predicted, unit, 4), f"{off:+.2f}")
     console.print(view)
-    view = new_table("what the data determine together", "product of powers", "known to", "gain over prior")
-    for index, (sd, strength) in enumerate(zip(found.direction_sd, found.strength, strict=True)):
-        view.add_row(found.product(index), f"±{100.0 * sd:.1f} %", f"{(1.0 + strength**2) ** 0.5:.2g}")
+    view = new_table("what the data determine together", "product of powers", "95 % interval, times", "gain over prior")
+    for index, (low, high, strength) in enumerate(zip(*found.product_interval, found.strength, strict=True)):
+        view.add_row(found.product(index), f"{low:.3g} to {high:.3g}", f"{(1.0 + strength**2) ** 0.5:.2g}")
     console.print(view)
 
 

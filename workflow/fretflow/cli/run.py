@@ -90,8 +90,10 @@ def run(
 
 def _run_bolted(case: BoltedCase, out: Path) -> None:
     """Run a case of a bolted structure and show its figures."""
+    from fretflow.case.plausibility import implausible
     from fretflow.pipeline.bolted import run_bolted
 
+    show_warnings(list(implausible(case)))
     with Progress() as progress:
         progress.begin("structure")
         study = run_bolted(case, out, lambda share, text: progress.advance("structure", share, text))

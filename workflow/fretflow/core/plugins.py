@@ -15,7 +15,8 @@ Of ``fretflow.meshes``:
 Of ``fretflow.figures``, where a file is a path that is written and returned:
 
 - ``bolted``: ``(JointStudy, folder) -> files``;
-- ``run``: ``(folders, folder, output) -> files``, all pictures of a run's stages;
+- ``run``: ``(folders, folder, output) -> files``, all pictures of a run's stages; ``names``: ``(output) -> None``
+  refuses those that there are not, before anything is computed;
 - ``results``: ``(RunResults) -> Figure``, a run at a glance;
 - ``report``: ``(file, Diagnosis) -> file``, its page; ``diagnosis``: ``(Diagnosis, what) -> Figure``;
 - ``corner``: ``(file, title, subtitle, parameters) -> file``, draws of each and in pairs;

@@ -173,13 +173,13 @@ def _parser(unit: str) -> BeforeValidator:
 
 def _positive(value: float) -> float:
     if not value > 0.0:
-        raise PydanticCustomError("positive", "must be positive, got {value}", {"value": value})
+        raise PydanticCustomError("positive", "Input should be positive")
     return value
 
 
 def _not_negative(value: float) -> float:
     if value < 0.0:
-        raise PydanticCustomError("not_negative", "must not be negative, got {value}", {"value": value})
+        raise PydanticCustomError("not_negative", "Input should not be negative")
     return value
 
 

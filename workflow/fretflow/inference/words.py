@@ -174,7 +174,6 @@ class Interval:
     low: str
     high: str
     unit: str
-    relative: str  # half-width over the value
 
     @property
     def ends(self) -> str:
@@ -185,7 +184,10 @@ class Interval:
 
 
 def interval(estimate: Estimate) -> Interval:
-    """Return `estimate` to two figures of its interval (JCGM 100:2008, 7.2.6); a power of ten goes to the unit."""
+    """Return `estimate` to two figures of its interval (JCGM 100:2008, 7.2.6); a power of ten goes to the unit.
+
+    Of a skewed interval each number keeps two figures of its own at least: 10 may go from 0.50 to 800.
+    """
     largest = max((abs(v) for v in (estimate.low, estimate.value, estimate.high) if math.isfinite(v)), default=0.0)
     unit, size = readable_unit(largest, estimate.unit)
     printed, power = pretty_unit(unit), math.floor(math.log10(largest / size)) if largest > 0.0 else 0
@@ -193,11 +195,9 @@ def interval(estimate: Estimate) -> Interval:
         printed, size = f"10{str(power).translate(_RAISED)} {printed}".rstrip(), size * 10.0**power
     half = 0.5 * (estimate.high - estimate.low)
     step = 0.1 * half / size if half > 0.0 and math.isfinite(half) else None
-    value, low, high = (number(v / size, step) for v in (estimate.value, estimate.low, estimate.high))
-    known = step is not None and math.isfinite(estimate.value) and estimate.value != 0.0
-    share = abs(100.0 * half / estimate.value) if known else math.nan
-    relative = f"± {number(share, 10.0 ** (math.floor(math.log10(share)) - 1))} %" if known else NOTHING
-    return Interval(value, low, high, printed, relative)
+    value, low, high = (number(v / size, step and min(step, 0.1 * abs(v / size)))
+                        for v in (estimate.value, estimate.low, estimate.high))
+    return Interval(value, low, high, printed)
 
 
 def of_any_size(kind: type[Effect], unit: str) -> bool:

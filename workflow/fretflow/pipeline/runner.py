@@ -23,6 +23,7 @@ from typing import Protocol, TextIO
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, slice_hash
 from fretflow.core.errors import NO_SPACE, InputError, NonConvergenceError, StoreError, did_you_mean
+from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.provenance import CostMeter, commit, versions
 from fretflow.core.store import write_csv, write_whole
 from fretflow.pipeline.estimate import check_memory
@@ -138,6 +139,8 @@ class Runner:
         """
         stages = self.select(until)
         check_memory(case, [stage.name for stage in stages])
+        if case.output.figures:
+            provided(FIGURES, "names")(case.output)
         home = self._root / case.name
         results: dict[str, StageResult] = {}
         with _writing(home), _locked(home):

@@ -77,6 +77,8 @@ class StructureMatrices:
             Naming the array.
         """
         n = self.size
+        if n == 0:
+            raise InputError("M: holds nothing")
         for name, label in (("mass", "M"), ("stiffness", "K"), ("damping", "C")):
             matrix = getattr(self, name)
             if matrix is not None:
@@ -107,6 +109,8 @@ class StructureMatrices:
                 if row.shape != (n,):
                     raise InputError(f"{kind}: {name} has the shape {row.shape}, but a row has {n} numbers, one a DOF")
                 _finite(row, f"{kind}: {name}")
+                if not np.any(row):
+                    raise InputError(f"{kind}: {name} holds only zeros, which is no place on the structure")
 
 
 def check_force_map(force_map: Matrix, contact_map: Matrix) -> None:
@@ -141,7 +145,7 @@ def _symmetric(matrix: Matrix, n: int, label: str) -> Matrix:
         row, column = divmod(int(lean.argmax()), n)
         raise InputError(f"{label}: is not symmetric, {label}[{row}, {column}] and {label}[{column}, {row}] differ by "
                          f"{lean.max() / largest:.1e} of its largest entry; give both triangles")
-    if label != "C" and np.any(matrix.diagonal() < 0.0):
+    if np.any(matrix.diagonal() < 0.0):
         row = int(np.argmin(matrix.diagonal()))
         raise InputError(f"{label}: is not positive definite, {label}[{row}, {row}] is negative; correct its sign")
     whole = 0.5 * (matrix + matrix.T)

@@ -10,6 +10,7 @@ import numpy as np
 from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
+from fretflow.core.units import pretty_quantity
 from fretflow.experiments.rig.model import DENSER, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.recordings.kinds.facts import FactsTest
@@ -55,6 +56,9 @@ def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recor
     specimen = recording.specimen or Specimens()
     distance = _loops(recording).displacement_of
     if distance is not None and distance.distance > 0.0:
+        if any(distance.distance > one.ridge_height + one.body_height for one in (specimen.upper, specimen.lower)):
+            raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of: "
+                                           f"{pretty_quantity(distance.distance, 'm')} lies outside the specimen")
         sides = {side: getattr(specimen, side).model_copy(update={"observation_distance": distance.distance})
                  for side in ("upper", "lower")}
         specimen = specimen.model_copy(update=sides)

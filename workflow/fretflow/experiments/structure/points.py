@@ -121,7 +121,7 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
     signal = decay.channels[name]
     step = float(np.median(np.diff(decay.time)))
     lines = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
-    seen = instantaneous_mode(decay.time, signal, float(np.argmax(lines)) / (len(signal) * step))
+    seen = instantaneous_mode(decay.time, signal, (1 + int(np.argmax(lines[1:]))) / (len(signal) * step))
     rising = np.argsort(seen.amplitude)
     rising = rising[(seen.damping[rising] > 0.0) & (seen.amplitude[rising] > 0.0)]
     if len(rising) < FEWEST:

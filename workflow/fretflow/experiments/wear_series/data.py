@@ -110,8 +110,7 @@ def _conditions(series: WearSeries) -> Ids:
     """Return which set conditions each test has, (n,); what is measured, such as power, is none if another is set."""
     own = {name: x for name, x in series.states.items() if name != "power_density"} or dict(series.states)
     columns = [np.log(x) for x in own.values()] + [np.nan_to_num(x) for x in series.further.values()]
-    if not columns:
-        return np.arange(len(series.volume))
+    columns = columns or [np.log(series.energy)]  # all that tells one test from another
     table = np.stack([np.round(x / max(np.abs(x).max(), 1e-300), 9) for x in columns], axis=1)
     return np.asarray(np.unique(table, axis=0, return_inverse=True)[1]).ravel()
 

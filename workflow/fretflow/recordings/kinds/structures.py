@@ -29,9 +29,11 @@ from pydantic import ValidationError
 
 from fretflow.case.bolted import Elasticity
 from fretflow.case.config import explain
+from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
+from fretflow.core.units import pretty_quantity
 from fretflow.recordings.description import file_at, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
@@ -172,6 +174,8 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     ring_down = None if file.ring_down is None else _ring_down(file.ring_down, toml.parent)
     if backbone is None and not responses and ring_down is None:
         raise ConfigError(f"{toml}: give at least one of the blocks backbone, frf and ring_down")
+    notes += _implausible(known if own.mesh is None else {
+        **known, "youngs_modulus": _material(toml, own).youngs_modulus})
     notes += [Note(name, "is compared where structure.line_contact is given alone") for name in (
         "profile", "wear_depth", "volumes") if getattr(file, name)]
     return StructureRecording(path=path, title=file.title or name_of(path), matrices=matrices, known=known,
@@ -179,15 +183,31 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
                               notes=tuple(notes))
 
 
+def _implausible(known: Mapping[str, float]) -> list[Note]:
+    notes = []
+    for name, unit, ends in (("friction_coefficient", "1", "contact.friction_coefficient"),
+                             ("youngs_modulus", "Pa", "specimen.youngs_modulus"),
+                             ("elastic_modulus", "Pa", "specimen.youngs_modulus")):
+        low, high = PLAUSIBLE[ends]
+        if name in known and not low <= known[name] <= high:
+            value, *limits = (pretty_quantity(one, unit, 4) for one in (known[name], low, high))
+            notes.append(Note("structure", f"{name} = {value} is beyond what joints have ({limits[0]} to {limits[1]}); "
+                                           "check the number and its unit"))
+    return notes
+
+
 def _matrices(toml: Path, own: StructureSection) -> StructureMatrices:
     if own.mesh is None:
         return read_structure(toml.parent / str(own.matrices))
+    return assembled_bodies(toml.parent / own.mesh, own, _material(toml, own), round_bolts(own.bolts))
+
+
+def _material(toml: Path, own: StructureSection) -> Elasticity:
     given = own.material if isinstance(own.material, dict) else {}
     try:
-        material = Elasticity.model_validate(given)
+        return Elasticity.model_validate(given)
     except ValidationError as error:
         raise ConfigError(f"{toml}: structure.material.{explain(error, given, model=Elasticity)}") from error
-    return assembled_bodies(toml.parent / own.mesh, own, material, round_bolts(own.bolts))
 
 
 def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: Path) -> WornRecording:
@@ -199,6 +219,8 @@ def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: 
     low, high = file.structure.unknown.friction_coefficient or TYPICAL["friction_coefficient"]
     notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down", "wear_depth")
              if getattr(file, name)]
+    notes += _implausible({"elastic_modulus": contact.elastic_modulus,
+                           **({} if given is None else {"friction_coefficient": float(given)})})
     return WornRecording(path=path, title=file.title or name_of(path), contact=contact, profiles=profiles, areas=areas,
                          friction=(low, high) if given is None else (given, given), notes=tuple(notes))
 
@@ -230,22 +252,29 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
     if len(set(amplitude)) < FEWEST:
         raise UnreliableRecordingError(f"{where}: {len(set(amplitude))} points tell no trend; give {FEWEST} or more "
                                        "different amplitudes")
-    for name, values in (("amplitude", amplitude), ("frequency", frequency)):
-        if not np.all(values > 0.0):
-            raise UnreliableRecordingError(f"{where}: {name} must be positive, row {int(np.argmin(values)) + 1} has "
-                                           f"{values.min():g}; leave such rows out")
+    _check_positive(where, amplitude=amplitude, frequency=frequency)
     falls = np.flatnonzero(np.diff(amplitude) < 0.0)
     if falls.size:
         raise UnreliableRecordingError(f"{where}: the amplitude falls at row {falls[0] + 2}; sort the rows by it")
     if damping is not None and not np.all((damping >= 0.0) & (damping < 1.0)):
         raise UnreliableRecordingError(f"{where}: damping must be a ratio from 0 to 1, it goes from {damping.min():g} "
                                        f"to {damping.max():g}; name its unit, for example \"%\"")
+    if damping is not None and not damping.any():
+        raise UnreliableRecordingError(f"{where}: damping holds only zeros; leave it out, so that frequencies alone "
+                                       "are compared")
     return MeasuredBackbone(
         amplitude_of=block.amplitude_of, mode=block.mode, amplitude=amplitude,
         amplitude_unit=MODAL_UNIT if modal else unit, frequency=frequency, damping=damping,
         frequency_sd=stated_sd("backbone", "frequency", block.frequency, "Hz"),
         damping_sd=None if block.damping is None else stated_sd("backbone", "damping", block.damping, "1"),
         calibration_sd=block.amplitude.calibration_sd)
+
+
+def _check_positive(where: str, **columns: Array) -> None:
+    for name, values in columns.items():
+        if not np.all(values > 0.0):
+            raise UnreliableRecordingError(f"{where}: {name} must be positive, row {int(np.argmin(values)) + 1} has "
+                                           f"{values.min():g}; leave such rows out")
 
 
 def _without_friction(block: BackboneBlock | None, least: float, modal: tuple[float, float]) -> list[Note]:
@@ -279,12 +308,16 @@ def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -
         if spec is not None:
             found[name], si = read_column(table, "frf", name, spec, choices)
             unit = si if name == "amplitude" else unit
+    _check_positive(f"{table.path}: frf", **{name: found[name] for name in ("frequency", "force", "amplitude")
+                                             if name in found})
     level = block.level
     if isinstance(level, str):
         try:
             level = u.parse_quantity(level, "N" if block.control is Control.FORCE else unit)
         except ValueError as error:
             raise ConfigError(f"frf.level: {error}") from error
+    if level is not None and level <= 0.0:
+        raise ConfigError(f"frf.level: must be positive, got {block.level!r}")
     return ControlledResponse(control=block.control, of=block.of, at=block.at, level=level, amplitude_unit=unit,
                               frequency=found["frequency"], force=found.get("force"), amplitude=found["amplitude"],
                               phase=found.get("phase"))
@@ -300,6 +333,8 @@ def _ring_down(block: FreeBlock, folder: Path) -> RingDown:
         raise ConfigError("ring_down: file, time and at least one channel are required")
     table = read_table(folder / block.file, [str(spec.column) for spec in specs.values()])
     time, _ = read_column(table, "ring_down", "time", specs.pop("time"), ("s",))
+    if len(time) < FEWEST:
+        raise UnreliableRecordingError(f"{table.path}: ring_down: {len(time)} samples are no decay")
     if not np.all(np.diff(time) > 0.0):
         raise UnreliableRecordingError(f"{table.path}: ring_down: time does not rise throughout")
     columns = {name: read_column(table, "ring_down", name, spec, MOTIONS) for name, spec in specs.items()}

@@ -47,8 +47,8 @@ class ResponseCurve:
 
     excitation: float = quantity("N")
     frequency: NDArray[np.float64] = quantity("Hz", "(P,)")
-    first_harmonic: NDArray[np.complex128] = quantity("m", "(P, 5), x = Re X exp(i omega t), by channel")
-    peak_to_peak: NDArray[np.float64] = quantity("m", "(P, 5), by channel")
+    first_harmonic: NDArray[np.complex128] = quantity("m", "(P, channels), x = Re X exp(i omega t)")
+    peak_to_peak: NDArray[np.float64] = quantity("m", "(P, channels)")
     direction: NDArray[np.int8] = quantity("1", "(P,), 1 up, -1 down")
     branch: NDArray[np.int64] = quantity("1", "(P,)")
     multiplier: NDArray[np.float64] = quantity("1", "(P,), largest modulus of the Floquet multipliers, nan where "
@@ -59,7 +59,7 @@ class ResponseCurve:
     residual: NDArray[np.float64] = quantity("1", "(P,), of the rig's equations, relative to the excitation")
     samples: NDArray[np.int64] = quantity("1", "(P,), per period")
     sampling_error: float = quantity("1")  # change of the first harmonic near the peak with finer samples; nan: no peak
-    channels: tuple[str, ...] = CHANNELS
+    channels: tuple[str, ...] = quantity("", "(channels,)", coordinate=True, default=CHANNELS)
 
     @property
     def arrays(self) -> xr.Dataset:

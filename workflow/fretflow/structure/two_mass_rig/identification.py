@@ -118,6 +118,12 @@ class Identification:
         spread = np.exp(TWO_SIDED_95 * np.sqrt(np.diag(self.covariance)))
         return self.value / spread, self.value * spread
 
+    @property
+    def product_interval(self) -> tuple[Array, Array]:
+        """Return the 95 % bounds (min(D, P),) of each product of powers, over its value."""
+        spread = np.exp(TWO_SIDED_95 * self.direction_sd)
+        return 1.0 / spread, spread
+
     def product(self, index: int) -> str:
         """Return direction `index` as a product of powers, such as ``moving_mass * damping_ratio^-0.21``."""
         terms = zip(self.prior.names, self.directions[index], strict=True)
