@@ -114,7 +114,8 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
 
     In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording. Of
-    the meshes that this may be of, the one counts that makes it most probable.
+    the meshes that this may be of, the one counts that makes it most probable, with something that the catalogue lacks
+    too: what that does, errors of another mesh would take up as well.
     """
     best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
@@ -129,9 +130,10 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
         again.stated = again.baseline
         again.continue_fits(parts, found.effort.last_steps)
         begin_baselines(one, again)
-        probable = max(again.log_evidence(names, frozenset()) - len(names) * choice
-                       for names in parts if names in again.fits)
-        return probable + again.discrepancy.covariance.log_density, one, again
+        unlisted = again.evidence(frozenset()).averaged(again.beyond_codes())
+        probable = np.logaddexp.reduce([unlisted, *(again.log_evidence(names, frozenset()) - len(names) * choice
+                                                    for names in parts if names in again.fits)])
+        return float(probable) + again.discrepancy.covariance.log_density, one, again
 
     _, told, again = max(map(under, told.meshes()), key=lambda one: one[0])
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
