@@ -27,13 +27,12 @@ NEXT = "pressure between the faces (film), the form of both faces, and the backb
 def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
-    return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged, found, left, location.text),
+    return {"location": location, "sentence": _sentence(judged, found, left, location.text),
             "curves": curves(experiment, found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
 
-def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
+def held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
     """Return how well amplitudes above those that are fitted are predicted, before and after."""
     own, last = experiment.measurement, experiment.measurement.held_out
     count = len(experiment.points.amplitude)

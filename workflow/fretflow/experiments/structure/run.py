@@ -17,7 +17,7 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
-from fretflow.inference.evidence import drawn
+from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
@@ -65,15 +65,18 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         for _ in range(AGAIN):
             found.settled.clear()
             correct(found, [0, 1, 2])
-    judged = held_to(detected(decide(found), detection), None, 0)
+    judged = detected(decide(found), detection)
     progress(0.85, "what is held out")
+    unseen = room.held_out(experiment, found, judged.after)
+    # what models leave is smooth over amplitudes or a scar: each channel and each profile is one error
+    judged = held_to(judged, unseen, len(groups_of(experiment.measurement)))
     left, made = remainder(found, judged), estimates(found, judged.after)
     own = room.told(experiment, found, judged, left)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
-        detection=detection, parameters=made, remainder=left,
+        detection=detection, parameters=made, remainder=left, held_out=unseen,
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), **own)
