@@ -81,7 +81,9 @@ class Told(Ridge):
         """Return the effects."""
         return "joint-damping", "bending-gap"
 
-    def meshes(self) -> tuple[Told]:
+    static = False
+
+    def readings(self) -> tuple[Told]:
         """Return the same."""
         return (self,)
 
@@ -121,7 +123,7 @@ class Bent(Told):
     def _values(z: np.ndarray) -> np.ndarray:
         return 30.0 + z[0] + z[1] * PLACE
 
-    def meshes(self) -> tuple[Bent, ...]:
+    def readings(self) -> tuple[Bent, ...]:
         """Return that of the matrices, and one on which every value may be anything."""
         return self, replace(self, rough=100.0)
 

@@ -117,8 +117,8 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
 
     In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording. Of
-    the meshes that this may be of, the one counts that makes it most probable, with something that the catalogue lacks
-    too: what that does, errors of another mesh would take up as well.
+    the meshes and loads that this may be of, those count that make it most probable, with something that the catalogue
+    lacks too: what that does, errors of another mesh would take up as well.
     """
     best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
@@ -128,7 +128,8 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
 
     def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search]:
         again = Search(one, found.pool, found.effort)
-        again.keep(replace(again.fitter.linearised(predicted[names], fit.jacobian), secant=True)
+        own = {names: one.predict(at.point, at) for names, at in predicted.items()} if one.static else predicted
+        again.keep(replace(again.fitter.linearised(own[names], fit.jacobian), secant=True)
                    for names, fit in found.fits.items())  # other errors leave derivatives about as they are
         again.stated = again.baseline
         again.continue_fits(parts, found.effort.last_steps)
@@ -138,7 +139,7 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
                                                     for names in parts if names in again.fits)])
         return float(probable) + again.discrepancy.covariance.log_density, one, again
 
-    _, told, again = max(map(under, told.meshes()), key=lambda one: one[0])
+    _, told, again = max(map(under, told.readings()), key=lambda one: one[0])
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
         -again.log_evidence(names, frozenset())))), found.effort.last_steps)
     return told, again
