@@ -54,6 +54,18 @@ def test_of_scattered_friction_is_fitted_what_does_something(joint):
         assert (change > 1e-3) == (kind.bolted_range(field, prior, joint, SIZE) is not None), field
 
 
+def test_faces_gape_by_as_much_as_their_form_and_across_a_row_of_points_by_nothing(joint):
+    kind, arch = catalogue()["initial-gap"], catalogue()["bending-gap"].priors()["height"]
+    ranges = {field: kind.bolted_range(field, prior, joint, SIZE) for field, prior in kind.priors().items()}
+    for field in ("tilt_x", "cylinder"):
+        assert (ranges[field].high, ranges[field].low) == (arch.high, -arch.high * (field == "tilt_x"))
+    for field in ("tilt_y", "crown"):  # that of a row is the cylinder's of half the height, or none
+        gap = kind.neutral().changed(**{field: 2e-6}).bolted(joint).clearance
+        same = kind.neutral().changed(cylinder=1e-6 * (field == "crown")).bolted(joint).clearance
+        assert gap == pytest.approx(same, abs=1e-18)
+        assert ranges[field] is None
+
+
 def test_unevenly_pulling_bolts_keep_their_sum(joint):
     uneven = catalogue()["bolt-load-spread"]().changed(ends=0.4, middle=-0.2).bolted(joint)
     force = uneven.preloaded.force[0, 2::3]

@@ -11,6 +11,7 @@ from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint, follow_mode, periodic_mode
 from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
 from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode, ring_down
+from fretflow.structure.matrices import StructureMatrices
 from fretflow.structure.reduction.contact_modes import reduce_structure
 from scipy.special import gamma
 
@@ -34,6 +35,24 @@ def iwan(structures):
         return joint_of(structures.sliders(stiffness, stiffness * slips, MASS, GROUND), 1.0, 1.0)
 
     return make
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_largest_amplitude_is_that_of_a_cycle_that_repeats(seed):
+    """What three points on bodies that couple all of their motions hold from being tightened goes with a cycle."""
+    rng = np.random.default_rng(seed)
+    root, pull = rng.standard_normal((10, 10)), np.zeros(10)
+    pull[3::3] = -rng.uniform(0.5, 1.5, 3)
+    joint = joint_of(StructureMatrices(
+        mass=np.diag(np.r_[2.0, np.full(9, 1e-3)]), stiffness=1e4 * root @ root.T + 3e4 * np.eye(10),
+        contact_map=np.eye(9, 10, 1), areas=np.full(3, 1e-6), points=1e-3 * np.eye(3), preload=pull,
+        outputs={"head": np.eye(1, 10)[0]}), 0.5, 5.0)
+    mode = joint.linear_modes(1)[0]
+    found = quasi_static_backbone(joint, mode, np.array([1e-4]))
+    repeated = quasi_static_backbone(joint, mode, np.full(5, 1e-4))
+    assert found.sliding[0] == 3
+    assert found.frequency[0] == pytest.approx(repeated.frequency[-1], rel=1e-3)
+    assert found.damping[0] == pytest.approx(repeated.damping[-1], rel=0.02)
 
 
 @pytest.mark.parametrize("chi", [-0.5, 0.0, 0.5])

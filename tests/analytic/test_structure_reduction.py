@@ -18,7 +18,17 @@ def beam(structures):
     return structures.lap_beam(15)
 
 
-def test_constraint_modes_are_the_static_solution_of_the_whole_structure(beam):
+def between(beam):
+    """Return a beam whose contact points lie halfway between its nodes, so that neighbours share a node's motion."""
+    halfway = 0.5 * np.kron(np.eye(beam.contacts - 1, beam.contacts) + np.eye(beam.contacts - 1, beam.contacts, 1),
+                            np.eye(3))
+    return replace(beam, contact_map=halfway @ beam.contact_map, areas=beam.areas[1:],
+                   points=0.5 * (beam.points[1:] + beam.points[:-1]))
+
+
+@pytest.mark.parametrize("placed", [lambda beam: beam, between], ids=["at nodes", "between nodes"])
+def test_constraint_modes_are_the_static_solution_of_the_whole_structure(beam, placed):
+    beam = placed(beam)
     reduced = c.reduce_structure(beam)
     assert reduced.rigid_motions == 3
     force = np.sin(np.arange(3.0 * beam.contacts))

@@ -1,4 +1,4 @@
-"""Property: what meshes differ by is no missing physics: periodic motions of a finer mesh, beside a file's own."""
+"""Property: what meshes and codes differ by is no missing physics: a finer mesh beside a file's own, static loads."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
+from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.run import diagnose_structure
+from fretflow.experiments.structure.run import diagnose_structure, told_again
 from fretflow.inference.experiment import Point
+from fretflow.inference.search import FAST
+from fretflow.inference.strategy import start_search
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.periodic_mode import follow_mode
+from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import reduce_structure
 
 LOAD, FRICTION, DAMPING = 6e3, 0.45, 1e-3
@@ -54,3 +58,27 @@ def test_nothing_is_missing_from_rigid_faces_on_another_mesh(finer):
     assert values["structure.bolt_load"] * values["structure.friction_coefficient"] == pytest.approx(
         LOAD * FRICTION, rel=0.25)
     assert any("much finer" in note for note in found.notes)
+
+
+def test_a_backbone_of_static_loads_is_compared_with_static_loads(structures, tmp_path):
+    """As quasi-static simulators make one; periodic motions of this joint differ by many times the noise."""
+    beam, asked = structures.lap_beam(13, 4), np.geomspace(5e-6, 1e-4, 24)
+    joint = BoltedJoint(structure=reduce_structure(beam), law=Coulomb(FRICTION), bolt_load=630.0, modal_damping=DAMPING)
+    mode = joint.linear_modes(1)[0]
+    curve = quasi_static_backbone(joint, mode, asked / abs(mode_shape(joint, mode)))
+    rng = np.random.default_rng(12)
+    table = np.c_[1e6 * np.abs(curve.outputs[:, 0]), curve.frequency * (1.0 + 1e-4 * rng.standard_normal(24)),
+                  100.0 * curve.damping * (1.0 + 0.02 * rng.standard_normal(24))]
+    structures.write_backbone(tmp_path, beam, table, '"200 N", "2 kN"', "tip")
+    experiment = StructureExperiment.of(read_structure_recording(tmp_path))
+    found = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
+    told, again = told_again(experiment, found)
+    assert told.static
+    assert told.corrected(again.baseline.prediction) is None
+    assert again.leaves_noise(frozenset())
+
+
+def mode_shape(joint, mode):
+    """Return the displacement of the tip over the modal amplitude."""
+    on_contact, on_modes = joint.structure.outputs["tip"]
+    return float(on_contact @ mode.contact + on_modes @ mode.modes)

@@ -47,8 +47,8 @@ def test_an_unknown_says_why_the_nearest_is_not_enough():
     held = held_to(replace(found(Verdict.NAMED, {"backlash"}), after=frozenset({"backlash"})),
                    HeldOut(what="", before=2.0, after=3.0, floor=1.0), 1000)
     assert sentence(held, REST, PLACE, None).endswith(
-        "backlash would explain 30 %, but the nearest predicts held-out loops worse than the baseline, and leaves 4.7 "
-        "times the noise.")
+        "backlash would explain 30 %, but the nearest predicts what was held out worse than the baseline, and leaves "
+        "4.7 times the noise.")
 
 
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -81,7 +81,9 @@ class Told(Ridge):
         """Return the effects."""
         return "joint-damping", "bending-gap"
 
-    def meshes(self) -> tuple[Told]:
+    static = False
+
+    def readings(self) -> tuple[Told]:
         """Return the same."""
         return (self,)
 
@@ -103,3 +105,32 @@ def test_sets_that_are_hopeless_under_errors_told_anew_are_not_fitted_on():
     assert seen[0] > 3
     assert seen[1] == 1  # told where it stands, and no more
     assert again.fits[frozenset({"joint-damping"})].z[2] == pytest.approx(0.0, abs=1e-3)
+
+
+@dataclass(frozen=True)
+class Bent(Told):
+    """Values that bend as no parameter tells, and a mesh whose rough errors could take that up."""
+
+    rough: float = 1e-3
+
+    @cached_property
+    def measurement(self) -> Measurement:
+        """Return values that bend by thirty times their noise."""
+        own = super().measurement
+        return replace(own, values=30.0 + 30.0 * PLACE**2, code_error=self.rough * np.eye(ROWS))
+
+    @staticmethod
+    def _values(z: np.ndarray) -> np.ndarray:
+        return 30.0 + z[0] + z[1] * PLACE
+
+    def readings(self) -> tuple[Bent, ...]:
+        """Return that of the matrices, and one on which every value may be anything."""
+        return self, replace(self, rough=100.0)
+
+
+def test_what_no_effect_does_is_no_error_of_another_mesh():
+    experiment: Any = Bent(asked=[])
+    here = Point(experiment.parameters(()), np.zeros(2))
+    found = start_search(experiment, experiment.predict(here), FAST, lambda task, asked: [*map(task, asked)])
+    told, _ = told_again(experiment, found)
+    assert told.rough == experiment.rough

@@ -9,10 +9,11 @@ import pytest
 from fretflow.core.errors import FretflowError
 from fretflow.effects.line_cycle import LineContact, LineCycle
 from fretflow.effects.oxygen_limited_wear import OxygenLimitedWear
+from fretflow.experiments.structure import worn
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.experiments.structure.run import diagnose_structure
 from fretflow.inference.experiment import Point
-from fretflow.inference.verdict import Verdict
+from fretflow.inference.verdict import HeldOut, Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
 
 HEAD = """format = "fretflow-recording/1"
@@ -115,3 +116,11 @@ def test_one_coefficient_is_enough_where_nothing_else_acts(tmp_path):
     assert found.verdict is Verdict.NONE
     (curve,) = found.curves
     assert np.abs(curve.measured - curve.before).max() < 5e-6
+
+
+def test_laws_that_predict_the_other_profile_worse_than_one_coefficient_are_not_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(worn, "held_out", lambda *told: HeldOut(what="", before=3.0, after=9.0, floor=1.0))
+    found = diagnose_structure(made(tmp_path, (OxygenLimitedWear(),)), True, lambda share, text: None)
+    assert found.verdict is Verdict.UNKNOWN
+    assert found.held_out.after == 9.0
+    assert "what was held out worse" in found.sentence

@@ -10,6 +10,8 @@ from fretflow.core import units as u
 from fretflow.effects.effect import STRUCTURES, Array, Block, Effect, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 
+FORM = (1e-6, 60e-6)  # m, of milled and ground faces of lap joints of 120 mm
+
 
 class BendingGap(Effect):
     """An arch ``h (1 - x^2)`` between the faces before the bolts are tightened, x from -1 to 1 along them.
@@ -29,7 +31,7 @@ class BendingGap(Effect):
     observables = ("frequency over amplitude that rises again", "contact pressure")
     kinds = STRUCTURES
 
-    height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", 1e-6, 60e-6,
+    height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", *FORM,
                                        source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form",
                                        neutral=0.0)
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from fretflow.core import units as u
-from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.bending_gap import FORM
+from fretflow.effects.effect import Array, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -52,6 +53,13 @@ class InitialGap(Effect):
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Open the gap between the faces before the bolts are tightened."""
         return replace(joint, gap=joint.clearance + self._height(*joint.across.T))
+
+    @classmethod
+    def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior | None:
+        """Return heights as large as the form of bolted faces; of points in a row what is across them does nothing."""
+        if field in ("tilt_y", "crown") and not joint.across[:, 1].any():  # there the crown is half a cylinder
+            return None
+        return prior if field == "flat" else replace(prior, low=prior.low / prior.high * FORM[1], high=FORM[1])
 
     def _height(self, x: Array, y: Array) -> Array:
         """Return the gap at places over half the width, zero where it is smallest."""

@@ -155,7 +155,7 @@ def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
     worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
         return found
-    return ruled_out(found, "predicts held-out loops worse than the baseline" if worse else "explains nothing")
+    return ruled_out(found, "predicts what was held out worse than the baseline" if worse else "explains nothing")
 
 
 def posterior(found: Search) -> Posterior:

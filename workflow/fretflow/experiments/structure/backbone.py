@@ -27,13 +27,12 @@ NEXT = "pressure between the faces (film), the form of both faces, and the backb
 def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
-    return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged, found, left, location.text),
+    return {"location": location, "sentence": _sentence(judged, found, left, location.text),
             "curves": curves(experiment, found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
 
-def _held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
+def held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
     """Return how well amplitudes above those that are fitted are predicted, before and after."""
     own, last = experiment.measurement, experiment.measurement.held_out
     count = len(experiment.points.amplitude)
@@ -85,6 +84,9 @@ def _notes(experiment: StructureExperiment) -> list[str]:
         other = "much finer than" if experiment.spacing < 1.0 else "twice as coarse as"
         notes.append(f"the backbone is most probable as of a mesh {other} that of the matrices: what the distance of "
                      "contact points changes counts as an error")
+    if experiment.static:
+        notes.append("the backbone is most probable as of static loads in the shape of the mode, as quasi-static "
+                     "simulators predict it, and is compared with these")
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
     if experiment.recording.responses:
@@ -109,13 +111,15 @@ def _checked(found: Search, names: Names) -> str:
     model = found.fitter_of(names).experiment
     more = None
     if isinstance(model, StructureExperiment):
-        more = model.beyond_static_loads(found.fits[names].prediction) if model.few else model.correction
+        more = model.correction if model.correction is not None else model.beyond_static_loads(
+            found.fits[names].prediction)
     if more is None:
         return "the fitted model was not confirmed by periodic motions: none was found"
     frequency = np.max(np.abs(more[0]) / found.experiment.measurement.values[:more.shape[1]])
     damping = "".join(f" and {np.max(np.abs(one)):.2g} of the damping ratio" for one in more[1:])
-    return (f"periodic motions of the fitted model ({HARMONICS} harmonics), with which it is compared, differ from "
-            f"static loads by {100.0 * frequency:.2g} % of the frequency{damping} at most")
+    compared = "" if isinstance(model, StructureExperiment) and model.static else ", with which it is compared,"
+    return (f"periodic motions of the fitted model ({HARMONICS} harmonics){compared} differ from static loads by "
+            f"{100.0 * frequency:.2g} % of the frequency{damping} at most")
 
 
 def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[MeasuredCurve, ...]:

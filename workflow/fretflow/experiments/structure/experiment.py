@@ -60,7 +60,7 @@ class StructureExperiment(Experiment):
     steps: int = STEPS
     about: Point | None = None  # the baseline whose numerical errors are told; the first prediction's by default
     draw: int = 0  # of what effects leave to chance
-    static: bool = False  # no periodic motions, however few contact points there are
+    static: bool = False  # static loads alone, as quasi-static simulators take them, however few contact points
     correction: Array | None = None  # (channels, points): what periodic motions add to static loads
     truncation: Array | None = None  # what twice the harmonics and samples add to that
     coarse: ReducedStructure | None = None  # the structure with points twice as far apart
@@ -344,7 +344,7 @@ class StructureExperiment(Experiment):
 
         Of few contact points every prediction is that of periodic motions.
         """
-        more = None if self.few else self.beyond_static_loads(prediction)
+        more = None if self.few or self.static else self.beyond_static_loads(prediction)
         return None if more is None else replace(self, correction=more)
 
     def told_at(self, prediction: Prediction) -> StructureExperiment:
@@ -353,7 +353,7 @@ class StructureExperiment(Experiment):
         What this one misses tells the tails of the errors of measurement too.
         """
         about = replace(self, about=prediction.point)
-        more, most = (about.beyond_static_loads(prediction, finer) for finer in (1, 2))
+        more, most = (None if self.static else about.beyond_static_loads(prediction, finer) for finer in (1, 2))
         points = BackbonePoints.of(self.recorded)
         missed = (self.measurement.values - prediction.values).reshape(-1, len(points.amplitude))
         for added, way in ((self.correction, 1.0), (more, -1.0)) if not self.few else ():
@@ -361,9 +361,14 @@ class StructureExperiment(Experiment):
         return replace(about, points=points.weighed(missed), correction=None if self.few else more,
                        truncation=None if more is None or most is None else most - more)
 
-    def meshes(self) -> tuple[StructureExperiment, ...]:
-        """Return the same for recordings of the same mesh, of one much finer, as real faces are, or twice as coarse."""
-        return (self,) if self.coarse is None else tuple(replace(self, spacing=one) for one in (1.0, 0.0, 2.0))
+    def readings(self) -> tuple[StructureExperiment, ...]:
+        """Return the same for recordings of the same mesh, of one much finer, as real faces are, or twice as coarse.
+
+        And for those of the same mesh that a simulator made by static loads.
+        """
+        spacings = (1.0,) if self.coarse is None else (1.0, 0.0, 2.0)
+        return (*(replace(self, spacing=one) for one in spacings),
+                replace(self, static=True, correction=None, truncation=None))
 
     def beyond_static_loads(self, prediction: Prediction, finer: int = 1) -> Array | None:
         """Return what periodic motions of a prediction's joint add to static loads (channels, points), if there are."""

@@ -17,7 +17,7 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
-from fretflow.inference.evidence import drawn
+from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
@@ -65,15 +65,18 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         for _ in range(AGAIN):
             found.settled.clear()
             correct(found, [0, 1, 2])
-    judged = held_to(detected(decide(found), detection), None, 0)
+    judged = detected(decide(found), detection)
     progress(0.85, "what is held out")
+    unseen = room.held_out(experiment, found, judged.after)
+    # what models leave is smooth over amplitudes or a scar: each channel and each profile is one error
+    judged = held_to(judged, unseen, len(groups_of(experiment.measurement)))
     left, made = remainder(found, judged), estimates(found, judged.after)
     own = room.told(experiment, found, judged, left)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
-        detection=detection, parameters=made, remainder=left,
+        detection=detection, parameters=made, remainder=left, held_out=unseen,
         separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), **own)
@@ -114,7 +117,8 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
 
     In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording. Of
-    the meshes that this may be of, the one counts that makes it most probable.
+    the meshes and loads that this may be of, those count that make it most probable, with something that the catalogue
+    lacks too: what that does, errors of another mesh would take up as well.
     """
     best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
@@ -124,16 +128,18 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
 
     def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search]:
         again = Search(one, found.pool, found.effort)
-        again.keep(replace(again.fitter.linearised(predicted[names], fit.jacobian), secant=True)
+        own = {names: one.predict(at.point, at) for names, at in predicted.items()} if one.static else predicted
+        again.keep(replace(again.fitter.linearised(own[names], fit.jacobian), secant=True)
                    for names, fit in found.fits.items())  # other errors leave derivatives about as they are
         again.stated = again.baseline
         again.continue_fits(parts, found.effort.last_steps)
         begin_baselines(one, again)
-        probable = max(again.log_evidence(names, frozenset()) - len(names) * choice
-                       for names in parts if names in again.fits)
-        return probable + again.discrepancy.covariance.log_density, one, again
+        unlisted = again.evidence(frozenset()).averaged(again.beyond_codes())
+        probable = np.logaddexp.reduce([unlisted, *(again.log_evidence(names, frozenset()) - len(names) * choice
+                                                    for names in parts if names in again.fits)])
+        return float(probable) + again.discrepancy.covariance.log_density, one, again
 
-    _, told, again = max(map(under, told.meshes()), key=lambda one: one[0])
+    _, told, again = max(map(under, told.readings()), key=lambda one: one[0])
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
         -again.log_evidence(names, frozenset())))), found.effort.last_steps)
     return told, again

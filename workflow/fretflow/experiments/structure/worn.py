@@ -23,8 +23,7 @@ NEXT = "profiles of each body, of shorter tests, and at other frequencies and lo
 def told(experiment: ProfileExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of worn profiles alone."""
     location = _locate(found, judged)
-    return {"held_out": _held_out(experiment, found, judged.after), "location": location,
-            "sentence": _sentence(judged, found, left, location.text),
+    return {"location": location, "sentence": _sentence(judged, found, left, location.text),
             "curves": _curves(experiment, found, judged.after),
             "notes": (*map(str, experiment.recording.notes), *_areas(experiment, found, judged.after))}
 
@@ -42,7 +41,7 @@ def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
     return f"What is missing is {names}: {share} of the difference. {where}"
 
 
-def _held_out(experiment: ProfileExperiment, found: Search, names: Names) -> HeldOut | None:
+def held_out(experiment: ProfileExperiment, found: Search, names: Names) -> HeldOut | None:
     """Return how well each profile or volume is predicted by laws fitted to the others, before and after."""
     own, sizes = experiment.measurement, []
     if len(own.groups) < 2:

@@ -124,6 +124,7 @@ def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int, guess: 
     The last value is the states under all loads, of which there may be a guess.
     """
     fall, rise = 1.0 - 2.0 * np.arange(1, steps + 1) / steps, np.arange(1, APPROACH + 1) / APPROACH
+    loads = np.r_[loads[:1], loads]  # a first cycle takes off what the faces hold from being tightened
     turned = loads * (-1.0)**np.arange(len(loads))  # from an end of a cycle to the other end of the next, as in a decay
     last = np.r_[0.0, turned[:-1]][:, None]
     approach, there = last + (turned[:, None] - last) * rise, np.outer(turned, fall)
@@ -135,8 +136,8 @@ def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int, guess: 
     tips = [0.5 * way * (0.5 * (values[own[:, 0]] + values[own[:, -1]]) - values[own[:, steps]]) for values in (
         x[:, None], out)]
     square = _first_harmonic(way * x[own], way * level[own])
-    busy = [np.any(history.state[own] == one, axis=1).sum(axis=1) for one in (SLIP, SEPARATION)]
-    return [tips[0][:, 0], square, work, tips[1]], busy, history.state
+    busy = [np.any(history.state[own] == one, axis=1).sum(axis=1)[1:] for one in (SLIP, SEPARATION)]
+    return [one[1:] for one in (tips[0][:, 0], square, work, tips[1])], busy, history.state
 
 
 def _first_harmonic(x: Array, load: Array) -> Array:

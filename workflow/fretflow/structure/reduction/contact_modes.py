@@ -125,7 +125,7 @@ def _dense_basis(matrices: StructureMatrices, wanted: int) -> _Basis:
                for one in (matrices.contact_map, matrices.stiffness, matrices.mass))
     contact = len(q)
     orthogonal, triangle = qr(q.T)
-    lifted = np.linalg.solve(triangle[:contact].T, orthogonal[:, :contact].T).T
+    lifted = np.linalg.solve(triangle[:contact], orthogonal[:, :contact].T).T
     closed = orthogonal[:, contact:]
     inner_k, inner_m = closed.T @ k @ closed, closed.T @ m @ closed
     try:
