@@ -12,10 +12,10 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.facts.experiment import FactsExperiment, shown
 from fretflow.experiments.independent import IndependentSearch, estimates
-from fretflow.experiments.rig.model import RigModel
+from fretflow.experiments.rig.model import SAMPLES, RigModel
 from fretflow.experiments.rig.observation import Observation
 from fretflow.experiments.rig.run import RigTools
-from fretflow.experiments.rig.setup import CONFIRMING, SAMPLES, bare_case, meshes
+from fretflow.experiments.rig.setup import CONFIRMING, bare_case, meshes
 from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit

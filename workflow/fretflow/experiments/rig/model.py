@@ -32,8 +32,8 @@ from fretflow.wear.history import WearSettings, WearStep
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
-DENSER = 4  # times the samples and harmonics: beyond the arm's own mode, which rings whenever the faces stick
-HARMONICS = 16  # of the masses' motion that more start from: with a play Newton finds all at once from nowhere else
+SAMPLES = 64  # of a period that fits are made with, four for each harmonic of the masses' motion
+DENSER = 4  # times as many that these are corrected by: beyond the arm's own mode, which rings whenever the faces stick
 # of a simulation's wear: faces micrometres apart need 60 to 100, less plausible laws over cycles may need thousands
 MOST_PERIODS = 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
@@ -129,8 +129,8 @@ class RigModel:
         NonConvergenceError
             If a period is not found.
         """
-        if near is None and self.harmonics is None and harmonics_of(self.samples) > HARMONICS:
-            near = replace(self, harmonics=HARMONICS).simulate(hypothesis)
+        if near is None and self.harmonics is None and self.samples > SAMPLES:  # all at once are not found with a play
+            near = replace(self, harmonics=harmonics_of(SAMPLES)).simulate(hypothesis)
         cycle = PeriodicCycle(self.solver(), self.case_problem(hypothesis), hypothesis.effects)
         coefficient = hypothesis.wear * self.wear_coefficient
         counts, last = self.observation.counts, max(self.observation.counts)

@@ -11,7 +11,7 @@ from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.core.units import pretty_quantity
-from fretflow.experiments.rig.model import DENSER, Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.model import DENSER, SAMPLES, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import LoopSet, plateau
@@ -30,7 +30,6 @@ FRICTION = PLAUSIBLE["contact.friction_coefficient"]
 # (1952) 526-528: exponent 0.54 of a corner of 270 degrees, twice that in energy). Against 6 by 6 elements, growth 1.35,
 # the coarse mesh misses 2.4 to 3.2 of the difference between the two; what is told beyond the finer stays as an error.
 EXTRAPOLATED = 2.5
-SAMPLES = 64  # of a period: four for each of 16 harmonics; leading sets are held to `DENSER` times as many
 
 
 def meshes(fast: bool) -> tuple[int, int]:
