@@ -13,7 +13,7 @@ from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig import run
 from fretflow.experiments.rig.experiment import BASELINE
-from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.model import DENSER, Hypothesis
 from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
 from fretflow.experiments.rig.setup import (
     case_of,
@@ -111,14 +111,15 @@ def test_what_cannot_be_predicted_from_is_named(field: str) -> None:
 
 
 def test_errors_of_the_coarse_model_are_extrapolated_loop_by_loop() -> None:
-    """What twice the samples change is added, a third of it staying as an error; modes are a piece each."""
+    """An error of second order that more samples leave is as large as the error that stays; modes are a piece each."""
     pieces: Any = [SimpleNamespace(place=slice(0, 3)), SimpleNamespace(place=slice(3, 5))]
-    plain, denser = np.full(5, 10.0), np.full(5, 10.0) - 1.0
+    exact, left = np.full(5, 10.0), 1.0 / DENSER**2
+    plain, denser = exact + 1.0, exact + left
     seen: Any = SimpleNamespace(pieces=pieces, rows=lambda block: np.zeros(5, dtype=bool))
     correction, modes = errors_of(seen, plain, denser, plain)
-    assert correction == pytest.approx(np.full(5, -1.0))
+    assert plain + correction - exact == pytest.approx(np.full(5, left))
     assert np.count_nonzero(modes, axis=0).tolist() == [0, 3, 0, 2]
-    assert modes.sum(axis=1) == pytest.approx(np.full(5, -1.0 / 3.0))
+    assert modes.sum(axis=1) == pytest.approx(np.full(5, -left))
 
 
 def test_errors_of_an_approach_sensor_are_those_of_all_loops() -> None:
