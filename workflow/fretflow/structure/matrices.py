@@ -110,7 +110,7 @@ class StructureMatrices:
                     raise InputError(f"{kind}: {name} has the shape {row.shape}, but a row has {n} numbers, one a DOF")
                 _finite(row, f"{kind}: {name}")
                 if not np.any(row):
-                    raise InputError(f"{kind}: {name} holds only zeros, which is no place on the structure")
+                    raise InputError(f"{kind}: {name} holds only zeros, which is no place on the structure that moves")
 
 
 def check_force_map(force_map: Matrix, contact_map: Matrix) -> None:
