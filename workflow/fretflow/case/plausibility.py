@@ -36,13 +36,16 @@ def implausible(case: Case | BoltedCase) -> Iterator[str]:
     """Yield what is said of each value of `case` that is beyond what joints have."""
     for entry in entries(case):
         name = ".".join((*(part for part in entry.table if part not in ("upper", "lower")), entry.key))
-        if not entry.value or name not in PLAUSIBLE:
-            continue
-        low, high = PLAUSIBLE[name]
-        if not low <= entry.value <= high:
-            value, *ends = (pretty_quantity(number, entry.unit, 4) for number in (entry.value, low, high))
-            yield (f"{name} = {value} is beyond what joints have ({ends[0]} to {ends[1]}); check the number and its "
-                   "unit")
+        if entry.value and name in PLAUSIBLE:
+            yield from beyond(name, entry.value, entry.unit, name)
+
+
+def beyond(name: str, value: float, unit: str, key: str) -> Iterator[str]:
+    """Yield what is said of a `value` that `name` has, if it is beyond what joints have of `key`."""
+    low, high = PLAUSIBLE[key]
+    if not low <= value <= high:
+        shown, *ends = (pretty_quantity(number, unit, 4) for number in (value, low, high))
+        yield f"{name} = {shown} is beyond what joints have ({ends[0]} to {ends[1]}); check the number and its unit"
 
 
 def _without_effect(case: Case) -> Iterator[str]:

@@ -29,11 +29,10 @@ from pydantic import ValidationError
 
 from fretflow.case.bolted import Elasticity
 from fretflow.case.config import explain
-from fretflow.case.plausibility import PLAUSIBLE
+from fretflow.case.plausibility import beyond
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
-from fretflow.core.units import pretty_quantity
 from fretflow.recordings.description import file_at, read_description, validated
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.kinds.joints import STRUCTURE
@@ -184,16 +183,11 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
 
 
 def _implausible(known: Mapping[str, float]) -> list[Note]:
-    notes = []
-    for name, unit, ends in (("friction_coefficient", "1", "contact.friction_coefficient"),
-                             ("youngs_modulus", "Pa", "specimen.youngs_modulus"),
-                             ("elastic_modulus", "Pa", "specimen.youngs_modulus")):
-        low, high = PLAUSIBLE[ends]
-        if name in known and not low <= known[name] <= high:
-            value, *limits = (pretty_quantity(one, unit, 4) for one in (known[name], low, high))
-            notes.append(Note("structure", f"{name} = {value} is beyond what joints have ({limits[0]} to {limits[1]}); "
-                                           "check the number and its unit"))
-    return notes
+    modulus = "Pa", "specimen.youngs_modulus"
+    keys = {"friction_coefficient": ("1", "contact.friction_coefficient"), "youngs_modulus": modulus,
+            "elastic_modulus": modulus}
+    return [Note("structure", said) for name, key in keys.items() if name in known
+            for said in beyond(name, known[name], *key)]
 
 
 def _matrices(toml: Path, own: StructureSection) -> StructureMatrices:
