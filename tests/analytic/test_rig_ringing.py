@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.backlash import Backlash
-from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.solvers.time_integration import settle
 
 STEPS, REPEATS = 1024, 1e-5  # the last step as good as the motion of `TOLERANCE`
@@ -26,6 +27,26 @@ def test_more_samples_bring_the_friction_force_to_that_of_time_integration(effec
     wanted = lines(history.of_period(history.friction_force))
     assert np.linalg.norm(lines(dense.solution.friction_force) - wanted) < 0.003 * np.linalg.norm(wanted)
     assert np.linalg.norm(lines(coarse.solution.friction_force) - wanted) > 0.006 * np.linalg.norm(wanted)
+
+
+def test_a_baseline_that_few_harmonics_do_not_lead_to_is_sought_from_nothing(monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    simulate = RigModel.simulate
+
+    def from_nothing_alone(self, hypothesis, near=None):
+        if near is not None:
+            raise NonConvergenceError("not near this")
+        return simulate(self, hypothesis, near)
+
+    model = small_rig.rig(small_rig.observed({"displacement": 3e-8}, (0,), (), 2e-15, 3e-9)).denser()
+    (led,) = model.simulate(Hypothesis()).loops
+    monkeypatch.setattr(RigModel, "simulate", from_nothing_alone)
+    (sought,) = model.simulate(Hypothesis()).loops
+    assert lines(sought.solution.friction_force) == pytest.approx(lines(led.solution.friction_force), abs=1e-2)
+    with pytest.raises(NonConvergenceError):
+        model.simulate(Hypothesis(effects=(Backlash(play="2.5 um"),)))
 
 
 def lines(force):

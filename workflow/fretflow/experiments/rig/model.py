@@ -130,7 +130,11 @@ class RigModel:
             If a period is not found.
         """
         if near is None and self.harmonics is None and self.samples > SAMPLES:  # all at once are not found with a play
-            near = replace(self, harmonics=harmonics_of(SAMPLES)).simulate(hypothesis)
+            try:
+                return self.simulate(hypothesis, replace(self, harmonics=harmonics_of(SAMPLES)).simulate(hypothesis))
+            except NonConvergenceError:
+                if hypothesis.effects:  # seeking them from nothing takes long, and in vain
+                    raise
         cycle = PeriodicCycle(self.solver(), self.case_problem(hypothesis), hypothesis.effects)
         coefficient = hypothesis.wear * self.wear_coefficient
         counts, last = self.observation.counts, max(self.observation.counts)
