@@ -217,14 +217,3 @@ def test_where_no_more_than_noise_is_left_nothing_is_named(left: float, after: f
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0), candidates=lambda: ["one"] * 20))
     said = beyond_noise(told, cast(Search, search))
     assert (said.verdict, said.probability) == (verdict, pytest.approx(probability, abs=5e-4))
-
-
-@pytest.mark.parametrize(("after", "verdict"), [(100.0, Verdict.NAMED), (164.0, Verdict.NONE)])
-def test_a_classical_test_misses_nothing_that_few_parameters_take(after: float, verdict: Verdict) -> None:
-    """Of 176 (noise: 116), three parameters take 76, or 12: that the best of 20 sets takes of noise in 1 of 7."""
-    fits = {frozenset({"viscous"}): SimpleNamespace(z=np.zeros(7))}
-    search = SimpleNamespace(
-        chi_squared=lambda names: after if names else 176.0, fits=fits, baseline=SimpleNamespace(z=np.zeros(4)),
-        experiment=SimpleNamespace(measurement=SimpleNamespace(expected=116.0), candidates=lambda: ["one"] * 20))
-    assert detected(found(Verdict.NAMED), detection_at(0.43), cast(Search, search)).verdict is verdict
-    assert detected(found(Verdict.NAMED), detection_at(0.43)).verdict is Verdict.NONE

@@ -94,37 +94,29 @@ def decide(found: Search) -> Found:
     return Found(Verdict.AMBIGUOUS, tuple(sets), best, found.explained(best), total, ranking, known)
 
 
-def detected(found: Found, detection: Detection, search: Search | None = None) -> Found:
+def detected(found: Found, detection: Detection) -> Found:
     """Return a verdict held to the classical test of whether the baseline leaves anything: what it misses is nothing.
 
-    Errors that are not noise hide in its degrees of freedom what a few parameters take; with a `search` this counts.
     The reverse does not hold: the test's null knows the errors of the measurement and not what codes differ by, so that
     a small p-value alone is no physics.
     """
-    p = detection.p_value if search is None else min(detection.p_value, _taken_of_noise(found, search))
-    return found if p < detection.false_alarm_rate else _nothing(found, p)
+    return found if detection.p_value < detection.false_alarm_rate else _nothing(found, detection.p_value)
 
 
 def beyond_noise(found: Found, search: Search) -> Found:
     """Return a verdict held to what repeats explain: where the baseline leaves no more, there is nothing to explain.
 
-    What takes more of that than noise would let the best of so many sets take is still something.
+    What takes more of that than noise would let the best of so many sets take (Wilks' test) is still something.
     """
     left, expected = search.chi_squared(frozenset()), search.experiment.measurement.expected
     if left > expected:
         return found
-    p = min(float(chi2.sf(left, expected)), _taken_of_noise(found, search))
+    p = float(chi2.sf(left, expected))
+    if found.sets:
+        more = len(search.fits[found.after].z) - len(search.baseline.z)
+        sets = comb(len(search.experiment.candidates()), len(found.after))
+        p = min(p, sets * float(chi2.sf(left - search.chi_squared(found.after), more)))
     return found if p < FALSE_ALARMS else _nothing(found, p)
-
-
-def _taken_of_noise(found: Found, search: Search) -> float:
-    """Return how probable it is that the best of so many sets takes as much of noise as the named one (Wilks' test)."""
-    if not found.sets:
-        return 1.0
-    more = len(search.fits[found.after].z) - len(search.baseline.z)
-    sets = comb(len(search.experiment.candidates()), len(found.after))
-    taken = search.chi_squared(frozenset()) - search.chi_squared(found.after)
-    return min(1.0, sets * float(chi2.sf(taken, more)))
 
 
 def _nothing(found: Found, p: float) -> Found:

@@ -108,11 +108,9 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
     before = _plainly(experiment, hypotheses.baseline)
     detection = detect(experiment.rig.observation, before)
-    found = plausible(decide(hypotheses), hypotheses, experiment)
-    if experiment.rig.observation.unsteady:  # what repeats differ by is motion, and no noise to hide in
-        found = detected(found, detection)
-    else:
-        found = beyond_noise(detected(found, detection, hypotheses), hypotheses)
+    found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)
+    if not experiment.rig.observation.unsteady:  # else what repeats differ by is motion, and no noise to hide in
+        found = beyond_noise(found, hypotheses)
     progress(0.85, "held-out loops")
     unseen = held_out(hypotheses, experiment, found.after)
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
