@@ -22,6 +22,7 @@ from fretflow.inference.evidence import (
     rates,
     size_prior,
     smooth_functions,
+    waves,
 )
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences
 from fretflow.inference.law_forms import density, law_form_errors
@@ -31,6 +32,7 @@ from fretflow.inference.posterior import by_form_alone, decide, left_out
 from fretflow.inference.search import FAST, Search, Start
 from fretflow.inference.strategy import begin_all, leading, search, start_search
 from fretflow.inference.verdict import Verdict
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 LOOPS, SAMPLES = 6, 24
@@ -229,6 +231,37 @@ def test_smooth_functions_have_the_size_that_they_are_asked_for() -> None:
     made = np.sqrt(np.sum(modulations(mapped, shown)**2, axis=1))
     loops, depths = (float(np.sqrt(np.mean(made[rows]**2))) for rows in (own.group == 0, own.group == LOOPS - 1))
     assert 10.0 < depths / loops < 40.0
+
+
+def mapped() -> Measurement:
+    """Return the six loops with a map of 15 x 15 points, of size one, of which codes differ by a twentieth."""
+    own, line = measurement(), np.linspace(0.0, 1.0, 15)
+    place = np.array(np.meshgrid(line, line)).reshape(2, -1).T
+    size = len(place)
+    more = {"values": np.ones(size), "variance": np.full(size, SD**2), "repeatable": np.ones(size),
+            "channel": np.ones(size, dtype=int), "phase": np.full(size, np.nan), "group": np.full(size, LOOPS - 1),
+            "cycles": np.full(size, np.nan), "condition": np.zeros(size, dtype=int),
+            "held_out": np.zeros(size, dtype=bool)}
+    return replace(own, channels=("force", "depth"), modes=np.zeros((len(own.values) + size, 0)),
+                   code_error=block_diag(own.code_error, 0.05 * np.ones((size, 1))),
+                   place=np.vstack([np.full((len(own.values), 2), np.nan), place]),
+                   **{name: np.append(getattr(own, name), values) for name, values in more.items()})
+
+
+def test_a_face_is_off_smoothly_by_what_codes_differ_by_there() -> None:
+    """Over the face, with the rms that codes differ by; such a ridge at its edge is, and no single points are."""
+    own = mapped()
+    depth = own.channel == 1
+    common = smooth_functions(own)[0]
+    rms = np.sqrt(np.mean(np.sum(common[depth]**2, axis=1)))
+    assert rms * code_size(own) == pytest.approx(0.05, rel=0.05)
+    assert np.sqrt(np.mean(np.sum(waves(own, 7)[depth]**2, axis=1))) == pytest.approx(1.0, rel=0.05)
+    ridge = np.where(own.place[depth][:, 1] < 0.1, 1.0, 0.0)
+    chessboard = np.where(np.arange(depth.sum()) % 2, 1.0, -1.0)
+    basis, _ = np.linalg.qr(common[depth][:, np.any(common[depth], axis=0)])
+    held = [float(np.linalg.norm(basis.T @ one) / np.linalg.norm(one)) for one in (ridge, chessboard)]
+    assert held[0] > 0.9
+    assert held[1] < 0.3
 
 
 def test_rates_are_derivatives_by_the_loops_angle() -> None:

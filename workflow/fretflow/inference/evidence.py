@@ -148,10 +148,10 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     the same relative size, and corners, which are not smooth, move. Of an input the whole loop alone is early or late.
     """
     inputs = np.isin(measurement.channel, [measurement.channels.index(one) for one in measurement.inputs])
-    size = np.where(inputs, 0.0, sizes(measurement))
+    size = discrepancy_sizes(measurement)
     early = harmonics(measurement.phase, MODULATING)
     early[inputs, 1:] = 0.0
-    found = [np.hstack([_products(measurement, harmonics(measurement.phase, LOOP_HARMONICS), courses, size),
+    found = [np.hstack([_products(measurement, waves(measurement, LOOP_HARMONICS), courses, size),
                         _products(measurement, early, courses, rates(measurement))])
              for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
     return found[0], found[1]
@@ -170,7 +170,7 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
     for own in loops_of(measurement):
         seen[own] -= seen[own].mean()
     single = np.column_stack([measurement.group == one for one in range(len(measurement.groups))]).astype(float)
-    shapes = _unit(np.hstack([harmonics(measurement.phase, MODULATING), _courses(measurement), single]))
+    shapes = _unit(np.hstack([waves(measurement, MODULATING), _courses(measurement), single]))
     return np.asarray(_levelled(measurement, seen)[:, None] * shapes)
 
 
@@ -206,13 +206,33 @@ def code_size(measurement: Measurement) -> float:
     It is what finer meshes and steps change of the model's prediction, loops' zeros aside: two codes of this resolution
     differ by as much.
     """
+    squares = _code_squares(measurement)
+    return _over_sizes(measurement, squares, squares > 0.0)
+
+
+def discrepancy_sizes(measurement: Measurement) -> Array:
+    """Return the sd (M,) of a general discrepancy of size one: the channel's size, of what drives the joint none.
+
+    It is larger in a channel of which codes differ by more than of all: of a worn face they tell less than of a loop.
+    """
+    found, squares = sizes(measurement), _code_squares(measurement)
+    of_all = code_size(measurement)
+    for channel, name in enumerate(measurement.channels):
+        rows = measurement.channel == channel
+        if name in measurement.inputs:
+            found[rows] = 0.0
+        elif (told := rows & (squares > 0.0)).any():
+            found[rows] *= max(1.0, _over_sizes(measurement, squares, told) / of_all)
+    return found
+
+
+def _code_squares(measurement: Measurement) -> Array:
+    """Return the variance (M,) of what codes differ by, loops' zeros aside; that of the noise if nothing tells."""
     error = measurement.code_error.copy()
     for own in loops_of(measurement):
         error[own] -= error[own].mean(axis=0)
-    squares = np.sum(error**2, axis=1)
-    if not squares.any():
-        squares = measurement.variance * measurement.repeatable
-    return _over_sizes(measurement, squares, squares > 0.0)
+    squares = np.asarray(np.sum(error**2, axis=1))
+    return squares if squares.any() else measurement.variance * measurement.repeatable
 
 
 def _over_sizes(measurement: Measurement, squares: Array, rows: NDArray[np.bool_]) -> float:
@@ -272,6 +292,24 @@ def rates(measurement: Measurement) -> Array:
         slopes = np.hstack([np.zeros_like(angle), -order * np.sin(angle * order), order * np.cos(angle * order)])
         found[own] = slopes @ np.linalg.lstsq(series, measurement.values[own], rcond=None)[0]
     return found
+
+
+def waves(measurement: Measurement, most: int) -> Array:
+    """Return waves (M, any) over phase or place, each row's of unit variance in all; a constant where it has neither.
+
+    Over a face they are products of those along its sides, whose orders' product is at most `most`.
+    """
+    found = harmonics(measurement.phase, most)
+    if measurement.place is None:
+        return found
+    on_face = np.isfinite(measurement.place).all(axis=1)[:, None]
+    order = np.arange(most + 1)
+    falling = np.where(order > 0, np.sqrt(2.0) / np.maximum(order, 1), 1.0)  # sd, times the rms of a cosine
+    x, y = (falling * np.cos(np.pi * order * side[:, None]) for side in np.nan_to_num(measurement.place).T)
+    kept = np.multiply.outer(np.maximum(order, 1), np.maximum(order, 1)) <= most
+    both = (x[:, :, None] * y[:, None, :])[:, kept]
+    total = float(np.sum(np.multiply.outer(*2 * [1.0 / np.maximum(order, 1)**2])[kept]))
+    return np.hstack([np.where(on_face, 0.0, found), np.where(on_face, both / np.sqrt(total), 0.0)])
 
 
 def harmonics(phase: Array, most: int) -> Array:

@@ -125,13 +125,16 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
     size = len(observation.values)
     labels = tuple(dict.fromkeys(piece.label for piece in observation.pieces))
     channels = tuple(dict.fromkeys(piece.channel for piece in observation.pieces))
-    phase, cycles = np.full(size, np.nan), np.full(size, np.nan)
+    phase, cycles, place = np.full(size, np.nan), np.full(size, np.nan), np.full((size, 2), np.nan)
     rows = {name: np.zeros(size, dtype=np.int64) for name in ("channel", "group", "condition")}
     for piece in observation.pieces:
         rows["channel"][piece.place] = channels.index(piece.channel)
         rows["group"][piece.place] = labels.index(piece.label)
         if piece.block == "loops":
             cycles[piece.place] = piece.cycles / max(total_cycles, 1)
+        if piece.block == "map":
+            away = observation.points - observation.points.min(axis=0)
+            place[piece.place] = away / np.maximum(away.max(axis=0), np.finfo(float).tiny)
         if piece.condition is not None:
             rows["condition"][piece.place] = 1 + piece.condition
             cycles[piece.place] = max(observation.counts) / max(total_cycles, 1)
@@ -142,5 +145,5 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
     return Measurement(
         values=observation.values, variance=observation.variance,
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
-        channels=channels, groups=labels, phase=phase, cycles=cycles, held_out=np.isin(
+        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, held_out=np.isin(
             np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)), **rows)
