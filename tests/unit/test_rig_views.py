@@ -4,8 +4,11 @@ What carries the weight: a prediction that is off by nothing but the scatter of 
 another zero of a loop is not worse, and a known error shows with its size and at its place.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from fretflow.experiments.rig.held_out import detect
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.observation import Observation, Piece, condition_labels, count_label
 from fretflow.experiments.rig.phases import PHASES, Strokes
@@ -193,3 +196,18 @@ def test_maps_count_errors_that_samples_share_and_no_zero():
     sd = FLOOR / np.sqrt(REPEATS)
     shown = residual_maps(seen, Covariance(seen.variance, modes), wrong, seen.values)[1].before[0]
     assert shown == pytest.approx(3.0 * np.cos(PHASE) / np.hypot(sd, 3.0 * np.cos(PHASE)))
+
+
+def test_errors_of_timing_that_are_not_there_hide_nothing():
+    """Three quarters of the variance may be there and are not: noise alone passes, half as much beside it does not."""
+    seen = observation()
+    seen = seen.less_sure(3.0 * seen.variance)
+    noise = 0.5 * np.random.default_rng(6).standard_normal(len(seen.values))
+    slope = np.sqrt(seen.variance)[:, None]
+
+    def p_value(left):
+        fit = SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(1), whitened_jacobian=slope)
+        return detect(seen, fit).tests["chi-squared of all that is left"]
+
+    assert p_value(noise) > 0.05
+    assert p_value(np.sqrt(1.5) * noise) < 1e-6

@@ -68,9 +68,13 @@ def held_out(hypotheses: Search, experiment: RigExperiment, names: Names) -> Hel
 
 
 def detect(observation: Observation, base: Fit) -> Detection:
-    """Return whether anything is left at a fitted baseline: in all, and in the harmonics that loops have in common."""
-    residual = base.residual
-    tests = {"chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, len(residual) - len(base.z))),
+    """Return whether anything is left at a fitted baseline: in all, and in the harmonics that loops have in common.
+
+    What is left in all is compared with what repeats differ by: much of the variance at corners is of errors of timing
+    that need not be there, and would hide what is.
+    """
+    residual, freedom = base.residual, max(float(observation.noise.sum()) - len(base.z), 1.0)
+    tests = {"chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, freedom)),
              "harmonics of the loops by their trend over the cycles": _harmonics(observation, residual, base)}
     name = min(tests, key=lambda key: tests[key])
     return Detection(p_value=min(1.0, len(tests) * tests[name]), statistic=name, tests=tests,
