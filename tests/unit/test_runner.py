@@ -10,7 +10,7 @@ import os
 import shutil
 
 import pytest
-from fretflow.case.config import validate_case
+from fretflow.case.config import Solver, validate_case
 from fretflow.core.errors import InputError, NonConvergenceError, StoreError
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.runner import Runner
@@ -326,3 +326,17 @@ def test_a_lock_that_leads_elsewhere_is_refused_and_what_it_leads_to_stays(pipel
         pipeline.run(a_case())
     assert other.read_text() == "precious"
     assert pipeline.calls == []
+
+
+def test_effects_that_the_solver_does_not_know_are_refused_before_the_mesh(tmp_path):
+    """They were after minutes of meshing and reduction; one that it knows runs."""
+    pipeline, case = Pipeline(tmp_path), a_case()
+
+    def with_effect(**effect):
+        return case.model_copy(update={"solver": Solver(method="dlft"), "effects": effect})
+
+    with pytest.raises(InputError, match=r"method = .dlft. does not know friction that depends on the direction"):
+        pipeline.run(with_effect(**{"directional-friction": {"difference": 0.1}}))
+    assert not pipeline.calls
+    pipeline.run(with_effect(**{"friction-run-in": {}}))
+    assert pipeline.calls

@@ -14,8 +14,8 @@ from fretflow.contact.interface import Interface
 from fretflow.effects.catalogue import parse_effects
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.run_records import RunRecords
-from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
-from fretflow.structure.two_mass_rig.joint import JointModel, RigJoint
+from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, refuse_unknown
+from fretflow.structure.two_mass_rig.joint import JointModel, QuasiStaticJoint, RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 
@@ -49,6 +49,30 @@ def make_model(case: Case, reduced: Path) -> EffectModel:
         If an effect of the case is not known, or two do not work together.
     """
     return EffectModel.build(make_problem(case, reduced), parse_effects(case.effects, case.name))
+
+
+def check_effects(case: Case) -> None:
+    """Check, on four nodes and before anything is meshed, that the solver of `case` knows all that its effects do.
+
+    Raises
+    ------
+    InputError
+        Naming what it does not.
+    ConfigError
+        If an effect is not known, or two do not work together.
+    """
+    if case.solver.method is not PeriodicMethod.DLFT or not case.effects:
+        return
+    side = 0.5 * case.specimen.upper.contact_width
+    face = Interface(nodes=side * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]]),
+                     areas=np.full(4, side**2), gap=np.zeros(4))
+    stiffness = case.specimen.upper.youngs_modulus * side * np.eye(12)
+    test = case.test
+    problem = rig_problem(QuasiStaticJoint.from_stiffness(stiffness, make_rig(case.rig)), face,
+                          case.contact.friction_coefficient, test.excitation_frequency, test.excitation_amplitude,
+                          test.normal_load)
+    model = EffectModel.build(problem, parse_effects(case.effects, case.name))
+    refuse_unknown(model.problem(model.initial()), 'solver.method = "dlft"')
 
 
 def make_rig(rig: config.Rig) -> LumpedRig:

@@ -27,6 +27,7 @@ from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.provenance import CostMeter, commit, versions
 from fretflow.core.store import write_csv, write_whole
 from fretflow.pipeline.estimate import check_memory
+from fretflow.pipeline.problem import check_effects
 from fretflow.pipeline.ranks import Ranks
 from fretflow.pipeline.stage import (
     CASE_FILE,
@@ -139,6 +140,7 @@ class Runner:
         """
         stages = self.select(until)
         check_memory(case, [stage.name for stage in stages])
+        check_effects(case)
         if case.output.figures:
             provided(FIGURES, "names")(case.output)
         home = self._root / case.name
