@@ -338,9 +338,19 @@ def _unit(functions: Array) -> Array:
 
 
 def _products(measurement: Measurement, waves: Array, courses: Array, size: Array) -> Array:
-    """Return all products of waves and courses times a size (M,), of each channel apart."""
-    product = (waves[:, :, None] * courses[:, None, :]).reshape(len(waves), -1) * size[:, None]
-    found = [np.where((measurement.channel == channel)[:, None], product, 0.0)
-             for channel in range(len(measurement.channels))]
-    every = np.hstack(found)
-    return np.asarray(every[:, np.any(every, axis=0)])
+    """Return functions (M, any) with the covariance of all products of waves and courses times a size (M,).
+
+    Those of each channel are its own, and no more than it has rows.
+    """
+    found = []
+    for channel in range(len(measurement.channels)):
+        rows = measurement.channel == channel
+        own = (waves[rows, :, None] * courses[rows, None, :]).reshape(np.count_nonzero(rows), -1) * size[rows, None]
+        own = own[:, np.any(own, axis=0)]
+        if own.shape[1] > len(own):
+            left, strength, _ = np.linalg.svd(own, full_matrices=False)
+            own = left * strength
+        spread = np.zeros((len(rows), own.shape[1]))
+        spread[rows] = own
+        found.append(spread)
+    return np.hstack(found)
