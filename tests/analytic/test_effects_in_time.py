@@ -111,6 +111,7 @@ CASES = {
     "beside, hardening": (ParallelStiffness(hardening=1.0 / 3.0).changed(stiffness=3e5),
                           {"beside": lambda x, v: -3e5 * x - 1e15 * x**3}),
     "dashpot": (Viscous().changed(damping=1500.0), {"beside": lambda x, v: -1500.0 * v}),
+    "orifice": (Viscous(power=2.0).changed(damping=1500.0), {"beside": lambda x, v: -1500.0 / 6.3e-3 * abs(v) * v}),
     "offset": (ForceOffset().changed(force_offset=5.0), {"drive": lambda t: 5.0}),
     "play": (Backlash().changed(play=3e-6), {"play": 3e-6})}
 

@@ -10,17 +10,20 @@ from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
 from fretflow.effects.backlash import Backlash
 from fretflow.effects.model import EffectModel
+from fretflow.effects.viscous import SPEED, _Dashpot
 from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.force_laws import ROUND, ArmSupport, BlockPull, HingePlay
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
+from scipy.special import gamma
 
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 
 
-@pytest.mark.parametrize("force", [ArmSupport(2e5, 300.0), BlockPull(4.0), HingePlay(1e8, 2e-6)])
+@pytest.mark.parametrize("force", [
+    ArmSupport(2e5, 1e16), BlockPull(4.0), HingePlay(1e8, 2e-6), _Dashpot(300.0, 0.5), _Dashpot(300.0, 2.0)])
 def test_slopes_are_those_of_differences(force):
     random = np.random.default_rng(3)
     x, v = 2e-6 * random.normal(size=(60, 2)), 1e-3 * random.normal(size=(60, 2))
@@ -28,9 +31,22 @@ def test_slopes_are_those_of_differences(force):
     for place in range(2):
         dx = step * np.eye(2)[place]
         by_x = (force(x + dx, v).force - force(x - dx, v).force) / (2.0 * step)
-        by_v = (force(x, v + 1e8 * dx).force - force(x, v - 1e8 * dx).force) / (2e8 * step)
+        by_v = (force(x, v + 1e5 * dx).force - force(x, v - 1e5 * dx).force) / (2e5 * step)
         assert by_x == pytest.approx(found.by_displacement[:, :, place], rel=1e-4, abs=1e-4 * 1e8)
         assert by_v == pytest.approx(found.by_velocity[:, :, place], rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 1.7])
+def test_a_dashpot_takes_the_energy_of_its_power_of_the_speed(power):
+    """Of a sine: 2^(2 + b) Gamma(1 + b / 2)^2 / Gamma(2 + b) C omega^b x^(1 + b) (Soong, Constantinou, 1994)."""
+    damping, x, omega = 300.0, 40e-6, 2.0 * np.pi * 400.0  # 16 times the speed that c is told at
+    angle = 2.0 * np.pi * np.arange(4096) / 4096
+    v = -omega * x * np.sin(angle)
+    taken = _Dashpot(damping, power).of(v)[0]
+    energy = float(taken @ v) * 2.0 * np.pi / omega / len(angle)
+    constant = damping * SPEED ** (1.0 - power)
+    closed = 2.0 ** (2.0 + power) * gamma(1.0 + 0.5 * power) ** 2 / gamma(2.0 + power)
+    assert energy == pytest.approx(closed * constant * omega**power * x ** (1.0 + power), rel=0.01)
 
 
 def test_a_hinge_carries_nothing_within_its_play_and_all_but_the_play_beyond():

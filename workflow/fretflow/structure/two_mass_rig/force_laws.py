@@ -16,19 +16,17 @@ ROUND = 0.1  # of the half play, to either side of its end, over which the hinge
 
 @dataclass(frozen=True)
 class ArmSupport:
-    """A spring of `stiffness` (N/m) and `cubic` (N/m^3) and a dashpot of `damping` (N s/m) from the arm to ground."""
+    """A spring of `stiffness` (N/m) and `cubic` (N/m^3) from the arm to ground."""
 
     stiffness: float = 0.0
-    damping: float = 0.0
     cubic: float = 0.0
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
         found = _nothing(len(displacement))
         x = displacement[:, ARM]
-        found.force[:, ARM] = -(self.stiffness + self.cubic * x**2) * x - self.damping * velocity[:, ARM]
+        found.force[:, ARM] = -(self.stiffness + self.cubic * x**2) * x
         found.by_displacement[:, ARM, ARM] = -self.stiffness - 3.0 * self.cubic * x**2
-        found.by_velocity[:, ARM, ARM] = -self.damping
         return found
 
 
