@@ -164,3 +164,17 @@ def test_of_motions_that_coexist_the_measured_one_is_predicted(monkeypatch):
         assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.02)
         spans.append(np.ptp(moved))
     assert spans[1] > 1.8 * spans[0]
+
+
+def test_a_finer_mesh_may_take_the_periods_of_its_nodes(monkeypatch):
+    """Deep wear took a few periods more on the finer mesh than any march may, and the diagnosis ended in an error."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    seen, deep = small_rig.observed(SD, (0, 400_000), (), 1e-12, 1e-7), Hypothesis(wear=4.0)
+    coarse, fine = small_rig.rig(seen), small_rig.rig(seen, np.arange(49))
+    most = coarse.simulate(deep).steps[-1].solves
+    coarse, fine = (replace(one, most_periods=most) for one in (coarse, fine))
+    with pytest.raises(NonConvergenceError, match=f"more than {most} periods"):
+        fine.simulate(deep)
+    assert coarse.finer(fine.problem).simulate(deep).steps[-1].solves > most

@@ -125,6 +125,7 @@ class Search:
     _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _chance: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _evidence: dict[tuple[Names, Names], tuple[Fit, Evidence]] = field(default_factory=dict)
+    _averaged: dict[tuple[Names, Names | None], tuple[Evidence, float]] = field(default_factory=dict)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
@@ -209,7 +210,10 @@ class Search:
 
     def log_evidence(self, names: Names, laws: Names | None = None) -> float:
         """Return the log evidence of a set if nothing is missing from it."""
-        return self.evidence(names, laws).averaged(self.prior(names, laws))
+        own, known = self.evidence(names, laws), self._averaged.get((names, laws))
+        if known is None or known[0] is not own:
+            self._averaged[names, laws] = known = own, own.averaged(self.prior(names, laws))
+        return known[1]
 
     def formed(self, names: Names, laws: Names | None = None) -> Array:
         """Return what other forms of the `laws` of a fitted set change (M, any), in SI, at a law-form error of one."""

@@ -98,6 +98,7 @@ class RigModel:
     total_cycles: int
     wear_tolerance: float = WEAR_TOLERANCE
     harmonics: int | None = None  # of the masses' motion; by default all that the samples hold
+    most_periods: int = MOST_PERIODS
 
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
@@ -108,6 +109,12 @@ class RigModel:
                          upper_compliance=joint.upper_compliance * soft, lower_compliance=joint.lower_compliance * soft)
         return replace(self.problem, structure=scaled).vary(
             friction_coefficient=hypothesis.friction * self.problem.friction_coefficient)
+
+    def finer(self, problem: PeriodicProblem) -> RigModel:
+        """Return the same on the finer mesh of a problem, whose nodes take their periods too as they touch or part."""
+        more = problem.interface.size / self.problem.interface.size
+        return replace(self, problem=problem.vary(friction_coefficient=self.problem.friction_coefficient),
+                       most_periods=round(more * self.most_periods))
 
     def denser(self) -> RigModel:
         """Return the same with `DENSER` times the samples of a period, and harmonics of the masses' motion."""
@@ -163,8 +170,8 @@ class RigModel:
                 break
             step, state = scheme.advance(step, state)
             steps.append(step)
-            if step.solves > MOST_PERIODS:
-                raise NonConvergenceError(f"the wear needs more than {MOST_PERIODS} periods for {last} cycles")
+            if step.solves > self.most_periods:
+                raise NonConvergenceError(f"the wear needs more than {self.most_periods} periods for {last} cycles")
         end = kept[last]
         # of other effects the first period is a good guess, and no others
         others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)

@@ -214,8 +214,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
                  first_wear(recording, friction)) for friction in read])
     progress(0.08, "what the coarse mesh leaves out")
-    finer = replace(model, problem=fine.vary(friction_coefficient=model.problem.friction_coefficient))
-    denser = model.denser()
+    finer, denser = model.finer(fine), model.denser()
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
     slope = neighbours(model, first, [Hypothesis(friction=1.0 + STEP)])[:, 0]
@@ -231,14 +230,13 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
 def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: RigTools) -> str:
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = experiment.rig, experiment.rig.observation
-    problem = tools.reduce(case).vary(friction_coefficient=rig.problem.friction_coefficient)
-    full = replace(rig, problem=problem).denser()
+    full = rig.finer(tools.reduce(case)).denser()
     try:
         found = tools.pool(predict_task, [_Prediction(full, hypothesis(fit.prediction.point)) for fit in fits])
     except FretflowError as error:
         return f"on the mesh of the case file the answer could not be confirmed: {error}"
     sizes = [held_out_error(observation, one) for one in found]
-    nodes = problem.interface.size
+    nodes = full.problem.interface.size
     return (f"on the mesh of the case file ({nodes} contact nodes) all loops are predicted to "
             f"{', '.join(f'{size:.3g}' for size in sizes)} times what repeats differ by "
             f"({'baseline, then ' if len(sizes) > 1 else ''}the model of the verdict)")
