@@ -7,6 +7,7 @@ turned about y, so that the faces of the lap have the same nodes.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -92,6 +93,11 @@ class LapBeam:
         if not self.hole < self.washer < room:
             raise MeshError(f"washer: {self.washer} m must be wider than the hole ({self.hole} m) and narrower than "
                             f"the width and the distance of the bolts ({room:.3g} m)")
+        points = self.across * round(self.lap / self.width * self.across)
+        needed, there = 8.0 * (3.0 * points)**2, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        if needed > there:
+            raise MeshError(f"across: {self.across:,} elements over the width make some {points:,} contact points, "
+                            f"whose stiffness alone takes {needed / 1e9:,.0f} GB, and there are {there / 1e9:,.0f} GB")
 
     @property
     def pitch(self) -> float:

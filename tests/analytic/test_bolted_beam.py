@@ -138,6 +138,8 @@ def test_what_cannot_be_is_one_line(meshed, tmp_path):
         structure_from_mesh(path, steel, [("upper lap", "lower lap")], degree=3)
     with pytest.raises(MeshError, match=r"washer: .* must be wider than the hole"):
         LapBeam(washer=5e-3)
+    with pytest.raises(MeshError, match=r"across: 4,000 elements over the width make some 75,\d+,000 contact points"):
+        LapBeam(across=4000)
 
 RECORDING = """
 format = "fretflow-recording/1"
