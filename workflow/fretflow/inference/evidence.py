@@ -213,16 +213,14 @@ def code_size(measurement: Measurement) -> float:
 def discrepancy_sizes(measurement: Measurement) -> Array:
     """Return the sd (M,) of a general discrepancy of size one: the channel's size, of what drives the joint none.
 
-    It is larger in a channel of which codes differ by more than of all: of a worn face they tell less than of a loop.
+    Of a worn face codes tell less than of loops: there it is by as much larger as they differ by more.
     """
     found, squares = sizes(measurement), _code_squares(measurement)
-    of_all = code_size(measurement)
-    for channel, name in enumerate(measurement.channels):
-        rows = measurement.channel == channel
-        if name in measurement.inputs:
-            found[rows] = 0.0
-        elif (told := rows & (squares > 0.0)).any():
-            found[rows] *= max(1.0, _over_sizes(measurement, squares, told) / of_all)
+    found[np.isin(measurement.channel, [measurement.channels.index(one) for one in measurement.inputs])] = 0.0
+    if measurement.place is not None:
+        face = np.isfinite(measurement.place).all(axis=1) & (squares > 0.0)
+        if face.any():
+            found[face] *= max(1.0, _over_sizes(measurement, squares, face) / code_size(measurement))
     return found
 
 
@@ -342,15 +340,15 @@ def _products(measurement: Measurement, waves: Array, courses: Array, size: Arra
 
     Those of each channel are its own, and no more than it has rows.
     """
+    product = (waves[:, :, None] * courses[:, None, :]).reshape(len(waves), -1) * size[:, None]
     found = []
     for channel in range(len(measurement.channels)):
         rows = measurement.channel == channel
-        own = (waves[rows, :, None] * courses[rows, None, :]).reshape(np.count_nonzero(rows), -1) * size[rows, None]
-        own = own[:, np.any(own, axis=0)]
-        if own.shape[1] > len(own):
-            left, strength, _ = np.linalg.svd(own, full_matrices=False)
-            own = left * strength
-        spread = np.zeros((len(rows), own.shape[1]))
-        spread[rows] = own
-        found.append(spread)
-    return np.hstack(found)
+        own = np.where(rows[:, None], product, 0.0)
+        if np.count_nonzero(np.any(own, axis=0)) > np.count_nonzero(rows):
+            left, strength, _ = np.linalg.svd(own[rows], full_matrices=False)
+            own = np.zeros((len(rows), len(strength)))
+            own[rows] = left * strength
+        found.append(own)
+    every = np.hstack(found)
+    return np.asarray(every[:, np.any(every, axis=0)])
