@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.points import ROUGH, BackbonePoints, averaging, noise_of, scatter, with_backbone
+from fretflow.experiments.structure.points import (
+    ROUGH,
+    BackbonePoints,
+    averaging,
+    noise_of,
+    scatter,
+    shrunk,
+    with_backbone,
+)
 from fretflow.experiments.structure.run import diagnose_structure
-from fretflow.inference.experiment import Point
+from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST
 from fretflow.inference.strategy import allow_for_chance, start_search
@@ -134,6 +142,19 @@ def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
     allow_for_chance(found)
     assert found.log_evidence(names) > alone + 2.0
     assert np.abs(found.fits[names].z).max() < HALF
+
+
+def test_few_draws_tell_how_far_the_next_one_is_off():
+    place = np.linspace(0.0, 1.0, 28)
+    root = np.linalg.cholesky(np.exp(-np.abs(place[:, None] - place) / 0.2))
+    rng, seen = np.random.default_rng(4), []
+    for _ in range(40):
+        draws, others = root @ rng.standard_normal((28, 16)), root @ rng.standard_normal((28, 40))
+        known = (Covariance(np.full(28, 1e-3), modes) for modes in (draws / 4.0, shrunk(draws)))
+        seen.append([np.mean(one.whiten(others)**2) for one in known])
+    plain, told = np.mean(seen, axis=0)
+    assert plain > 10.0  # what is out of the span of the draws would be noise
+    assert 0.5 < told < 2.0
 
 
 def test_a_wrong_value_that_is_stated_is_told_and_is_no_missing_physics(sliding):

@@ -20,7 +20,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
 from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
-from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
+from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, shrunk, with_backbone
 from fretflow.experiments.structure.responses import POWERS
 from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
@@ -260,7 +260,7 @@ class StructureExperiment(Experiment):
                 found.append(replace(rough, draw=draw).predict(prediction.point, prediction).values - first)
             except NonConvergenceError:
                 continue
-        return np.asarray(np.array(found).reshape(-1, len(first)).T / np.sqrt(max(len(found), 1)))
+        return shrunk(np.array(found).reshape(-1, len(first)).T)
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the backbone of a hypothesis at the recorded amplitudes.

@@ -240,6 +240,23 @@ def errors_like(place: Array, seen: Array, shorter: float = 1.0) -> Array:
     return np.asarray(size[:, None] * np.linalg.cholesky(alike(apart, length * shorter)))
 
 
+def shrunk(draws: Array) -> Array:
+    """Return modes (M, N + M), of unit variance, of an error of which there are N `draws` (M, N) of mean zero.
+
+    Few draws span few directions, and the next one has others too: their covariance is drawn towards that of errors as
+    large in each row which have nothing in common, by as much as makes it nearest to the true one (O. Ledoit, M. Wolf,
+    J. Multivariate Anal. 88 (2004) 365).
+    """
+    rows, count = draws.shape
+    size = np.sqrt(np.mean(draws**2, axis=1)) if count else np.zeros(rows)
+    scaled = draws / np.maximum(size, np.finfo(float).tiny)[:, None]
+    seen = scaled @ scaled.T / max(count, 1)
+    apart = float(np.sum((seen - np.diag(np.diag(seen)))**2))
+    chance = sum(float(np.sum((np.outer(one, one) - seen)**2)) for one in scaled.T) / max(count, 1)**2
+    share = min(chance / apart, 1.0) if apart > 0.0 else 1.0
+    return np.hstack([np.sqrt((1.0 - share) / max(count, 1)) * draws, np.diag(np.sqrt(share) * size)])
+
+
 def _smoothed(smooth: Array, values: Array, freedom: float) -> tuple[float, Array]:
     """Return how well values over their errors' width predict each other, the smooth part being (P, P), and weights."""
     weight = np.ones(len(values))
