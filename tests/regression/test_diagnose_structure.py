@@ -187,6 +187,17 @@ def test_noise_is_told_in_proportion_or_the_same_for_all():
     assert same == pytest.approx(np.full(200, 4e-5), rel=0.3)
 
 
+def test_kinks_that_a_model_predicts_are_no_noise():
+    place = np.linspace(0.0, 4.0, 14)
+    kinks = 0.01 * np.abs(np.sin(2.5 * place)) + 1e-3
+    values = kinks * (1.0 + 0.03 * np.random.default_rng(6).standard_normal(14))
+    smooth = 2e-3 * place  # what the model lacks
+    plain, told = (noise_of(place, values + smooth, ROUGH["damping"], own) for own in ((), (kinks,)))
+    truth = np.sqrt(np.mean((0.03 * kinks)**2))
+    assert np.sqrt(np.mean(plain**2)) > 5.0 * truth
+    assert np.sqrt(np.mean(told**2)) < 2.0 * truth
+
+
 def test_few_points_seldom_tell_too_little_noise():
     place, told = np.linspace(0.0, 3.0, 10), []
     for seed in range(60):
