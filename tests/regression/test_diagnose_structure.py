@@ -18,7 +18,7 @@ from fretflow.experiments.structure.points import (
     shrunk,
     with_backbone,
 )
-from fretflow.experiments.structure.run import diagnose_structure
+from fretflow.experiments.structure.run import diagnose_structure, gone_on
 from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST
@@ -142,6 +142,25 @@ def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
     allow_for_chance(found)
     assert found.log_evidence(names) > alone + 2.0
     assert np.abs(found.fits[names].z).max() < HALF
+
+
+def test_what_is_left_to_chance_stays_an_error_where_others_are_told_anew(sprung):
+    """A pattern that no fit knows would make parameters go where one draw happens to lead."""
+    experiment = StructureExperiment.of(sprung)
+    space, names = experiment.parameters(("distributed-micro-slip",)), frozenset({"distributed-micro-slip"})
+    truth = Point(space, np.zeros(space.size))
+    seen = replace(experiment, draw=1234).predict(truth).values.reshape(2, -1)
+    noise = 1.0 + np.array([[5e-5], [0.01]]) * np.random.default_rng(8).standard_normal(seen.shape)
+    frequency, damping = seen * noise
+    backbone = replace(sprung.backbone, amplitude=experiment.points.amplitude, frequency=frequency, damping=damping)
+    of_others = StructureExperiment.of(replace(sprung, backbone=backbone))
+    found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    found.fits[names] = found.fitter.linearised(of_others.predict(truth))
+    allow_for_chance(found)
+    told = of_others.told_at(found.fits[names].prediction)
+    again = gone_on(told, found, [frozenset(), names])
+    assert np.abs(again.fits[names].z).max() < HALF
+    assert again.leaves_noise(names)
 
 
 def test_few_draws_tell_how_far_the_next_one_is_off():

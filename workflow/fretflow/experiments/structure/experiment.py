@@ -361,11 +361,11 @@ class StructureExperiment(Experiment):
         return replace(told, points=points.weighed(self.measurement.values.reshape(values.shape) - values))
 
     def readings(self) -> tuple[StructureExperiment, ...]:
-        """Return the same for recordings of the same mesh, of one much finer, as real faces are, or twice as coarse.
+        """Return the same for recordings of the same mesh and of one much finer, as real faces are.
 
         And for those of the same mesh that a simulator made by static loads.
         """
-        spacings = (1.0,) if self.coarse is None else (1.0, 0.0, 2.0)
+        spacings = (1.0,) if self.coarse is None else (1.0, 0.0)
         return (*(replace(self, spacing=one) for one in spacings),
                 replace(self, static=True, correction=None, truncation=None))
 
