@@ -7,6 +7,7 @@ import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.experiments.structure.coarser import coarser, sparser, thinned
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
+from fretflow.solvers.nonlinear_modes.periodic_mode import condensed
 from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import reduce_structure
 
@@ -51,3 +52,15 @@ def test_areas_are_kept_and_a_lumped_joint_has_no_coarser_mesh(structures):
     structure = reduce_structure(structures.lap_beam(12))
     assert coarser(structure).areas.sum() == pytest.approx(structure.areas.sum())
     assert coarser(reduce_structure(structures.sliders(np.full(4, 1e3), np.full(4, 0.1)))) is None
+
+
+def test_modes_of_a_soft_suspension_are_counted_on_both_meshes(structures):
+    beam = structures.lap_beam(25)
+    soft = beam.stiffness.copy()
+    for end in (1, len(soft) - 52):  # the deflection of either end
+        soft[end, end] += 70.0
+    structure = condensed(reduce_structure(replace(beam, stiffness=soft)), 12)
+    first, second = ([one.frequency for one in BoltedJoint(
+        structure=own, law=Coulomb(0.45), bolt_load=6e3).linear_modes(4)] for own in (structure, coarser(structure)))
+    assert first[1] < 5.0 < first[2]
+    assert np.allclose(first, second, rtol=0.05)

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.points import ROUGH, BackbonePoints, averaging, noise_of, scatter, with_backbone
-from fretflow.experiments.structure.run import diagnose_structure
-from fretflow.inference.experiment import Point
+from fretflow.experiments.structure.points import (
+    ROUGH,
+    BackbonePoints,
+    averaging,
+    noise_of,
+    scatter,
+    shrunk,
+    with_backbone,
+)
+from fretflow.experiments.structure.run import diagnose_structure, gone_on
+from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST
 from fretflow.inference.strategy import allow_for_chance, start_search
@@ -136,6 +144,38 @@ def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
     assert np.abs(found.fits[names].z).max() < HALF
 
 
+def test_what_is_left_to_chance_stays_an_error_where_others_are_told_anew(sprung):
+    """A pattern that no fit knows would make parameters go where one draw happens to lead."""
+    experiment = StructureExperiment.of(sprung)
+    space, names = experiment.parameters(("distributed-micro-slip",)), frozenset({"distributed-micro-slip"})
+    truth = Point(space, np.zeros(space.size))
+    seen = replace(experiment, draw=1234).predict(truth).values.reshape(2, -1)
+    noise = 1.0 + np.array([[5e-5], [0.01]]) * np.random.default_rng(8).standard_normal(seen.shape)
+    frequency, damping = seen * noise
+    backbone = replace(sprung.backbone, amplitude=experiment.points.amplitude, frequency=frequency, damping=damping)
+    of_others = StructureExperiment.of(replace(sprung, backbone=backbone))
+    found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    found.fits[names] = found.fitter.linearised(of_others.predict(truth))
+    allow_for_chance(found)
+    told = of_others.told_at(found.fits[names].prediction)
+    again = gone_on(told, found, [frozenset(), names])
+    assert np.abs(again.fits[names].z).max() < HALF
+    assert again.leaves_noise(names)
+
+
+def test_few_draws_tell_how_far_the_next_one_is_off():
+    place = np.linspace(0.0, 1.0, 28)
+    root = np.linalg.cholesky(np.exp(-np.abs(place[:, None] - place) / 0.2))
+    rng, seen = np.random.default_rng(4), []
+    for _ in range(40):
+        draws, others = root @ rng.standard_normal((28, 16)), root @ rng.standard_normal((28, 40))
+        known = (Covariance(np.full(28, 1e-3), modes) for modes in (draws / 4.0, shrunk(draws)))
+        seen.append([np.mean(one.whiten(others)**2) for one in known])
+    plain, told = np.mean(seen, axis=0)
+    assert plain > 10.0  # what is out of the span of the draws would be noise
+    assert 0.5 < told < 2.0
+
+
 def test_a_wrong_value_that_is_stated_is_told_and_is_no_missing_physics(sliding):
     unknown = {name: ends for name, ends in sliding.unknown.items() if name != "modal_damping"}
     wrong = replace(sliding, known={"modal_damping": 4e-3}, unknown=unknown)
@@ -164,6 +204,17 @@ def test_noise_is_told_in_proportion_or_the_same_for_all():
     assert relative[[0, -1]] == pytest.approx(0.01 * values[[0, -1]], rel=0.3)
     same = noise_of(place, values + 4e-5 * rng.standard_normal(200), ROUGH["damping"])
     assert same == pytest.approx(np.full(200, 4e-5), rel=0.3)
+
+
+def test_kinks_that_a_model_predicts_are_no_noise():
+    place = np.linspace(0.0, 4.0, 14)
+    kinks = 0.01 * np.abs(np.sin(2.5 * place)) + 1e-3
+    values = kinks * (1.0 + 0.03 * np.random.default_rng(6).standard_normal(14))
+    smooth = 2e-3 * place  # what the model lacks
+    plain, told = (noise_of(place, values + smooth, ROUGH["damping"], own) for own in ((), (kinks,)))
+    truth = np.sqrt(np.mean((0.03 * kinks)**2))
+    assert np.sqrt(np.mean(plain**2)) > 5.0 * truth
+    assert np.sqrt(np.mean(told**2)) < 2.0 * truth
 
 
 def test_few_points_seldom_tell_too_little_noise():

@@ -9,7 +9,7 @@ import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.run import diagnose_structure, told_again
+from fretflow.experiments.structure.run import diagnose_structure, of_baseline, told_again
 from fretflow.inference.experiment import Point
 from fretflow.inference.search import FAST
 from fretflow.inference.strategy import start_search
@@ -51,6 +51,18 @@ def test_what_a_finer_mesh_shows_otherwise_is_about_what_is_told(finer):
     assert 0.2 < squares[1] < 2.0
 
 
+def test_errors_of_a_mesh_are_those_of_the_baseline_that_is_judged_by_them(finer):
+    experiment = StructureExperiment.of(finer)
+    space = experiment.parameters(("bolt-load-spread",))
+    elsewhere = experiment.told_at(experiment.predict(Point(space, np.full(space.size, 0.5))))
+    found = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
+    own = of_baseline(replace(elsewhere, spacing=0.0), found)
+    assert own.about.effects == frozenset()
+    rest = [one.measurement.covariance().whiten(one.measurement.values - one.predict(own.about).values) for one in (
+        replace(elsewhere, spacing=0.0), own)]
+    assert np.mean(rest[1]**2) < min(2.0, float(np.mean(rest[0]**2)))
+
+
 def test_nothing_is_missing_from_rigid_faces_on_another_mesh(finer):
     found = diagnose_structure(finer, True, lambda share, text: None)
     assert found.verdict is Verdict.NONE
@@ -62,7 +74,7 @@ def test_nothing_is_missing_from_rigid_faces_on_another_mesh(finer):
 
 def test_a_backbone_of_static_loads_is_compared_with_static_loads(structures, tmp_path):
     """As quasi-static simulators make one; periodic motions of this joint differ by many times the noise."""
-    beam, asked = structures.lap_beam(13, 4), np.geomspace(5e-6, 1e-4, 24)
+    beam, asked = structures.lap_beam(13, 4), np.geomspace(5e-6, 1.5e-4, 24)
     joint = BoltedJoint(structure=reduce_structure(beam), law=Coulomb(FRICTION), bolt_load=630.0, modal_damping=DAMPING)
     mode = joint.linear_modes(1)[0]
     curve = quasi_static_backbone(joint, mode, asked / abs(mode_shape(joint, mode)))

@@ -81,7 +81,7 @@ class Told(Ridge):
         """Return the effects."""
         return "joint-damping", "bending-gap"
 
-    static = False
+    static, spacing = False, 1.0
 
     def readings(self) -> tuple[Told]:
         """Return the same."""

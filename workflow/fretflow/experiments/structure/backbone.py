@@ -81,9 +81,8 @@ def _notes(experiment: StructureExperiment) -> list[str]:
     notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
              f"motions that strain nothing; mode {experiment.mode + 1} is compared", *outside_of_mode(experiment)]
     if experiment.spacing != 1.0:
-        other = "much finer than" if experiment.spacing < 1.0 else "twice as coarse as"
-        notes.append(f"the backbone is most probable as of a mesh {other} that of the matrices: what the distance of "
-                     "contact points changes counts as an error")
+        notes.append("the backbone is most probable as of a mesh much finer than that of the matrices, as real faces "
+                     "are: what the distance of contact points changes counts as an error")
     if experiment.static:
         notes.append("the backbone is most probable as of static loads in the shape of the mode, as quasi-static "
                      "simulators predict it, and is compared with these")

@@ -14,8 +14,7 @@ from scipy.linalg import block_diag
 
 from fretflow.core.records import Array
 from fretflow.experiments.structure.points import errors_like
-from fretflow.structure.matrices import StructureMatrices
-from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled, reduce_structure
+from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
 
 Indices = NDArray[np.int64]
 
@@ -45,29 +44,32 @@ def sparser(points: Array) -> Indices:
 
 def thinned(structure: ReducedStructure, kept: Indices) -> ReducedStructure:
     """Return a structure whose contact acts at some of its points alone, which take the areas of those about them."""
-    count, modes = len(kept), len(structure.eigenvalues)
-    rest = np.setdiff1d(np.arange(structure.contacts), kept)
+    rest, modes = np.setdiff1d(np.arange(structure.contacts), kept), len(structure.eigenvalues)
     free, held = ((3 * own[:, None] + np.arange(3)).ravel() for own in (rest, kept))
-    held = np.r_[held, 3 * structure.contacts + np.arange(modes)]
+    count, held = len(held), np.r_[held, 3 * structure.contacts + np.arange(modes)]
     k, _ = assembled(structure, massless=True)
     follows = np.linalg.solve(k[np.ix_(free, free)], k[np.ix_(free, held)])
     stiffness = k[np.ix_(held, held)] - k[np.ix_(held, free)] @ follows
+    # modes that strain little, as of a soft suspension, stay: the same ones are counted on both meshes
+    eigenvalues, phi = np.linalg.eigh(stiffness[count:, count:])
+    psi = -phi @ ((phi.T @ stiffness[count:, :count]) / eigenvalues[:, None])
 
-    def condensed(rows: tuple[Array, Array]) -> Array:
+    def condensed(rows: tuple[Array, Array]) -> tuple[Array, Array]:
         on_contact, on_modes = rows
         every = np.r_[on_contact - on_modes @ structure.coupling, on_modes]  # eta is y - m u
-        return np.asarray(every[held] - every[free] @ follows)
+        own = every[held] - every[free] @ follows
+        return own[:count] + own[count:] @ psi, own[count:] @ phi
 
     apart = np.linalg.norm(structure.points[:, None] - structure.points[kept], axis=2)
     near = np.isclose(apart, apart.min(axis=1, keepdims=True))
-    return replace(reduce_structure(StructureMatrices(
-        mass=np.diag(np.repeat([0.0, 1.0], [3 * count, modes])), stiffness=0.5 * (stiffness + stiffness.T),
-        contact_map=np.eye(3 * count, 3 * count + modes),
-        areas=structure.areas @ (near / near.sum(axis=1, keepdims=True)), points=structure.points[kept],
-        gap=structure.gap[kept], preload=None if structure.preload is None else condensed(structure.preload),
+    own = stiffness[:count, :count] + stiffness[:count, count:] @ psi
+    return replace(
+        structure, stiffness=0.5 * (own + own.T), boundary_mass=psi.T @ psi, eigenvalues=eigenvalues,
+        coupling=phi.T @ psi, areas=structure.areas @ (near / near.sum(axis=1, keepdims=True)),
+        points=structure.points[kept], gap=structure.gap[kept],
+        preload=None if structure.preload is None else condensed(structure.preload),
         inputs={name: condensed(rows) for name, rows in structure.inputs.items()},
-        outputs={name: condensed(rows) for name, rows in structure.outputs.items()})),
-        modal_damping=structure.modal_damping)
+        outputs={name: condensed(rows) for name, rows in structure.outputs.items()})
 
 
 def mesh_errors(place: Array, doubled: Array, spacing: float) -> Array:

@@ -20,7 +20,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
 from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
-from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, scatter, with_backbone
+from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, shrunk, with_backbone
 from fretflow.experiments.structure.responses import POWERS
 from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
@@ -115,7 +115,6 @@ class StructureExperiment(Experiment):
     def measurement(self) -> Measurement:
         """Return frequencies, then damping ratios; the place along the backbone stands for half of a loop's phase."""
         own, count = self.points, len(self.points.amplitude)
-        fine = self._fine
         blocks = [(own.frequency, own.frequency_sd)]
         if own.damping is not None:
             blocks.append((own.damping, own.damping_sd))
@@ -126,9 +125,7 @@ class StructureExperiment(Experiment):
         matrices = np.r_[MATRICES * own.frequency, np.zeros(rows - count)]
         gain = np.concatenate([np.gradient(values, place) for values, _ in blocks]) * self.recorded.calibration_sd
         noise = np.concatenate([sd**2 for _, sd in blocks])
-        # points of a mesh slide one by one: a model cannot tell the continuum better than its own curve is smooth
-        rough = np.repeat([scatter(place, one) for one in fine.reshape(parts, count)], count)
-        rough = np.hypot(rough, np.concatenate([averaging(place, values) for values, _ in blocks]))
+        rough = np.concatenate([averaging(place, values) for values, _ in blocks])
         decrement = np.r_[np.zeros(count), own.of_decay][:rows]  # or a ratio of energies: nothing says which was taken
         last = self.third == len(THIRDS) - 1
         # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
@@ -260,7 +257,7 @@ class StructureExperiment(Experiment):
                 found.append(replace(rough, draw=draw).predict(prediction.point, prediction).values - first)
             except NonConvergenceError:
                 continue
-        return np.asarray(np.array(found).reshape(-1, len(first)).T / np.sqrt(max(len(found), 1)))
+        return shrunk(np.array(found).reshape(-1, len(first)).T)
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the backbone of a hypothesis at the recorded amplitudes.
@@ -347,26 +344,28 @@ class StructureExperiment(Experiment):
         more = None if self.few or self.static else self.beyond_static_loads(prediction)
         return None if more is None else replace(self, correction=more)
 
-    def told_at(self, prediction: Prediction) -> StructureExperiment:
-        """Return the same with its numerical errors told, and as far as they are known put right, at a prediction.
-
-        What this one misses tells the tails of the errors of measurement too.
-        """
+    def with_errors_at(self, prediction: Prediction) -> StructureExperiment:
+        """Return the same with its numerical errors told, and as far as they are known put right, at a prediction."""
         about = replace(self, about=prediction.point)
         more, most = (None if self.static else about.beyond_static_loads(prediction, finer) for finer in (1, 2))
-        points = BackbonePoints.of(self.recorded)
-        missed = (self.measurement.values - prediction.values).reshape(-1, len(points.amplitude))
-        for added, way in ((self.correction, 1.0), (more, -1.0)) if not self.few else ():
-            missed = missed if added is None else missed + way * added
-        return replace(about, points=points.weighed(missed), correction=None if self.few else more,
+        return replace(about, correction=None if self.few else more,
                        truncation=None if more is None or most is None else most - more)
 
+    def told_at(self, prediction: Prediction) -> StructureExperiment:
+        """Return the same with its numerical errors at a prediction; what that misses tells errors of measurement."""
+        told, rows = self.with_errors_at(prediction), len(self.points.amplitude)
+        still = replace(self, static=True, correction=None).predict(prediction.point, prediction)
+        static = still.values.reshape(-1, rows)
+        values = prediction.values.reshape(-1, rows) if told.correction is None else static + told.correction
+        points = BackbonePoints.of(self.recorded, (values, static))
+        return replace(told, points=points.weighed(self.measurement.values.reshape(values.shape) - values))
+
     def readings(self) -> tuple[StructureExperiment, ...]:
-        """Return the same for recordings of the same mesh, of one much finer, as real faces are, or twice as coarse.
+        """Return the same for recordings of the same mesh and of one much finer, as real faces are.
 
         And for those of the same mesh that a simulator made by static loads.
         """
-        spacings = (1.0,) if self.coarse is None else (1.0, 0.0, 2.0)
+        spacings = (1.0,) if self.coarse is None else (1.0, 0.0)
         return (*(replace(self, spacing=one) for one in spacings),
                 replace(self, static=True, correction=None, truncation=None))
 

@@ -7,6 +7,7 @@ counts as normal with a variance of its own, large where it is far off a smooth 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import log
@@ -44,8 +45,11 @@ class BackbonePoints:
     damping_sd: Array
 
     @classmethod
-    def of(cls, backbone: MeasuredBackbone) -> BackbonePoints:
-        """Return at most `MOST_POINTS` points; noise is read off how neighbours differ."""
+    def of(cls, backbone: MeasuredBackbone, predicted: Sequence[Array] = ()) -> BackbonePoints:
+        """Return at most `MOST_POINTS` points; noise is read off how neighbours differ.
+
+        They may also differ from what some models have `predicted`, each (channels, P).
+        """
         count = len(backbone.amplitude)
         place = np.log(backbone.amplitude)
         first = np.flatnonzero(np.diff(place, prepend=-np.inf) > 0.0)  # amplitudes may repeat
@@ -61,7 +65,8 @@ class BackbonePoints:
             elif count < 8:
                 one = np.full(len(groups), ROUGH[name] * float(np.mean(values)))
             else:
-                one = averaged(noise_of(place, values, ROUGH[name]))
+                curves = [np.interp(place, averaged(place), one[list(ROUGH).index(name)]) for one in predicted]
+                one = averaged(noise_of(place, values, ROUGH[name], curves))
             return np.maximum(one / size, 1e-6 * np.abs(averaged(values)))
 
         damping = backbone.damping
@@ -132,8 +137,11 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
         calibration_sd=0.0))
 
 
-def noise_of(place: Array, values: Array, rough: float) -> Array:
+def noise_of(place: Array, values: Array, rough: float, curves: Sequence[Array] = ()) -> Array:
     """Return the sd (P,) of values: the same for all, or in proportion to them, each as probable as their scatter says.
+
+    They scatter about polynomials, or about these beside one of predicted `curves`, each (P,): points that slide one by
+    one make kinks, which are no noise.
 
     Where the scatter does not tell, as with few points where the values are large, both count, in their variances
     (J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Stat. Sci. 14 (1999) 382-417). Few points also tell by
@@ -142,8 +150,8 @@ def noise_of(place: Array, values: Array, rough: float) -> Array:
     """
     fits = []
     size, known = np.maximum(np.abs(values), np.finfo(float).tiny), rough * np.abs(values)
-    for scale, order in product((np.ones_like(values), size), ORDERS):
-        left = _about_neighbours(place, values, scale, order)
+    for own, scale, order in product((values, *(values - one for one in curves)), (np.ones_like(values), size), ORDERS):
+        left = _about_neighbours(place, own, scale, order)
         if left.size:
             (width, likelihood), n = _student(left), independent(len(values), order)
             fits.append((n * (likelihood - float(np.mean(np.log(scale)))), (width * scale)**2 + 2.0 / n * known**2))
@@ -238,6 +246,23 @@ def errors_like(place: Array, seen: Array, shorter: float = 1.0) -> Array:
         fits.append((float(told), length, size))
     _, length, size = max(fits, key=lambda one: one[0])
     return np.asarray(size[:, None] * np.linalg.cholesky(alike(apart, length * shorter)))
+
+
+def shrunk(draws: Array) -> Array:
+    """Return modes (M, N + M), of unit variance, of an error of which there are N `draws` (M, N) of mean zero.
+
+    Few draws span few directions, and the next one has others too: their covariance is drawn towards that of errors as
+    large in each row which have nothing in common, by as much as makes it nearest to the true one (O. Ledoit, M. Wolf,
+    J. Multivariate Anal. 88 (2004) 365).
+    """
+    rows, count = draws.shape
+    size = np.sqrt(np.mean(draws**2, axis=1)) if count else np.zeros(rows)
+    scaled = draws / np.maximum(size, np.finfo(float).tiny)[:, None]
+    seen = scaled @ scaled.T / max(count, 1)
+    apart = float(np.sum((seen - np.diag(np.diag(seen)))**2))
+    chance = sum(float(np.sum((np.outer(one, one) - seen)**2)) for one in scaled.T) / max(count, 1)**2
+    share = min(chance / apart, 1.0) if apart > 0.0 else 1.0
+    return np.hstack([np.sqrt((1.0 - share) / max(count, 1)) * draws, np.diag(np.sqrt(share) * size)])
 
 
 def _smoothed(smooth: Array, values: Array, freedom: float) -> tuple[float, Array]:

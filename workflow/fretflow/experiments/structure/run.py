@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from fretflow.core.errors import NonConvergenceError
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.catalogue import described
 from fretflow.experiments.independent import in_turn
@@ -22,7 +23,7 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Names, Search, Task, fit_task
-from fretflow.inference.strategy import Progress, begin_all, correct, search, start_search
+from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
@@ -122,18 +123,14 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     """
     best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
     told = experiment.told_at(found.fits[best].prediction)
-    predicted = {names: told.predict(fit.prediction.point, fit.prediction) for names, fit in found.fits.items()}
     parts = [frozenset(own) for size in range(len(best) + 1) for own in combinations(sorted(best), size)]
     choice = log(len(experiment.candidates()))  # what that of an effect costs
 
     def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search]:
-        again = Search(one, found.pool, found.effort)
-        own = {names: one.predict(at.point, at) for names, at in predicted.items()} if one.static else predicted
-        again.keep(replace(again.fitter.linearised(own[names], fit.jacobian), secant=True)
-                   for names, fit in found.fits.items())  # other errors leave derivatives about as they are
-        again.stated = again.baseline
-        again.continue_fits(parts, found.effort.last_steps)
-        begin_baselines(one, again)
+        again = gone_on(one, found, parts)
+        if one.spacing != 1.0:  # whether the baseline leaves anything is asked under errors that are its own
+            one = of_baseline(one, again)
+            again = gone_on(one, again, parts)
         unlisted = again.evidence(frozenset()).averaged(again.beyond_codes())
         probable = np.logaddexp.reduce([unlisted, *(again.log_evidence(names, frozenset()) - len(names) * choice
                                                     for names in parts if names in again.fits)])
@@ -143,6 +140,38 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
         -again.log_evidence(names, frozenset())))), found.effort.last_steps)
     return told, again
+
+
+def gone_on(experiment: StructureExperiment, found: Search, sets: Sequence[Names]) -> Search:
+    """Return a search under an experiment's errors from fits on, of which `sets` are fitted further."""
+    again = Search(experiment, found.pool, found.effort)
+    again.keep(replace(again.fitter.linearised(experiment.predict(fit.prediction.point, fit.prediction), fit.jacobian),
+                       secant=True) for fit in found.fits.values())  # other errors leave derivatives about as they are
+    again.stated = again.baseline
+    again.continue_fits((names for names in sets if not again.by_chance(names).shape[1]), found.effort.last_steps)
+    allow_for_chance(again)  # without that as an error, what is left to chance leads the others astray
+    begin_baselines(experiment, again)
+    return again
+
+
+def of_baseline(experiment: StructureExperiment, found: Search) -> StructureExperiment:
+    """Return an experiment with its numerical errors told at the baseline that is most probable under its own.
+
+    These differ as much as baselines do: one that is fitted under the errors of another may stay where it is not.
+    """
+    def under(point: Point) -> tuple[float, StructureExperiment]:
+        one, value = experiment, -np.inf
+        try:
+            for _ in range(AGAIN):  # then those of the fit, which a step or two tell as well as its rest
+                one = experiment.with_errors_at(experiment.predict(point))
+                own = start_search(one, one.predict(point), replace(found.effort, last_steps=AGAIN), in_turn)
+                value = own.log_evidence(frozenset()) + own.discrepancy.covariance.log_density
+                point = own.baseline.prediction.point
+        except NonConvergenceError:
+            return -np.inf, experiment
+        return value, one
+
+    return max(map(under, (found.baseline.prediction.point, *experiment.beginnings())), key=lambda one: one[0])[1]
 
 
 def released(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search] | None:
