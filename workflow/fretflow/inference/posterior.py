@@ -19,7 +19,7 @@ from math import comb, e, exp, inf, log, sqrt
 
 import numpy as np
 from scipy.special import logit
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, f, norm
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import DRAWS, FORMS
@@ -128,11 +128,15 @@ def _nothing(found: Found, p: float) -> Found:
                    verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0, probability=none)
 
 
-def ruled_out(found: Found, against: str) -> Found:
-    """Return that something else acts than what would be named: all that the catalogue held falls to what it lacks."""
-    none = found.posterior.none
-    return replace(shared_anew(found, none, 0.0), verdict=Verdict.UNKNOWN, sets=(), probability=1.0 - none,
-                   against=against)
+def ruled_out(found: Found, against: str, p: float = 0.0) -> Found:
+    """Return that something else acts than what would be named, at least as probable as a test of that leaves it.
+
+    With a p-value of zero all that the catalogue held falls to what it lacks.
+    """
+    none, listed = found.posterior.none, found.posterior.listed
+    kept = min(listed, (1.0 - none) / (1.0 + largest_odds(p)))
+    return replace(shared_anew(found, none, kept / listed if listed > 0.0 else 0.0), verdict=Verdict.UNKNOWN, sets=(),
+                   probability=1.0 - none - kept, against=against)
 
 
 def shared_anew(found: Found, none: float, left: float) -> Found:
@@ -150,12 +154,18 @@ def shared_anew(found: Found, none: float, left: float) -> Found:
 def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
     """Return a verdict that names nothing which explains nothing, or predicts what was held out worse than without it.
 
-    Worse is beyond a standard deviation of the mean square of so many independent `rows`.
+    Worse is beyond a standard deviation of the mean square of so many independent `rows`; how sure that makes, says the
+    F test of both.
     """
-    worse = error is not None and error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / max(rows, 1)))
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (found.explained > 0.0 and not worse):
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
         return found
-    return ruled_out(found, "predicts what was held out worse than the baseline" if worse else "explains nothing")
+    if found.explained <= 0.0:
+        return ruled_out(found, "explains nothing")
+    count = max(rows, 1)
+    if error is None or error.after**2 <= error.before**2 * (1.0 + sqrt(2.0 / count)):
+        return found
+    p = float(f.sf((error.after / error.before)**2, count, count)) if error.before > 0.0 else 0.0
+    return ruled_out(found, "predicts what was held out worse than the baseline", p)
 
 
 def posterior(found: Search) -> Posterior:
