@@ -124,13 +124,19 @@ def test_which_point_slips_first_is_left_to_chance(sprung):
     assert np.mean(told.whiten(other)**2) < 0.5 * np.mean(known.whiten(other)**2)
 
 
-def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
+def of_another_draw(sprung):
+    """Return the experiment, a truth whose slip limits vary, and what another draw of these shows, with noise."""
     experiment = StructureExperiment.of(sprung)
-    space, names = experiment.parameters(("distributed-micro-slip",)), frozenset({"distributed-micro-slip"})
+    space = experiment.parameters(("distributed-micro-slip",))
     truth = Point(space, np.zeros(space.size))
     seen = replace(experiment, draw=1234).predict(truth).values.reshape(2, -1)
-    noise = 1.0 + np.array([[5e-5], [0.01]]) * np.random.default_rng(8).standard_normal(seen.shape)
-    frequency, damping = seen * noise
+    return experiment, truth, seen * (
+        1.0 + np.array([[5e-5], [0.01]]) * np.random.default_rng(8).standard_normal(seen.shape))
+
+
+def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
+    experiment, truth, (frequency, damping) = of_another_draw(sprung)
+    names = truth.effects
     of_others = replace(experiment, points=replace(
         experiment.points, frequency=frequency, damping=damping, frequency_sd=5e-5 * frequency,
         damping_sd=0.01 * damping))
@@ -146,12 +152,8 @@ def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
 
 def test_what_is_left_to_chance_stays_an_error_where_others_are_told_anew(sprung):
     """A pattern that no fit knows would make parameters go where one draw happens to lead."""
-    experiment = StructureExperiment.of(sprung)
-    space, names = experiment.parameters(("distributed-micro-slip",)), frozenset({"distributed-micro-slip"})
-    truth = Point(space, np.zeros(space.size))
-    seen = replace(experiment, draw=1234).predict(truth).values.reshape(2, -1)
-    noise = 1.0 + np.array([[5e-5], [0.01]]) * np.random.default_rng(8).standard_normal(seen.shape)
-    frequency, damping = seen * noise
+    experiment, truth, (frequency, damping) = of_another_draw(sprung)
+    names = truth.effects
     backbone = replace(sprung.backbone, amplitude=experiment.points.amplitude, frequency=frequency, damping=damping)
     of_others = StructureExperiment.of(replace(sprung, backbone=backbone))
     found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])

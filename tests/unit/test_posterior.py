@@ -108,9 +108,13 @@ def test_effects_that_predict_worse_or_explain_nothing_are_not_named() -> None:
 
     for after in (1.0, 2.0):
         assert held_to(found(Verdict.NAMED), error(after), 1000).verdict is Verdict.NAMED
-    for named, told in ((found(Verdict.NAMED), error(4.0)), (found(Verdict.NAMED, explained=0.0), None)):
-        worse = held_to(named, told, 1000)
+    for named, told, rows in (
+            (found(Verdict.NAMED), error(2.2), 10_000), (found(Verdict.NAMED, explained=0.0), None, 1)):
+        worse = held_to(named, told, rows)
         assert (worse.verdict, worse.effects, worse.probability) == (Verdict.UNKNOWN, (), pytest.approx(0.8))
+    worse = held_to(found(Verdict.NAMED), error(2.2), 1000)
+    assert (worse.verdict, worse.effects) == (Verdict.UNKNOWN, ())
+    assert 0.75 < worse.probability < 0.8
     assert held_to(found(Verdict.NONE), error(9.0), 1000).verdict is Verdict.NONE
 
 

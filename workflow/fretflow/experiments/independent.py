@@ -17,16 +17,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from fretflow.inference.evidence import (
-    FORMS,
-    SIZES,
-    Discrepancy,
-    Evidence,
-    code_size,
-    discrepancy_sizes,
-    drawn,
-    size_prior,
-)
+from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, drawn, size_prior, sizes
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, Coordinate
@@ -46,7 +37,7 @@ class IndependentDiscrepancy(Discrepancy):
     def evidence(self, fit: Fit, formed: Array | None = None, chance: Array | None = None) -> Evidence:
         """Return the evidence of a fitted hypothesis, as `Discrepancy` does."""
         own, weight, sd = self.measurement, self.measurement.repeatable, np.sqrt(self.measurement.variance)
-        size = discrepancy_sizes(own) / (sd * np.sqrt(weight))
+        size = sizes(own) / (sd * np.sqrt(weight))
         blank = formed is None or not formed.shape[1]
         made, by_chance = (np.zeros((len(sd), 0)) if one is None else one for one in (formed, chance))
         start = own.values - fit.predicted + fit.jacobian @ fit.z

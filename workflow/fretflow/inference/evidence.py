@@ -147,10 +147,8 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     size. A loop may be early or late as well, by angles in radians that are as smooth: of a sine that is a change of
     the same relative size, and corners, which are not smooth, move. Of an input the whole loop alone is early or late.
     """
-    inputs = np.isin(measurement.channel, [measurement.channels.index(one) for one in measurement.inputs])
-    size = discrepancy_sizes(measurement)
-    early = harmonics(measurement.phase, MODULATING)
-    early[inputs, 1:] = 0.0
+    size, early = discrepancy_sizes(measurement), harmonics(measurement.phase, MODULATING)
+    early[size == 0.0, 1:] = 0.0
     found = [np.hstack([_products(measurement, waves(measurement, LOOP_HARMONICS), courses, size),
                         _products(measurement, early, courses, rates(measurement))])
              for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
