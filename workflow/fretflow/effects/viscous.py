@@ -62,7 +62,7 @@ class Viscous(Effect):
 
     damping: u.SignedDamping = parameter(300.0, "c: force over velocity, at 6.3 mm/s", 50.0, 3e3, ge=0.0, neutral=0.0)
     power: float = parameter(1.0, "b: power of the speed that the force goes with", 0.5, 2.0, rig_only=True, gt=0.0,
-                             logarithmic=True)
+                             logarithmic=True, source="from fluids that thin, and dampers, to orifices")
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Hold the arm by the dashpot."""
