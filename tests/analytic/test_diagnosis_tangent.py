@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
-from fretflow.experiments.rig.experiment import BASELINE, hypothesis
+from fretflow.experiments.rig.experiment import BASELINE, RigExperiment, hypothesis
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.inference.experiment import Point
@@ -70,6 +71,35 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
             size = np.ptp(shown) if channel in ("displacement", "friction_force") else np.abs(shown).max()
             assert np.abs(found[place, i] - difference[place]).max() < max(0.3 * whole, 2e-4 * size), (
                 coordinate.name, channel)
+
+
+class Shuffled(DistributedMicroSlip):
+    """The same limits on other nodes."""
+
+    def period(self, problem, slow):
+        """Turn the order of the nodes' friction coefficients."""
+        law = super().period(problem, slow).law
+        return replace(problem, law=replace(law, friction_coefficient=np.roll(law.friction_coefficient, 2)))
+
+
+def test_what_chance_decides_is_told_by_what_each_node_may_do(rig):
+    """Another face with the same limits is this one with every node so many standard deviations off its own."""
+    size = len(rig.observation.values)
+    experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)))
+    point = Point(Parameters.of(BASELINE, ["distributed-micro-slip"]), np.array([0.0, 0.0, 0.0, 0.0, -1.3, 0.0]))
+    base = experiment.predict(point)
+    (even,) = hypothesis(point).effects
+    limits = even.period(rig.problem, None).friction_coefficient
+    off = (np.roll(limits, 2) - limits) / limits.std()
+    told = experiment.by_chance(base) @ off
+    shuffled = replace(hypothesis(point), effects=(Shuffled(spread=even.spread, power=even.power),))
+    simulated = rig.predict(rig.simulate(shuffled)) - base.values
+    for channel in ("displacement", "friction_force"):
+        rows = np.hstack([np.arange(size)[one.place] for one in rig.observation.pieces if one.channel == channel])
+        missed = np.linalg.norm(told[rows] - simulated[rows])
+        assert missed < 0.3 * np.linalg.norm(simulated[rows]), channel  # limits are a seventh apart, and shift pressure
+    without = experiment.predict(Point(Parameters.of(BASELINE, ()), np.zeros(4)))
+    assert experiment.by_chance(without).shape == (size, 0)
 
 
 def test_softer_bodies_are_no_springs_between_the_faces(rig):

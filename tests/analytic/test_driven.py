@@ -265,12 +265,3 @@ def test_play_keeps_its_side_at_the_start():
     x = np.linspace(0.0, -5e-6, 200)
     for lean, first in ((1.0, S), (-0.5, -0.5 * S), (0.0, 0.0)):
         assert joint.predict(replace(moving(x), lean=lean)).measured[0] == pytest.approx(first, abs=1e-9)
-
-
-def test_a_lean_is_not_fitted_where_a_motion_drives_the_joint():
-    """Sliders side by side have no face whose pressure could move."""
-    data = plain_data(IMPOSED_DISPLACEMENT, swinging(), DrivenJoint.build(SLIDER).predict(swinging()).measured)
-    fitted_ones = DrivenExperiment(data, white_noise(data), 1.0).parameters([DistributedMicroSlip.id]).coordinates
-    names = {one.name for one in fitted_ones}
-    assert "distributed-micro-slip.spread" in names
-    assert "distributed-micro-slip.lean" not in names

@@ -5,7 +5,6 @@ with the shifted function, the slope of a leaning loop is read by the reader of 
 nodes is summed by a plain march.
 """
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.channel_delay import ChannelDelay
-from fretflow.effects.directional_friction import DirectionalFriction
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.model import EffectModel
@@ -28,7 +26,6 @@ from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.sensors import Signals, in_sensing_order
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
-from fretflow.wear.slow import SlowState
 from scipy.integrate import solve_ivp
 
 N, T = 512, 0.01
@@ -189,29 +186,3 @@ def test_friction_that_is_spread_over_nodes_is_the_sum_of_their_sliders(bare):
     assert found.friction_force == pytest.approx(np.array(summed[-128:]), abs=1e-6)
     smooth = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(bare)
     assert np.abs(found.friction_force - smooth.friction_force).max() > 2.0
-
-
-def test_a_rim_has_more_friction_than_the_middle_and_the_face_as_much(bare):
-    """On a grid of nine nodes the squares of the distances are 0, 1 and 2: of mean 4/3 and rms 2/3 about it."""
-    grid = np.stack(np.meshgrid([-1e-3, 0.0, 1e-3], [-1e-3, 0.0, 1e-3]), axis=2).reshape(-1, 2)
-    face = Interface(nodes=grid, areas=np.full(9, 1e-7), gap=np.zeros(9))
-    mu = [DistributedMicroSlip(spread=0.5, rim=rim).period(
-        replace(bare, interface=face), SlowState.unworn(9)).friction_coefficient for rim in (0.0, 0.2)]
-    outwards = 1.5 * np.array([2.0, 1.0, 2.0, 1.0, 0.0, 1.0, 2.0, 1.0, 2.0]) - 2.0
-    assert np.diff(np.log(mu[1] / mu[0])) == pytest.approx(0.2 * 0.5 * np.diff(outwards), rel=1e-12)
-    assert np.mean(mu, axis=1) == pytest.approx([0.8, 0.8], rel=1e-12)
-    line = Interface(nodes=grid[:2], areas=face.areas[:2], gap=face.gap[:2])  # has no rim
-    mu = [DistributedMicroSlip(spread=0.5, rim=rim).period(
-        replace(bare, interface=line), SlowState.unworn(2)).friction_coefficient for rim in (0.0, 0.2)]
-    assert mu[0] == pytest.approx(mu[1], rel=1e-12)
-
-
-def test_a_lean_makes_the_directions_differ_beside_what_already_does(bare):
-    """With all nodes sliding, the two plateaus are mu N (1 + c) and mu N (1 - c); two differences add."""
-    for effects, c in (([DistributedMicroSlip(spread=0.9, power=1.5, lean=0.06)], 0.06),
-                       ([DirectionalFriction(difference=0.03), DistributedMicroSlip(spread=0.5, lean=0.02)], 0.05)):
-        model = EffectModel.build(bare.vary(amplitude=90.0), effects)
-        found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
-            model.problem(model.initial()))
-        plateaus = np.sort(np.abs([found.friction_force.max(), found.friction_force.min()]))
-        assert plateaus == pytest.approx([48.0 * (1.0 - c), 48.0 * (1.0 + c)], rel=5e-4)

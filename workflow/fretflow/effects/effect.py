@@ -185,7 +185,6 @@ class Effect(Section):
     source: ClassVar[str]  # of the equation, in the literature
     observables: ClassVar[tuple[str, ...]]  # that show it, most telling first
     kinds: ClassVar[frozenset[RecordingKind]] = RIG_ONLY
-    extends: ClassVar[frozenset[str]] = frozenset()  # ids of other effects whose law its own holds
     excludes: ClassVar[Mapping[str, str]] = {}  # ids that it cannot work with, and why
     needs_time: ClassVar[bool] = False  # whether it acts by rates or times, which points off a figure lack
     told_by: ClassVar[str] = ""  # the measurement that shows it besides those recorded
@@ -236,6 +235,10 @@ class Effect(Section):
         The gap of `problem` includes the wear of `slow`.
         """
         return problem
+
+    def by_chance(self, nodes: int) -> tuple[Self, ...]:
+        """Return the effect with each of what it leaves to chance on so many nodes a standard deviation off."""
+        return ()
 
     # In a bolted structure whose modes are recorded over their amplitude
 

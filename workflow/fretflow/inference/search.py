@@ -189,8 +189,12 @@ class Search:
         return float(rest @ rest)
 
     def leaves_noise(self, names: Names) -> bool:
-        """Tell whether what a set leaves passes for noise, by a test with the rate of false alarms."""
-        return float(chi2.sf(self.chi_squared(names), self.experiment.measurement.expected)) > FALSE_ALARMS
+        """Tell whether what a set leaves passes for noise."""
+        return self.passes_for_noise(self.chi_squared(names))
+
+    def passes_for_noise(self, chi_squared: float) -> bool:
+        """Tell whether a sum of squares passes for noise, by a test with the rate of false alarms."""
+        return float(chi2.sf(chi_squared, self.experiment.measurement.expected)) > FALSE_ALARMS
 
     def explained(self, names: Names) -> float:
         """Return the share that a set explains of what the baseline leaves beyond the repeats' noise."""

@@ -228,8 +228,8 @@ def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
 
 
 def is_explained(found: Search) -> bool:
-    """Tell whether a set leaves no more beyond noise than noise itself."""
-    return min(fit.chi_squared for fit in found.fits.values()) <= 2.0 * found.experiment.measurement.expected
+    """Tell whether a set leaves no more than what passes for noise."""
+    return found.passes_for_noise(min(fit.chi_squared for fit in found.fits.values()))
 
 
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:

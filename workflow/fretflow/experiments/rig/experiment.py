@@ -76,6 +76,15 @@ class RigExperiment(Experiment):
             found[:, k] = self.predict(points[k], prediction).values - prediction.values
         return found
 
+    def by_chance(self, prediction: Prediction) -> Array:
+        """Return what a standard deviation of each thing that a prediction leaves to chance changes, (M, any)."""
+        own, nodes = hypothesis(prediction.point), self.rig.problem.interface.size
+        drawn = [replace(own, effects=(*own.effects[:place], other, *own.effects[place + 1:]))
+                 for place, effect in enumerate(own.effects) for other in effect.by_chance(nodes)]
+        if not drawn:
+            return np.zeros((len(prediction.values), 0))
+        return np.nan_to_num(neighbours(self.rig, simulation_of(prediction), drawn))
+
     def finer(self) -> Experiment | None:
         """Return the same with finer steps of wear."""
         if self.rig.wear_tolerance <= WearSettings.tolerance:
