@@ -4,14 +4,19 @@ The rig's arm sounds at 2,500 Hz free and near 3,000 Hz on faces that stick, at 
 which knows no harmonics, is the reference.
 """
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.backlash import Backlash
 from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.setup import is_seen
 from fretflow.solvers.time_integration import settle
+from fretflow.structure.two_mass_rig.joint import rig_of
+from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STEPS, REPEATS = 1024, 1e-5  # the last step as good as the motion of `TOLERANCE`
 
@@ -47,6 +52,32 @@ def test_a_baseline_that_few_harmonics_do_not_lead_to_is_sought_from_nothing(mon
     assert lines(sought.solution.friction_force) == pytest.approx(lines(led.solution.friction_force), abs=1e-2)
     with pytest.raises(NonConvergenceError):
         model.simulate(Hypothesis(effects=(Backlash(play="2.5 um"),)))
+
+
+@pytest.mark.parametrize(("arm", "doubled"), [(1600.0, True), (2500.0, False)])
+def test_an_arm_that_sounds_where_harmonics_end_asks_for_more_samples(arm, doubled, monkeypatch):
+    """At 113 Hz its mode on the faces is near the 16th harmonic, the last that 64 samples hold, or far beyond it."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    seen = small_rig.observed({"displacement": 1e-7, "friction_force": 1.2}, (0,), (), 2e-15, 3e-9)
+    model = small_rig.rig(seen)
+    joint = replace(rig_of(model.problem.structure).quasi_static(),
+                    rig=LumpedRig.from_modes(8.4, 0.45, 37.0, arm, 0.0055))
+    problem = replace(model.problem, structure=joint).vary(
+        friction_coefficient=0.757, normal_load=68.7, frequency=113.0, amplitude=66.6)
+    few, more, many = (own.predict(own.simulate(Hypothesis())) for own in (
+        replace(model, problem=problem, samples=samples) for samples in (64, 128, 512)))
+    assert is_seen(seen, many - few) is doubled
+    assert not is_seen(seen, 10.0 * (many - more))
+
+
+def test_an_error_is_seen_where_one_channel_is_less_noisy():
+    pieces = [SimpleNamespace(block=block, channel=name, place=slice(4 * at, 4 * at + 4))
+              for at, (block, name) in enumerate([("loops", "x"), ("sweep", "f"), ("map", "depth")])]
+    seen = SimpleNamespace(pieces=pieces, variance=np.repeat([1.0, 4.0, 1e-6], 4))
+    assert not is_seen(seen, np.repeat([0.9, 1.8, 1.0], 4))
+    assert is_seen(seen, np.repeat([0.0, 2.2, 0.0], 4))
 
 
 def lines(force):

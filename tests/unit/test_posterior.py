@@ -196,7 +196,7 @@ def test_what_is_taken_of_mere_noise_counts_by_wilks_test(left: float, odds: flo
     fewer, wider = frozenset({"viscous"}), frozenset({"viscous", "backlash"})
     search = SimpleNamespace(
         fits={fewer: SimpleNamespace(z=np.zeros(3)), wider: SimpleNamespace(z=np.zeros(5))},
-        chi_squared=lambda names: 95.0 if names == fewer else left,
+        chi_squared=lambda names: 95.0 if names == fewer else left, by_chance=lambda _: np.zeros((9, 0)),
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0)))
     assert beyond_forms(cast(Search, search), fewer, wider) == pytest.approx(odds, abs=0.05)
 
@@ -218,19 +218,21 @@ def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPa
     assert said.probability == pytest.approx(probability)
 
 
-@pytest.mark.parametrize(("left", "after", "verdict", "probability"), [
-    (90.0, 89.0, Verdict.NONE, 0.5), (90.0, 84.0, Verdict.NONE, 0.493), (90.0, 50.0, Verdict.NAMED, 0.8),
-    (130.0, 124.0, Verdict.NAMED, 0.8)])
-def test_where_no_more_than_noise_is_left_nothing_is_named(left: float, after: float, verdict: Verdict,
+@pytest.mark.parametrize(("left", "after", "chance", "verdict", "probability"), [
+    (90.0, 89.0, 0, Verdict.NONE, 0.5), (90.0, 84.0, 0, Verdict.NONE, 0.493), (90.0, 50.0, 0, Verdict.NAMED, 0.8),
+    (90.0, 50.0, 25, Verdict.NONE, 0.5), (130.0, 124.0, 0, Verdict.NAMED, 0.8)])
+def test_where_no_more_than_noise_is_left_nothing_is_named(left: float, after: float, chance: int, verdict: Verdict,
                                                            probability: float) -> None:
     """Of 100 that repeats explain 90 are left: their p-value of 0.75 is worth no odds against nothing.
 
-    One parameter takes 6 of noise with a p-value of 0.0143, the best of 20 such with one of 0.286; and never 40.
+    One parameter takes 6 of noise with a p-value of 0.0143, the best of 20 such with one of 0.286; and never 40, which
+    it takes with 25 limits that are left to chance with a p-value of 0.037.
     """
     told = replace(found(Verdict.NAMED), probability=0.8)
-    fits = {told.after: SimpleNamespace(z=np.zeros(3))}
+    fits = {frozenset(): SimpleNamespace(z=np.zeros(2)), told.after: SimpleNamespace(z=np.zeros(3))}
     search = SimpleNamespace(
-        chi_squared=lambda names: after if names else left, fits=fits, baseline=SimpleNamespace(z=np.zeros(2)),
+        chi_squared=lambda names: after if names else left, fits=fits,
+        by_chance=lambda names: np.zeros((9, chance if names else 0)),
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0), candidates=lambda: ["one"] * 20))
     said = beyond_noise(told, cast(Search, search))
     assert (said.verdict, said.probability) == (verdict, pytest.approx(probability, abs=5e-4))

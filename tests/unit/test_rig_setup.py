@@ -116,7 +116,7 @@ def test_errors_of_the_coarse_model_are_extrapolated_loop_by_loop() -> None:
     exact, left = np.full(5, 10.0), 1.0 / DENSER**2
     plain, denser = exact + 1.0, exact + left
     seen: Any = SimpleNamespace(pieces=pieces, rows=lambda block: np.zeros(5, dtype=bool))
-    correction, modes = errors_of(seen, plain, denser, plain)
+    correction, modes = errors_of(seen, plain, denser, plain, DENSER)
     assert plain + correction - exact == pytest.approx(np.full(5, left))
     assert np.count_nonzero(modes, axis=0).tolist() == [0, 3, 0, 2]
     assert modes.sum(axis=1) == pytest.approx(np.full(5, -left))
@@ -261,7 +261,7 @@ def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> Non
     rows = np.array([False, False, True, True])
     seen: Any = SimpleNamespace(pieces=[], rows=lambda block: rows)
     plain, finer = np.zeros(4), np.array([1.0, 1.0, 3.0, -1.0])
-    correction, _ = errors_of(seen, finer, plain, plain)
+    correction, _ = errors_of(seen, finer, plain, plain, DENSER)
     assert correction[2:] == pytest.approx(finer[2:])
     assert np.all(correction[:2] > finer[:2])
     variance = depth_error(seen, finer, plain)

@@ -113,10 +113,15 @@ def beyond_noise(found: Found, search: Search) -> Found:
         return found
     p = float(chi2.sf(left, expected))
     if found.sets:
-        more = len(search.fits[found.after].z) - len(search.baseline.z)
+        more = freedom(search, found.after) - freedom(search, frozenset())
         sets = comb(len(search.experiment.candidates()), len(found.after))
         p = min(p, sets * float(chi2.sf(left - search.chi_squared(found.after), more)))
     return found if p < FALSE_ALARMS else _nothing(found, p)
+
+
+def freedom(found: Search, names: Names) -> int:
+    """Return how many coordinates a set has, those of what it leaves to chance among them."""
+    return len(found.fits[names].z) + found.by_chance(names).shape[1]
 
 
 def _nothing(found: Found, p: float) -> Found:
@@ -305,8 +310,8 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
     if left <= 0.0:  # all that is left is noise, as the covariance has it: what is taken of that is chance
-        more = len(found.fits[wider].z) - len(found.fits[fewer].z)
-        return log(largest_odds(float(chi2.sf(found.chi_squared(fewer) - found.chi_squared(wider), max(more, 1)))))
+        more = max(freedom(found, wider) - freedom(found, fewer), 1)
+        return log(largest_odds(float(chi2.sf(found.chi_squared(fewer) - found.chi_squared(wider), more))))
     least = float(np.finfo(np.float32).eps)  # so that logits are finite
     taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))

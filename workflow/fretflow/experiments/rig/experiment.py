@@ -100,7 +100,8 @@ class RigExperiment(Experiment):
         except NonConvergenceError:
             return None
         coarse = prediction.values - self.correction
-        return replace(self, correction=errors_of(self.rig.observation, finer, denser, coarse)[0])
+        times = self.checks[1].samples / self.rig.samples
+        return replace(self, correction=errors_of(self.rig.observation, finer, denser, coarse, times)[0])
 
 
 def hypothesis(point: Point) -> Hypothesis:

@@ -31,6 +31,7 @@ from fretflow.experiments.rig.setup import (
     first_simulation,
     first_wear,
     friction_from_energy,
+    is_seen,
     meshes,
     model_of,
 )
@@ -217,10 +218,15 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
     finer, denser = model.finer(fine), model.denser()
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
+    if is_seen(observation, predicted[1] - plainly):  # at other parameters kinks fall otherwise between the samples
+        model, finer = (replace(one, samples=2 * one.samples) for one in (model, finer))
+        first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
+        plainly = model.predict(first)
     slope = neighbours(model, first, [Hypothesis(friction=1.0 + STEP)])[:, 0]
     observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(
         np.nan_to_num(slope))
-    correction, modes = errors_of(observation, predicted[0], predicted[1], plainly)
+    correction, modes = errors_of(observation, predicted[0], predicted[1], plainly,
+                                  denser.samples / model.samples)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
     made = RigExperiment(model, correction, modes, checks=(finer, denser))
     space = made.parameters(())

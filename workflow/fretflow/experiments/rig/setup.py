@@ -11,7 +11,7 @@ from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.core.units import pretty_quantity
-from fretflow.experiments.rig.model import DENSER, SAMPLES, Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.model import SAMPLES, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import LoopSet, plateau
@@ -166,7 +166,17 @@ def _displacement_error(model: RigModel, simulation: Simulation) -> float:
                      for piece in model.observation.pieces if piece.channel == "displacement"))
 
 
-def errors_of(observation: Observation, finer: Array, denser: Array, plain: Array) -> tuple[Array, Array]:
+def is_seen(observation: Observation, error: Array) -> bool:
+    """Tell whether an error (M,) is larger than the noise of a channel of the loops, in the rms of both."""
+    share: dict[str, list[Array]] = {}
+    for piece in observation.pieces:
+        if piece.block in ("loops", "sweep"):
+            share.setdefault(piece.channel, []).append(error[piece.place]**2 / observation.variance[piece.place])
+    return any(np.mean(np.concatenate(own)) > 1.0 for own in share.values())
+
+
+def errors_of(observation: Observation, finer: Array, denser: Array, plain: Array, times: float
+              ) -> tuple[Array, Array]:
     """Return what the coarse model leaves out (M,), and the modes (M, any) of what is not known of that.
 
     Each loop's channel has an error of its own, as far as the differences between the meshes (samples) go; for what is
@@ -179,13 +189,15 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     observation
         What the predictions are of.
     finer, denser, plain
-        Predictions (M,) on the finer mesh, with `DENSER` times the samples, and of the coarse model.
+        Predictions (M,) on the finer mesh, with denser samples, and of the coarse model.
+    times
+        How much denser these are.
     """
     mesh, sampled = finer - plain, denser - plain
     modes = np.zeros((len(plain), 2 * len(observation.pieces)))
     for column, piece in enumerate(observation.pieces):
         modes[piece.place, 2 * column] = (EXTRAPOLATED - 1.0) * mesh[piece.place]
-        modes[piece.place, 2 * column + 1] = sampled[piece.place] / (DENSER**2 - 1)
+        modes[piece.place, 2 * column + 1] = sampled[piece.place] / (times**2 - 1.0)
     known = np.where(observation.rows(block="map"), 1.0, EXTRAPOLATED)
     return known * mesh + sampled, modes
 
