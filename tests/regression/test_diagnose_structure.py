@@ -125,28 +125,6 @@ def test_which_point_slips_first_is_left_to_chance(sprung):
     assert np.mean(told.whiten(other)**2) < 0.5 * np.mean(known.whiten(other)**2)
 
 
-def test_limits_are_a_sample_of_their_distribution(structures, tmp_path):
-    """Which of twelve sliders side by side has which limit does not matter, but limits are not even quantiles."""
-    table = np.c_[np.geomspace(5.0, 500.0, 16), np.linspace(51.0, 46.0, 16), np.full(16, 1.0)]
-    sample = np.random.default_rng(3).uniform(0.0, 2.0, 12)
-    experiments = []
-    for name, limits in (("even", np.ones(12)), ("drawn", sample / sample.mean())):
-        (folder := tmp_path / name).mkdir()
-        structures.write_backbone(folder, structures.sliders(np.full(12, 3e3), limits / 12.0, 2.0, 1.7e5), table,
-                                  '"3 N", "30 N"', "head")
-        experiments.append(StructureExperiment.of(read_structure_recording(folder)))
-    even, drawn = experiments
-    space = even.parameters(("distributed-micro-slip",))
-    uniform = {"spread": 0.999, "power": 1.0}
-    first = even.predict(Point(space, np.array([
-        one.place(uniform[one.field]) if one.field in uniform else 0.0 for one in space.coordinates])))
-    other = drawn.predict(Point(drawn.parameters(()), np.zeros(3))).values - first.values
-    known = even.measurement.covariance()
-    told = replace(known, modes=np.hstack([known.modes, even.by_chance(first)]))
-    assert np.mean(known.whiten(other)**2) > 10.0
-    assert np.mean(told.whiten(other)**2) < 2.0
-
-
 def of_another_draw(sprung):
     """Return the experiment, a truth whose slip limits vary, and what another draw of these shows, with noise."""
     experiment = StructureExperiment.of(sprung)

@@ -79,7 +79,7 @@ class DistributedMicroSlip(Effect):
         return self.bolted_anew(joint, 0)
 
     def bolted_anew(self, joint: BoltedJoint, draw: int) -> BoltedJoint:
-        """Draw each contact point's friction coefficient from the distribution."""
+        """Spread the friction coefficients of the contact points, which has which being drawn."""
         factors = self._factors(joint.structure.areas, draw)
         return replace(joint, law=replace(joint.law, friction_coefficient=joint.law.friction_coefficient * factors))
 
@@ -89,11 +89,12 @@ class DistributedMicroSlip(Effect):
         return None if field in ("lean", "rim") else prior
 
     def _factors(self, areas: Array, draw: int = 0) -> Array:
-        """Return the factors on friction (nodes,), whose mean over the areas is 1; of even quantiles, or a sample."""
-        count = len(areas)
+        """Return the factors on friction (nodes,), whose mean over the areas is 1; a sequence's, or drawn."""
         # ranks of the sequence instead of its values: even at few nodes
-        quantile = (np.argsort(np.argsort(GOLDEN * np.arange(1, count + 1) % 1.0)) + 0.5) / count
-        factors = self.shares(np.random.default_rng(draw).random(count) if draw else quantile)
+        order = np.argsort(np.argsort(GOLDEN * np.arange(1, len(areas) + 1) % 1.0))
+        if draw:
+            order = np.random.default_rng(draw).permutation(order)
+        factors = self.shares((order + 0.5) / len(areas))
         return np.asarray(factors / (factors @ areas / areas.sum()))
 
 

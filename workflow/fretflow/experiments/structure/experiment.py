@@ -20,14 +20,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
 from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
-from fretflow.experiments.structure.points import (
-    MOST_POINTS,
-    SLIDES,
-    BackbonePoints,
-    averaging,
-    shrunk,
-    with_backbone,
-)
+from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, shrunk, with_backbone
 from fretflow.experiments.structure.responses import POWERS
 from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
@@ -51,7 +44,7 @@ Array = NDArray[np.float64]
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute
 MANY = 40  # contact points, from which on predictions take their time
-DRAWS = 2 * MOST_POINTS  # of what chance decides: as many as rows, so that they span these
+DRAWS = 16  # of what chance decides: their sd is known to a sixth
 LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours are half of its sd apart
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 
