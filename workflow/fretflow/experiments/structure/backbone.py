@@ -20,6 +20,7 @@ from fretflow.inference.strategy import chance_task
 from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
 from fretflow.inference.words import blocks_of, listed, not_enough, percent
 from fretflow.recordings.kinds.structures import MODAL_UNIT
+from fretflow.recordings.plausibility import NOTED
 from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
 
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
@@ -106,10 +107,13 @@ def _notes(experiment: StructureExperiment) -> list[str]:
 def outside_of_mode(experiment: StructureExperiment) -> list[str]:
     """Return what contradicts that contact only stiffens: a mode lies between that of the open and the closed joint."""
     seen, (low, high) = float(experiment.points.frequency[0]), experiment.observation.span(experiment.mode)
-    if low * (1.0 - MATRICES) <= seen <= high * (1.0 + MATRICES):
+    off = max(low / seen, seen / high) - 1.0
+    if off <= MATRICES:
         return []
-    return [f"its smallest amplitude has {seen:.5g} Hz, but M and K give this mode {low:.5g} Hz with the joint open, "
-            f"{high:.5g} Hz with it glued; check the unit of the frequency, backbone.mode and both matrices"]
+    check = "the unit of the frequency, backbone.mode and both matrices" if off > NOTED - 1.0 else (
+        "how well both matrices are matched to the parts")
+    return [f"its smallest amplitude has {seen:.5g} Hz, {100.0 * off:.2g} % beyond what M and K give mode "
+            f"{experiment.mode + 1}: {low:.5g} Hz with the joint open, {high:.5g} Hz with it glued; check {check}"]
 
 
 def _checked(found: Search, names: Names) -> str:
