@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
@@ -64,6 +66,17 @@ def test_faces_gape_by_as_much_as_their_form_and_across_a_row_of_points_by_nothi
         same = kind.neutral().changed(cylinder=1e-6 * (field == "crown")).bolted(joint).clearance
         assert gap == pytest.approx(same, abs=1e-18)
         assert ranges[field] is None
+
+
+@pytest.mark.parametrize("name", ["bolt-load-spread", "initial-gap", "bending-gap", "distributed-micro-slip"])
+def test_across_a_single_point_nothing_differs(structures, name):
+    one = structures.sliders(np.array([1e4]), np.array([0.5]))
+    plain = BoltedJoint(structure=reduce_structure(replace(one, points=np.array([[0.3, 0.1, 0.0]]))), law=Coulomb(1.0),
+                        bolt_load=1.0)
+    assert plain.interface.nodes.shape == (1, 2)
+    before, after = (quasi_static_backbone(own, own.linear_modes(1)[0], np.geomspace(3e-5, 1e-3, 5))
+                     for own in (plain, catalogue()[name]().bolted(plain)))
+    assert np.allclose(after.frequency, before.frequency, rtol=1e-9)
 
 
 def test_unevenly_pulling_bolts_keep_their_sum(joint):

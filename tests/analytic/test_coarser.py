@@ -54,6 +54,12 @@ def test_areas_are_kept_and_a_lumped_joint_has_no_coarser_mesh(structures):
     assert coarser(reduce_structure(structures.sliders(np.full(4, 1e3), np.full(4, 0.1)))) is None
 
 
+def test_sliders_side_by_side_are_no_mesh(structures):
+    """Half of the load and of the stiffness would go with half of them."""
+    row = structures.sliders(np.full(12, 1e3), np.full(12, 0.1))
+    assert coarser(reduce_structure(replace(row, points=0.01 * np.outer(np.arange(12.0), [1.0, 0.0, 0.0])))) is None
+
+
 def test_modes_of_a_soft_suspension_are_counted_on_both_meshes(structures):
     beam = structures.lap_beam(25)
     soft = beam.stiffness.copy()

@@ -37,16 +37,34 @@ def iwan(structures):
     return make
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_the_largest_amplitude_is_that_of_a_cycle_that_repeats(seed):
-    """What three points on bodies that couple all of their motions hold from being tightened goes with a cycle."""
+def three_points(seed):
+    """Return three contact points on bodies that couple all of their motions, tightened with friction."""
     rng = np.random.default_rng(seed)
     root, pull = rng.standard_normal((10, 10)), np.zeros(10)
     pull[3::3] = -rng.uniform(0.5, 1.5, 3)
-    joint = joint_of(StructureMatrices(
+    return joint_of(StructureMatrices(
         mass=np.diag(np.r_[2.0, np.full(9, 1e-3)]), stiffness=1e4 * root @ root.T + 3e4 * np.eye(10),
         contact_map=np.eye(9, 10, 1), areas=np.full(3, 1e-6), points=1e-3 * np.eye(3), preload=pull,
         outputs={"head": np.eye(1, 10)[0]}), 0.5, 5.0)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_small_amplitudes_follow_the_preload_and_not_the_largest(seed):
+    """What larger amplitudes leave in the faces, smaller ones that came before do not know."""
+    joint = three_points(seed)
+    mode = joint.linear_modes(1)[0]
+    asked = np.geomspace(1e-5, 1e-4, 6)
+    every = quasi_static_backbone(joint, mode, asked)
+    for k, one in enumerate(asked):
+        alone = quasi_static_backbone(joint, mode, np.array([one]))
+        assert every.frequency[k] == pytest.approx(alone.frequency[0], rel=2e-3)
+        assert every.damping[k] == pytest.approx(alone.damping[0], rel=0.05, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_largest_amplitude_is_that_of_a_cycle_that_repeats(seed):
+    """What three points on bodies that couple all of their motions hold from being tightened goes with a cycle."""
+    joint = three_points(seed)
     mode = joint.linear_modes(1)[0]
     found = quasi_static_backbone(joint, mode, np.array([1e-4]))
     repeated = quasi_static_backbone(joint, mode, np.full(5, 1e-4))

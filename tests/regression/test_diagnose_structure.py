@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
+from fretflow.experiments.structure.backbone import held_out
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.points import (
     ROUGH,
@@ -163,6 +164,8 @@ def test_what_is_left_to_chance_stays_an_error_where_others_are_told_anew(sprung
     again = gone_on(told, found, [frozenset(), names])
     assert np.abs(again.fits[names].z).max() < HALF
     assert again.leaves_noise(names)
+    unseen = held_out(told, again, names)  # small amplitudes tell which draw it is
+    assert unseen.after < 0.8 * unseen.before
 
 
 def test_few_draws_tell_how_far_the_next_one_is_off():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -144,9 +145,19 @@ def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
     text = TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', 'amplitude_of = "tip"\nmode = 1')
     experiment = StructureExperiment.of(read_structure_recording(folder(text)))
     glued = np.sqrt(experiment.structure.eigenvalues[0]) / (2.0 * np.pi)
-    for share, told in ((0.99, False), (1.1, True)):
+    for share, told in ((0.99, None), (1.005, "0.5 % beyond .* matched to the parts"), (1.1, "10 % beyond .* unit")):
         points = replace(experiment.points, frequency=np.full(3, share * glued))
-        assert bool(outside_of_mode(replace(experiment, points=points))) is told
+        said = outside_of_mode(replace(experiment, points=points))
+        assert re.search(told, said[0]) if told else not said
+
+
+def test_a_stiffness_in_other_units_is_told_before_anything_is_fitted(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', 'amplitude_of = "tip"\nmode = 1')
+    made = folder(text)
+    arrays = dict(np.load(made / "structure.npz"))
+    np.savez(made / "structure.npz", **{**arrays, "K": 1e-3 * arrays["K"]})
+    with pytest.raises(FretflowError, match=r"80 Hz is not that of mode 1, .* those of M and K"):
+        StructureExperiment.of(read_structure_recording(made))
 
 
 def with_oscillator(path, frequency):

@@ -20,9 +20,21 @@ Indices = NDArray[np.int64]
 
 
 def coarser(structure: ReducedStructure) -> ReducedStructure | None:
-    """Return a structure whose contact points are twice as far apart; None if all are at one place."""
+    """Return a structure whose contact points are twice as far apart; None if they are no mesh of faces.
+
+    All may be at one place, or sliders side by side: in faces the other points take up what those left out held of the
+    bolts' load.
+    """
     kept = sparser(structure.points)
-    return None if len(kept) == structure.contacts else thinned(structure, kept)
+    if len(kept) == structure.contacts:
+        return None
+    fewer = thinned(structure, kept)
+    if structure.preload is not None and fewer.preload is not None:
+        held, before, after = (np.abs(own.sum()) for own in (
+            structure.preload[0][2::3][kept], structure.preload[0][2::3], fewer.preload[0][2::3]))
+        if after - held < before - after:
+            return None
+    return fewer
 
 
 def sparser(points: Array) -> Indices:

@@ -49,6 +49,11 @@ class BackboneObservation:
             if still[backbone.mode - 1]:
                 raise InputError(f"backbone.amplitude_of: mode {backbone.mode} does not move {backbone.amplitude_of!r};"
                                  " name another mode by backbone.mode, or another output")
+            low, high = self.span(backbone.mode - 1)
+            if not low / STATED < own < high * STATED:
+                raise InputError(f"backbone.mode: {own:.4g} Hz is not that of mode {backbone.mode}, which has "
+                                 f"{low:.4g} Hz with the joint open and {high:.4g} Hz with it glued; check the number, "
+                                 "the unit of the frequency and those of M and K")
             return backbone.mode - 1
         highest, lowest = modes[-1].frequency, self.span(0)[0]  # the open joint's is the lowest (Rayleigh)
         if not lowest / STATED < own < highest * STATED:

@@ -50,7 +50,8 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     room: Any = worn if isinstance(recording, WornRecording) else backbone
     experiment = ProfileExperiment(recording) if isinstance(recording, WornRecording) else StructureExperiment.of(
         recording)
-    progress(0.1, "refitting the baseline")
+    said = backbone.outside_of_mode(experiment) if isinstance(experiment, StructureExperiment) else []
+    progress(0.1, "; ".join(["refitting the baseline", *said]))
     pool, effort = in_turn if tools is None else tools.pool, QUICK if fast or experiment.many else FULL
     found = start_search(experiment, experiment.first_prediction(), effort, pool)
     if isinstance(experiment, StructureExperiment):

@@ -131,7 +131,7 @@ class BoltedJoint:
     def interface(self) -> Interface:
         """Return the contact points in the plane of the faces, x along their longer side."""
         points = self.structure.points - self.structure.points.mean(axis=0)
-        axes = np.linalg.svd(points, full_matrices=False)[2][:2]
+        axes = np.linalg.svd(points.T @ points)[2][:2]  # two of a single point too
         axes *= np.where(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)] < 0.0, -1.0, 1.0)[:, None]
         return Interface(nodes=points @ axes.T, areas=self.structure.areas, gap=self.clearance)
 

@@ -6,7 +6,8 @@ I. Zare, M. Wall, J. Sound Vib. 479 (2020) 115376). Where x goes as ``X cos tau`
 omega^2, and the cycle's work D gives the damping ratio ``D / (2 pi omega^2 X^2)``: averaging (N. M. Krylov,
 N. N. Bogoliubov, Introduction to Non-Linear Mechanics (1943)). The chord between the ends of a cycle, which is usual
 for omega^2, is another mean: it differs from a periodic motion by some 0.3 % of the frequency where points open or
-slide one by one. Cycles follow each other as amplitudes fall, as in a decay.
+slide one by one. Cycles follow each other as amplitudes rise from the preload on, as periodic motions do and tests at
+one level after the other: what the faces hold from being tightened goes where they slide, and stays where not yet.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, Stat
 Array = NDArray[np.float64]
 
 STEPS = 12  # of load in half a cycle; chords lose 1 / STEPS^2 of a branch that is a parabola, which is given back
-APPROACH = 4  # of load from one cycle to the next
+APPROACH = 4  # of load from one amplitude to the next, and from end to end of a first cycle
 
 
 @record
@@ -104,10 +105,10 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     amplitudes = np.atleast_1d(np.asarray(amplitudes, dtype=float))
     if not (np.all(np.isfinite(amplitudes)) and np.all(amplitudes > 0.0)):
         raise InputError("amplitudes: must be positive; at zero the mode is linear, LinearMode has its frequency")
-    falling = np.argsort(-amplitudes, kind="stable")
+    rising = np.argsort(amplitudes, kind="stable")
     shape = _Shape.of(joint, mode)
-    loads = (2.0 * np.pi * mode.frequency)**2 * amplitudes[falling]
-    back = np.argsort(falling)
+    loads = (2.0 * np.pi * mode.frequency)**2 * amplitudes[rising]
+    back = np.argsort(rising)
     cycles, busy, states = _cycles(joint, shape, loads, steps, None if near is None else near.states)
     x, square, work, outputs = (value[back] for value in cycles)
     damping = work / (2.0 * np.pi * square * x**2)
@@ -119,25 +120,22 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
 
 def _cycles(joint: BoltedJoint, shape: _Shape, loads: Array, steps: int, guess: States | None
             ) -> tuple[list[Array], list[NDArray[np.int64]], States]:
-    """Return amplitude, omega^2, work and outputs, numbers of sliding and open points, of cycles at falling loads.
+    """Return amplitude, omega^2, work and outputs, numbers of sliding and open points, of cycles at rising loads.
 
     The last value is the states under all loads, of which there may be a guess.
     """
     fall, rise = 1.0 - 2.0 * np.arange(1, steps + 1) / steps, np.arange(1, APPROACH + 1) / APPROACH
-    loads = np.r_[loads[:1], loads]  # a first cycle takes off what the faces hold from being tightened
-    turned = loads * (-1.0)**np.arange(len(loads))  # from an end of a cycle to the other end of the next, as in a decay
-    last = np.r_[0.0, turned[:-1]][:, None]
-    approach, there = last + (turned[:, None] - last) * rise, np.outer(turned, fall)
-    level = np.hstack([approach, there, -there]).ravel()
+    tip, last = loads[:, None], np.r_[0.0, loads[:-1]][:, None]
+    there, over = tip * fall, tip * (1.0 - 2.0 * rise)  # a first cycle takes off what the faces hold from before
+    level = np.hstack([last + (tip - last) * rise, over, -over, there, -there]).ravel()
     x, out, history = _respond(joint, shape, level, guess)
-    own = (APPROACH - 1 + np.arange(2 * steps + 1)) + (2 * steps + APPROACH) * np.arange(len(loads))[:, None]
+    own = (3 * APPROACH - 1 + np.arange(2 * steps + 1)) + (2 * steps + 3 * APPROACH) * np.arange(len(loads))[:, None]
     work = np.sum(0.5 * (level[own][:, 1:] + level[own][:, :-1]) * np.diff(x[own]), axis=1) / (1.0 - 1.0 / steps**2)
-    way = np.sign(turned)[:, None]
-    tips = [0.5 * way * (0.5 * (values[own[:, 0]] + values[own[:, -1]]) - values[own[:, steps]]) for values in (
+    tips = [0.5 * (0.5 * (values[own[:, 0]] + values[own[:, -1]]) - values[own[:, steps]]) for values in (
         x[:, None], out)]
-    square = _first_harmonic(way * x[own], way * level[own])
-    busy = [np.any(history.state[own] == one, axis=1).sum(axis=1)[1:] for one in (SLIP, SEPARATION)]
-    return [one[1:] for one in (tips[0][:, 0], square, work, tips[1])], busy, history.state
+    square = _first_harmonic(x[own], level[own])
+    busy = [np.any(history.state[own] == one, axis=1).sum(axis=1) for one in (SLIP, SEPARATION)]
+    return [tips[0][:, 0], square, work, tips[1]], busy, history.state
 
 
 def _first_harmonic(x: Array, load: Array) -> Array:
