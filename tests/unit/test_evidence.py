@@ -264,6 +264,20 @@ def test_a_face_is_off_smoothly_by_what_codes_differ_by_there() -> None:
     assert held[1] < 0.3
 
 
+def test_errors_in_a_model_move_single_loops_along_what_they_change() -> None:
+    """All channels at once, each condition by itself: a size of one is a relative error of one at each."""
+    plain = replace(measurement(), condition=np.where(measurement().group == LOOPS - 1, 1, 0))
+    change = np.exp(np.linspace(0.0, 1.0, len(plain.values)))
+    moving = smooth_functions(replace(plain, embedded=change[:, None]))
+    assert moving[0] == pytest.approx(smooth_functions(plain)[0])
+    added = moving[1] @ moving[1].T - smooth_functions(plain)[1] @ smooth_functions(plain)[1].T
+    last = plain.condition == 1
+    share = added / np.outer(change, change)
+    assert np.ptp(share[np.ix_(last, last)]) == pytest.approx(0.0, abs=1e-9)  # one error there
+    assert np.mean(np.diag(share)) == pytest.approx(1.0)
+    assert share[np.ix_(plain.group == 0, plain.group == 0)] == pytest.approx(0.0, abs=1e-9)  # where the walk begins
+
+
 def test_rates_are_derivatives_by_the_loops_angle() -> None:
     """Of a cosine the derivative is its sine, wherever in the period the samples are; without a phase there is none."""
     own = measurement()

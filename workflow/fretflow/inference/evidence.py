@@ -146,12 +146,18 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     by a random walk over the cycles, and each condition has its own; what has no phase is off in proportion to its
     size. A loop may be early or late as well, by angles in radians that are as smooth: of a sine that is a change of
     the same relative size, and corners, which are not smooth, move. Of an input the whole loop alone is early or late.
+    Single loops may also be those of slightly other forces, masses or springs, as `Measurement.embedded` has them: near
+    the onset of motion small ones make large differences (errors embedded in the model: K. Sargsyan, H. N. Najm,
+    R. Ghanem, Int. J. Chem. Kinet. 47 (2015) 246-276).
     """
     size, early = discrepancy_sizes(measurement), harmonics(measurement.phase, MODULATING)
     early[size == 0.0, 1:] = 0.0
     found = [np.hstack([_products(measurement, waves(measurement, LOOP_HARMONICS), courses, size),
                         _products(measurement, early, courses, rates(measurement))])
              for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
+    if measurement.embedded is not None:
+        products = measurement.embedded[:, :, None] * _courses(measurement)[:, None, :]
+        found[1] = np.hstack([found[1], products.reshape(len(size), -1)])
     return found[0], found[1]
 
 

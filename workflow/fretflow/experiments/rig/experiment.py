@@ -36,11 +36,12 @@ class RigExperiment(Experiment):
     code_error: Array  # (M, any), modes of what is not known of the correction
     held_out: frozenset[str] = frozenset()  # labels of loops
     checks: tuple[RigModel, RigModel] | None = None  # on a finer mesh, and with more samples
+    embedded: Array | None = None  # (M, any), see `Measurement`
 
     @cached_property
     def measurement(self) -> Measurement:
         """Return what was measured."""
-        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.held_out)
+        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.held_out, self.embedded)
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a rig."""
@@ -130,7 +131,8 @@ def rig_effects() -> tuple[str, ...]:
     return tuple(name for name, kind in catalogue().items() if FRETTING_RIG in kind.kinds)
 
 
-def measured(observation: Observation, code_error: Array, total_cycles: int, held_out: frozenset[str]) -> Measurement:
+def measured(observation: Observation, code_error: Array, total_cycles: int, held_out: frozenset[str],
+             embedded: Array | None) -> Measurement:
     """Return an observation as the engine takes it."""
     size = len(observation.values)
     labels = tuple(dict.fromkeys(piece.label for piece in observation.pieces))
@@ -153,7 +155,8 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
         for piece in pieces.values():
             phase[piece.place] = strokes.period
     return Measurement(
-        values=observation.values, variance=observation.variance,
+        values=observation.values, variance=observation.variance, channel=rows["channel"], group=rows["group"],
+        condition=rows["condition"],
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
-        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, held_out=np.isin(
-            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)), **rows)
+        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded, held_out=np.isin(
+            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)))

@@ -222,13 +222,13 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
         model, finer = (replace(one, samples=2 * one.samples) for one in (model, finer))
         first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
         plainly = model.predict(first)
-    slope = neighbours(model, first, [Hypothesis(friction=1.0 + STEP)])[:, 0]
-    observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(
-        np.nan_to_num(slope))
+    slopes = np.nan_to_num(neighbours(model, first, [
+        Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP)]))
+    observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(slopes[:, 0])
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly,
                                   denser.samples / model.samples)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
-    made = RigExperiment(model, correction, modes, checks=(finer, denser))
+    made = RigExperiment(model, correction, modes, checks=(finer, denser), embedded=slopes / STEP)
     space = made.parameters(())
     return made, Prediction(Point(space, np.zeros(space.size)), plainly + correction, first)
 
