@@ -218,6 +218,15 @@ def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPa
     assert said.probability == pytest.approx(probability)
 
 
+@pytest.mark.parametrize(("before", "after", "share"), [
+    (300.0, 150.0, 0.75), (95.0, 80.0, 1.0), (95.0, 95.0, 0.0), (95.0, 96.0, 0.0), (300.0, 90.0, 1.0)])
+def test_the_share_explained_is_of_what_no_set_shows_to_be_noise(before: float, after: float, share: float) -> None:
+    """Of 100 expected: where a set leaves 80 there is no more noise than that."""
+    search = SimpleNamespace(chi_squared=lambda names: after if names else before,
+                             experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0)))
+    assert Search.explained(cast(Search, search), frozenset({"viscous"})) == pytest.approx(share)
+
+
 @pytest.mark.parametrize(("left", "after", "chance", "verdict", "probability"), [
     (90.0, 89.0, 0, Verdict.NONE, 0.5), (90.0, 84.0, 0, Verdict.NONE, 0.493), (90.0, 50.0, 0, Verdict.NAMED, 0.8),
     (90.0, 50.0, 25, Verdict.NONE, 0.5), (130.0, 124.0, 0, Verdict.NAMED, 0.8)])

@@ -211,3 +211,18 @@ def test_errors_of_timing_that_are_not_there_hide_nothing():
 
     assert p_value(noise) > 0.05
     assert p_value(np.sqrt(1.5) * noise) < 1e-6
+
+
+def test_what_is_left_in_one_loop_alone_is_detected():
+    """Its zero is two sd off: no harmonic, and no more in all than noise that is told a little too large."""
+    seen = observation()
+    noise = 0.9 * np.random.default_rng(4).standard_normal(len(seen.values))
+    loop = next(one for one in seen.pieces if one.channel == "friction_force")
+
+    def tests(left):
+        return detect(seen, SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(1),
+                                            whitened_jacobian=np.ones((len(left), 1)))).tests
+
+    assert tests(noise)["chi-squared of a channel of one loop"] > 0.05
+    noise[loop.place] += 2.0
+    assert tests(noise)["chi-squared of a channel of one loop"] < 1e-3

@@ -197,11 +197,13 @@ class Search:
         return float(chi2.sf(chi_squared, self.experiment.measurement.expected)) > FALSE_ALARMS
 
     def explained(self, names: Names) -> float:
-        """Return the share that a set explains of what the baseline leaves beyond the repeats' noise."""
-        expected = self.experiment.measurement.expected
-        before = self.chi_squared(frozenset()) - expected
-        after = self.chi_squared(names) - expected
-        return float(np.clip(1.0 - max(after, 0.0) / before, 0.0, 1.0)) if before > 0.0 else 0.0
+        """Return the share that a set explains of what the baseline leaves beyond the repeats' noise.
+
+        Where a set leaves less than the noise is told to be, that is no more than what it leaves.
+        """
+        before, after = self.chi_squared(frozenset()), self.chi_squared(names)
+        expected = min(self.experiment.measurement.expected, after)
+        return float(np.clip(1.0 - (after - expected) / (before - expected), 0.0, 1.0)) if before > expected else 0.0
 
     def evidence(self, names: Names, laws: Names | None = None) -> Evidence:
         """Return the evidence of a set whose `laws` may be of another form, those of all its effects where None."""
