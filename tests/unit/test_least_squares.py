@@ -166,15 +166,16 @@ def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:
     assert not returned(2.0 * fit.z)
 
 
-@pytest.mark.parametrize(("left", "fitted"), [(10.0, ["near"]), (1000.0, ["near", "far"])])
+@pytest.mark.parametrize(("left", "fitted"), [(10.0, ["near"]), (19.0, ["near", "far"]), (1000.0, ["near", "far"])])
 def test_where_one_effect_explains_all_hopeless_ones_are_not_fitted_to_rest(left: float, fitted: list[str]) -> None:
-    """`left` beside ten squares of noise; where more is left, how probable an effect is shows at rest only."""
+    """`left` of ten squares of noise, one of twenty such above 18.3; how probable an effect is shows at rest only."""
     asked: list[str] = []
     names = [frozenset({"near"}), frozenset({"far"})]
     search: Any = SimpleNamespace(
         fits={one: SimpleNamespace(converged=False, chi_squared=left) for one in names},
         effort=SimpleNamespace(bases=2, last_steps=2), best=lambda size: names, promising=lambda sets: sets[:1],
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=10.0)),
+        passes_for_noise=lambda own: Search.passes_for_noise(search, own),
         continue_fits=lambda sets, steps: asked.extend(one for own in sets for one in own))
     to_rest(search, 1)
     assert list(dict.fromkeys(asked)) == fitted
