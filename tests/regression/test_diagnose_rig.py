@@ -55,7 +55,6 @@ def test_baseline_is_none_without_a_record_of_its_drive(undriven):
     assert (undriven["verdict"], undriven["effects"]) == ("none", [])
 
 
-@pytest.mark.xfail(reason="the interval ends 0.4 % below the truth: it is too narrow")
 def test_friction_of_the_baseline_lies_within_its_interval(baseline, undriven):
     for found in (baseline[0], undriven):
         friction = found["parameters"]["contact.friction_coefficient"]
