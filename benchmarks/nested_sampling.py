@@ -4,7 +4,6 @@ Usage: ``python benchmarks/nested_sampling.py RECORDING [EFFECT+EFFECT ...]``, o
 without effects, of the baseline and the most probable sets. Needs ``pip install dynesty``, takes minutes a set. What
 the discrepancies may be is that of the fit in both, averaged over their sizes; linear is what the parameters do alone.
 J. S. Speagle, Mon. Not. R. Astron. Soc. 493 (2020) 3132-3158.
-
 """
 
 from __future__ import annotations

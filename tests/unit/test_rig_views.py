@@ -219,10 +219,11 @@ def test_what_is_left_in_one_loop_alone_is_detected():
     noise = 0.9 * np.random.default_rng(4).standard_normal(len(seen.values))
     loop = next(one for one in seen.pieces if one.channel == "friction_force")
 
-    def tests(left):
-        return detect(seen, SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(1),
-                                            whitened_jacobian=np.ones((len(left), 1)))).tests
+    def p_value(left):
+        fit = SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(1),
+                              whitened_jacobian=np.ones((len(left), 1)))
+        return detect(seen, fit).tests["chi-squared of a channel of one loop"]
 
-    assert tests(noise)["chi-squared of a channel of one loop"] > 0.05
+    assert p_value(noise) > 0.05
     noise[loop.place] += 2.0
-    assert tests(noise)["chi-squared of a channel of one loop"] < 1e-3
+    assert p_value(noise) < 1e-3

@@ -33,7 +33,7 @@ from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
 
 SAMPLES = 64  # of a period that fits are made with, four for each harmonic of the masses' motion
-DENSER = 4  # times as many that these are corrected by: beyond the arm's own mode, which rings whenever the faces stick
+DENSER = 4  # times as many that fits are corrected by: beyond the arm's own mode, which rings whenever the faces stick
 # of a simulation's wear: faces micrometres apart need 60 to 100, less plausible laws over cycles may need thousands
 MOST_PERIODS = 150
 # Of the embedded solution of first order; the depth itself is a tenth as far off. With twice as much the first steps on
@@ -117,8 +117,8 @@ class RigModel:
                        most_periods=round(more * self.most_periods))
 
     def denser(self) -> RigModel:
-        """Return the same with `DENSER` times the samples of a period, and harmonics of the masses' motion."""
-        return replace(self, samples=DENSER * self.samples)
+        """Return the same with `DENSER * SAMPLES` samples of a period, however many its own are, and harmonics."""
+        return replace(self, samples=DENSER * SAMPLES)
 
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
