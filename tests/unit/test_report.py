@@ -167,6 +167,17 @@ def test_loops_that_are_compared_and_not_drawn_are_told(cases):
             "compared") in render_report(few)
 
 
+def test_differences_before_and_after_have_one_unit(cases):
+    """They stood as 0.15 µm and 80 nm in one sentence."""
+    found = cases.named()
+    for before, after, told in ((1.5e-7, 8e-8, "0.150 µm before, 0.0800 µm after"),
+                                (8e-8, 5e-8, "80.0 nm before, 50.0 nm after")):
+        first = replace(found.comparisons[0], before_displacement=found.comparisons[0].displacement + before,
+                        after_displacement=found.comparisons[0].displacement + after)
+        text = page_of(replace(found, comparisons=(first,))).text.replace("\xa0", " ")
+        assert f"relative displacement {told}" in text
+
+
 def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):
     found = cases.named()
     page = page_of(found)

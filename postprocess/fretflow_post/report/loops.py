@@ -225,16 +225,13 @@ def _misfit(predicted: Sequence[Channel], after: bool) -> str:
     for channel in predicted:
         sizes = [_rms(channel.measured - values) for values in _curves(channel, after)[1:]]
         when = (" before", " after") if after else ("",)
-        parts = [f"{_quantity(size, channel)}{word}" for size, word in zip(sizes, when, strict=True)]
+        largest, unit, size = max(sizes), channel.unit, 1.0
+        if largest < READABLE:
+            name, scale = readable_unit(largest * channel.size, channel.si)
+            unit, size = pretty_unit(name), scale / channel.size
+        parts = [f"{number(value / size)} {unit}{word}" for value, word in zip(sizes, when, strict=True)]
         texts.append(f"{channel.name} {', '.join(parts)}")
     return f"Root-mean-square difference: {'; '.join(texts)}." if texts else ""
-
-
-def _quantity(value: float, channel: Channel) -> str:
-    if not value < READABLE:
-        return f"{number(value)} {channel.unit}"
-    unit, size = readable_unit(value * channel.size, channel.si)
-    return f"{number(value * channel.size / size)} {pretty_unit(unit)}"
 
 
 def _rms(values: Array) -> float:
