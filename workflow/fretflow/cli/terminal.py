@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from cyclopts import CycloptsError, Parameter, UnusedCliTokensError
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, ConsoleOptions, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
 from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable, shortened
 from fretflow.pipeline.ranks import started_rank, started_size
@@ -114,7 +116,6 @@ class Progress:
     def __enter__(self) -> Progress:
         from rich.progress import BarColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
         from rich.progress import Progress as Bars
-        from rich.text import Text
 
         class TimeLeft(TimeRemainingColumn):
             def render(self, task: Task) -> Text:
@@ -207,9 +208,38 @@ def show_files(files: Sequence[Path], title: str) -> None:
         console.print(f"  {escape(str(file))}", soft_wrap=True)
 
 
+class ReadableTable(Table):
+    """A table that breaks no word: where its columns are too narrow, rows are lists of headings and cells."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Draw the table, or its rows one below the other."""
+        wide = options.update(max_width=10_000)
+        own = [[Measurement.get(console, wide, cell) for cell in (column.header, *column.cells)]
+               for column in self.columns]
+        least = [max(one.maximum if column.no_wrap else one.minimum for one in cells)
+                 for column, cells in zip(self.columns, own, strict=True)]
+        more = [max(one.maximum for one in cells) - width for width, cells in zip(least, own, strict=True)]
+        between = self.__rich_measure__(console, wide).maximum - sum(least) - sum(more)
+        room = options.max_width - between - sum(least)
+        if room >= 0:
+            for column, width, wanted in zip(self.columns, least, more, strict=True):
+                column.width = width + wanted * min(room, sum(more)) // max(sum(more), 1)
+            yield from super().__rich_console__(console, options)
+            return
+        yield Text.from_markup(str(self.title or ""), style="table.title")
+        for cells in zip(*(column.cells for column in self.columns), strict=True):
+            row = Table.grid(padding=(0, 2, 0, 0))
+            row.add_column(style="bold", no_wrap=True)
+            row.add_column(overflow="fold")
+            for column, cell in zip(self.columns, cells, strict=True):
+                row.add_row(column.header, cell)
+            yield row
+            yield ""
+
+
 def new_table(title: str, *headings: str) -> Table:
     """Return an empty table in the house style."""
-    view = Table(title=escape(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    view = ReadableTable(title=escape(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
         longest = max((len(word) for word in heading.split()), default=0)
         view.add_column(heading, overflow="fold", no_wrap=heading in NAMES, min_width=longest)
