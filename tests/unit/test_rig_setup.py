@@ -32,6 +32,7 @@ from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import smooth_waves
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest, RecordedWear, SweepCondition
+from scipy.stats import chi2
 
 SAMPLES, FRICTION, LOAD, STROKE, COUNTS = 400, 0.6, 50.0, 20e-6, (0, 10_000, 30_000)
 
@@ -259,15 +260,37 @@ def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> No
 def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> None:
     """Where the edge of a scar falls between coarse nodes is gone with the next mesh, and no promise for the rest."""
     rows = np.array([False, False, True, True])
-    seen: Any = SimpleNamespace(pieces=[], rows=lambda block: rows)
+    seen: Any = SimpleNamespace(pieces=[], rows=lambda block: rows, points=np.array([[0.0, 0.0], [1e-3, 0.0]]))
     plain, finer = np.zeros(4), np.array([1.0, 1.0, 3.0, -1.0])
     correction, _ = errors_of(seen, finer, plain, plain, DENSER)
     assert correction[2:] == pytest.approx(finer[2:])
     assert np.all(correction[:2] > finer[:2])
-    variance = depth_error(seen, finer, plain)
-    assert variance[:2] == pytest.approx(0.0)
-    assert variance[2] == variance[3]
-    assert 1.0 < np.sqrt(variance[2]) < 3.0
+    variance, modes = depth_error(seen, finer, plain)
+    every = variance + np.sum(modes**2, axis=1)
+    assert every[:2] == pytest.approx(0.0)
+    assert every[2] == pytest.approx(every[3])
+    assert 1.0 < np.sqrt(every[2]) < 3.0
+
+
+def test_an_error_of_the_depths_that_is_alike_along_an_edge_is_alike_in_other_codes() -> None:
+    """A mesh that misses the depth of two edges tells of other edges, not of any pattern of as large an error."""
+    x, y = np.meshgrid(1e-3 * np.arange(8), 1e-3 * np.arange(10))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    seen: Any = SimpleNamespace(rows=lambda block: np.ones(80, dtype=bool), points=points)
+    missed = 0.05 * np.random.default_rng(4).standard_normal((10, 8))
+    missed[[0, -1]] += 1.0
+    variance, modes = depth_error(seen, missed.ravel(), np.zeros(80))
+    assert np.sum(variance + np.sum(modes**2, axis=1)) == pytest.approx(np.sum(missed**2))
+    errors = Covariance(variance + 1e-3, modes)
+
+    def p_value(depths: np.ndarray) -> float:
+        left = errors.whiten(depths.ravel())
+        return float(chi2.sf(left @ left, 80))
+
+    along, over = np.zeros((10, 8)), np.where((x + y) / 1e-3 % 2.0 < 0.5, 0.5, -0.5)
+    along[1] = 1.0  # the edge of another mesh
+    assert p_value(along) > 0.05
+    assert p_value(over) < 1e-6
 
 
 def test_recording_without_loops_is_refused() -> None:

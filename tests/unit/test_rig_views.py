@@ -201,7 +201,7 @@ def test_maps_count_errors_that_samples_share_and_no_zero():
 def test_errors_of_timing_that_are_not_there_hide_nothing():
     """Three quarters of the variance may be there and are not: noise alone passes, half as much beside it does not."""
     seen = observation()
-    seen = seen.less_sure(3.0 * seen.variance)
+    seen = seen.less_sure(3.0 * seen.variance, np.zeros((len(seen.values), 0)))
     noise = 0.5 * np.random.default_rng(6).standard_normal(len(seen.values))
     slope = np.sqrt(seen.variance)[:, None]
 
@@ -226,4 +226,19 @@ def test_what_is_left_in_one_loop_alone_is_detected():
 
     assert p_value(noise) > 0.05
     noise[loop.place] += 2.0
+    assert p_value(noise) < 1e-3
+
+
+def test_a_mean_that_all_loops_share_is_detected():
+    """A zero one sd off in all loops of a channel is no harmonic, and little in all beside noise."""
+    seen = observation()
+    noise = np.random.default_rng(4).standard_normal(len(seen.values))
+
+    def p_value(left):
+        fit = SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(0),
+                              whitened_jacobian=np.zeros((len(left), 0)))
+        return detect(seen, fit).tests["harmonics of the loops by their trend over the cycles"]
+
+    assert p_value(noise) > 0.05
+    noise[seen.rows(block="loops", channel="friction_force")] += 1.0
     assert p_value(noise) < 1e-3

@@ -57,15 +57,11 @@ class RigExperiment(Experiment):
         Raises
         ------
         NonConvergenceError
-            If a period is not found.
+            If a period is not found, or numbers are beyond all bounds.
         """
         known = None if near is None else resensed(near, point)
-        with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis far off may leave all bounds on its way
-            simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
-            values = self.rig.predict(simulation) + self.correction
-        if not np.all(np.isfinite(values)):
-            raise NonConvergenceError("the hypothesis predicts numbers beyond all bounds")
-        return Prediction(point, values, simulation)
+        simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
+        return Prediction(point, self.rig.predict(simulation) + self.correction, simulation)
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""

@@ -90,10 +90,10 @@ def _single(observation: Observation, residual: Array) -> float:
 
 
 def _harmonics(observation: Observation, residual: Array, base: Fit) -> float:
-    """Return the p-value of the largest harmonic of a channel's residual, constant or linear in the loops' order."""
+    """Return the p-value of a channel's largest harmonic or mean, constant or linear in the loops' order."""
     probes = []
     angle = 2.0 * np.pi * np.arange(observation.samples) / observation.samples
-    waves = [shape(k * angle) for k in range(1, observation.harmonics + 1) for shape in (np.cos, np.sin)]
+    waves = [shape(k * angle) for k in range(observation.harmonics + 1) for shape in (np.cos, np.sin)]
     for channel in dict.fromkeys(piece.channel for piece in observation.pieces if piece.block == "loops"):
         pieces = [piece for piece in observation.pieces if piece.block == "loops" and piece.channel == channel]
         trend = np.linspace(-1.0, 1.0, len(pieces)) if len(pieces) > 1 else np.zeros(1)

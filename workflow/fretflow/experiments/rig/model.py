@@ -125,6 +125,7 @@ class RigModel:
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
                                         tolerance=TOLERANCE, estimate_error=False), keeps_tangents=True)
 
+    @np.errstate(over="ignore", invalid="ignore")  # a hypothesis far off may leave all bounds on its way
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
         """March the wear through the recorded cycle counts and solve the other conditions at the end.
 
@@ -231,8 +232,15 @@ class RigModel:
             turned[name] = mean + abs(aimed / own) * (turned[name] - mean)
         return PeriodicSolution(**{one.name: getattr(found, one.name) for one in fields(PeriodicSolution)} | turned)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def predict(self, simulation: Simulation) -> Array:
-        """Return the vector (M,) that the recording would be."""
+        """Return the vector (M,) that the recording would be.
+
+        Raises
+        ------
+        NonConvergenceError
+            If it is beyond all bounds.
+        """
         found = np.empty(len(self.observation.values))
         seen: dict[tuple[str, int], Signals] = {}
         for piece, period in self.pieces(simulation):
@@ -243,6 +251,8 @@ class RigModel:
                 seen[key] = self.sensed(simulation.model, self.signals(period))
             found[piece.place] = channel(seen[key], piece)
         self.put_wear(found, simulation.depth)
+        if not np.all(np.isfinite(found)):
+            raise NonConvergenceError("the hypothesis predicts numbers beyond all bounds")
         return found
 
     def pieces(self, simulation: Simulation) -> list[tuple[Piece, Period | None]]:

@@ -112,10 +112,10 @@ class Observation:
         """Return the cycle counts of the loops."""
         return tuple(dict.fromkeys(piece.cycles for piece in self.pieces if piece.block == "loops"))
 
-    def less_sure(self, variance: Array) -> Observation:
-        """Return the same values with further independent errors of a `variance` (M,) that repeats do not show."""
-        return replace(self, variance=self.variance + variance, noise=self.noise * self.variance / (
-            self.variance + variance))
+    def less_sure(self, variance: Array, modes: Array) -> Observation:
+        """Return the same with errors that repeats do not show: of a `variance` (M,) each, and `modes` (M, any)."""
+        return replace(self, variance=self.variance + variance, modes=np.hstack([self.modes, modes]),
+                       noise=self.noise * self.variance / (self.variance + variance))
 
     def scattering(self, slope: Array) -> Observation:
         """Return the same where a parameter, by which the vector changes with `slope` (M,), differs between repeats.

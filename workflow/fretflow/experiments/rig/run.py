@@ -224,7 +224,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
         plainly = model.predict(first)
     slopes = np.nan_to_num(neighbours(model, first, [
         Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP)]))
-    observation = observation.less_sure(depth_error(observation, predicted[0], plainly)).scattering(slopes[:, 0])
+    observation = observation.less_sure(*depth_error(observation, predicted[0], plainly)).scattering(slopes[:, 0])
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly,
                                   denser.samples / model.samples)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
