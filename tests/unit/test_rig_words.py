@@ -35,6 +35,15 @@ def test_a_pair_and_a_single_effect_are_named():
     assert "backlash (75 %) and viscous (96 %), which explain 93 %" in two
 
 
+def test_nothing_by_the_tests_says_what_would_be_more_probable():
+    """The posterior holds wear for more probable than nothing, and the tests see noise alone: both are told."""
+    shares = Posterior({frozenset({"wear-power-law"}): 0.61, frozenset(): 0.35}, 0.04, {})
+    by_tests = replace(found(Verdict.NONE, probability=0.35), posterior=shares)
+    assert "; wear-power-law would be more probable (61 %), but no test sees more than noise" in sentence(
+        by_tests, REST, PLACE, None)
+    assert sentence(replace(by_tests, probability=0.95), REST, PLACE, None).endswith("measurement and simulation.")
+
+
 def test_what_remains_is_told_with_its_place():
     text = sentence(found(Verdict.NAMED, {"viscous"}), REST, PLACE, None)
     assert "what remains (7 % of the difference, 4.7 times the noise) is not explained" in text

@@ -42,7 +42,7 @@ def sentence(found: Found, remainder: Remainder, location: Location, law: Residu
     share = f"{percent(found.explained)} of the difference"
     if found.verdict is Verdict.NONE:
         return ("The baseline with its own parameters refitted explains the recording within the errors of measurement "
-                "and simulation.")
+                f"and simulation{_taken_as_noise(found)}.")
     if found.verdict is Verdict.NAMED:
         (names,) = found.sets
         each = [f"{name} ({probability(found.posterior.of(name))})" for name in names] if len(names) > 1 else names
@@ -55,6 +55,18 @@ def sentence(found: Found, remainder: Remainder, location: Location, law: Residu
         return (f"{grade(found.probability)}, the model leaves out {also}one of {', or '.join(either)}, which act "
                 f"alike on this recording; {share} is explained; {_rest(remainder)}.")
     return _unknown(found, remainder, location, law)
+
+
+def _taken_as_noise(found: Found) -> str:
+    """Return in words what would be more probable than nothing if what it takes were no noise."""
+    shares = {listed(names): own for names, own in found.posterior.sets.items() if names}
+    shares["something that the catalogue lacks"] = found.posterior.unlisted
+    taken = {name: own for name, own in shares.items() if own > found.probability}
+    if not taken:
+        return ""
+    sure = probability(sum(taken.values()))
+    return (f"; {', or '.join(taken)} would be more probable ({sure}), but no test sees more than noise in what the "
+            "baseline leaves")
 
 
 def grade(p: float) -> str:
