@@ -216,14 +216,17 @@ class ReadableTable(Table):
         wide = options.update(max_width=10_000)
         own = [[Measurement.get(console, wide, cell) for cell in (column.header, *column.cells)]
                for column in self.columns]
-        least = [max(one.maximum if column.no_wrap else one.minimum for one in cells)
-                 for column, cells in zip(self.columns, own, strict=True)]
-        more = [max(one.maximum for one in cells) - width for width, cells in zip(least, own, strict=True)]
-        between = self.__rich_measure__(console, wide).maximum - sum(least) - sum(more)
-        room = options.max_width - between - sum(least)
-        if room >= 0:
-            for column, width, wanted in zip(self.columns, least, more, strict=True):
-                column.width = width + wanted * min(room, sum(more)) // max(sum(more), 1)
+        widths = [max(one.maximum if column.no_wrap else one.minimum for one in cells)
+                  for column, cells in zip(self.columns, own, strict=True)]
+        whole = [max(one.maximum for one in cells) for cells in own]
+        room = options.max_width - self.__rich_measure__(console, wide).maximum + sum(whole)
+        if sum(widths) <= room:
+            for wanted in ([max((one.maximum for one in cells[1:]), default=0) for cells in own], whole):
+                more = [max(0, one - width) for one, width in zip(wanted, widths, strict=True)]
+                given = min(room - sum(widths), sum(more))  # to cells first, then to headings
+                widths = [width + one * given // max(sum(more), 1) for one, width in zip(more, widths, strict=True)]
+            for column, width in zip(self.columns, widths, strict=True):
+                column.width = width
             yield from super().__rich_console__(console, options)
             return
         yield Text.from_markup(str(self.title or ""), style="table.title")
