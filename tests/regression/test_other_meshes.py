@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.experiments.independent import in_turn
-from fretflow.experiments.structure.coarser import damping_beside
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.run import diagnose_structure, of_baseline, told_again
 from fretflow.inference.experiment import Point
@@ -50,22 +49,6 @@ def test_what_a_finer_mesh_shows_otherwise_is_about_what_is_told(finer):
         replace(told, spacing=1.0), replace(told, spacing=0.0))]
     assert squares[0] > 5.0
     assert 0.2 < squares[1] < 2.0
-
-
-def test_damping_is_off_as_the_frequency_says():
-    """Of sliders whose limits are a hundredth larger, each with its own work of a cycle in closed form."""
-    amplitude, rng = np.geomspace(0.01, 1.0, 60), np.random.default_rng(3)
-    stiffness, limits = rng.uniform(0.5, 1.5, 40), np.sort(rng.uniform(0.02, 1.2, 40))  # N/m, m
-
-    def of(reach):
-        sliding = np.maximum(amplitude[:, None] - reach, 0.0)
-        secant = 2e3 + stiffness @ np.minimum(1.0, reach / amplitude[:, None]).T
-        work = 4.0 * (sliding * reach) @ stiffness
-        return np.sqrt(secant) / (2.0 * np.pi), work / (2.0 * np.pi * secant * amplitude**2)
-
-    before, after = of(limits), of(1.01 * limits)
-    told = damping_beside(np.log(amplitude), before[0]) @ (after[0] - before[0])
-    assert np.abs(after[1] - before[1] - told).max() < 0.03 * np.abs(after[1] - before[1]).max()
 
 
 def test_errors_of_a_mesh_are_those_of_the_baseline_that_is_judged_by_them(finer):

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from fretflow.core.records import Array
 from fretflow.experiments.structure.points import errors_like
@@ -83,36 +84,14 @@ def thinned(structure: ReducedStructure, kept: Indices) -> ReducedStructure:
         outputs={name: condensed(rows) for name, rows in structure.outputs.items()})
 
 
-def mesh_errors(place: Array, values: Array, doubled: Array, spacing: float) -> Array:
-    """Return modes (M, any) of what a mesh of another `spacing` of its points changes of `values` (M,) of this one.
+def mesh_errors(place: Array, doubled: Array, spacing: float) -> Array:
+    """Return modes (M, M) of what a mesh of another `spacing` of its points changes, over this one's.
 
     Points' areas weigh pressures like the trapezoidal rule, of second order: with r times the distance between points
     the difference is ``(r^2 - 1) / 3`` of that with twice the distance, `doubled` (M,) (L. F. Richardson, Phil. Trans.
-    R. Soc. A 210 (1911) 307-357). At which of the places (P,) it lies goes with where points happen to be; they begin
-    to slide one after the other, as closely as they lie on the coarser of both meshes. The damping is off by as much
-    as the frequency says, see `damping_beside`, and what twice the distance changes beyond that.
+    R. Soc. A 210 (1911) 307-357). At which of the places (P,), of each channel in turn, it lies goes with where points
+    happen to be; they begin to slide one after the other, as closely as they lie on the coarser of both meshes.
     """
     share, shorter = abs(spacing**2 - 1.0) / (2.0**2 - 1.0), max(spacing, 1.0) / 2.0
-    frequency, *damping = doubled.reshape(-1, len(place))
-    found = errors_like(place, frequency, shorter)
-    if damping:
-        beside = damping_beside(place, values[:len(place)])
-        rest = errors_like(place, damping[0] - beside @ frequency, shorter)
-        found = np.block([[found, np.zeros_like(rest)], [beside @ found, rest]])
-    return np.asarray(share * found)
-
-
-def damping_beside(place: Array, frequency: Array) -> Array:
-    """Return by how much (P, P) damping ratios change with frequencies (P,), Hz, at the logarithms of amplitudes (P,).
-
-    A joint of sliders takes eight times the work along its first loading in a cycle, less four times force times
-    amplitude (G. Masing, Proc. 2nd Int. Congr. Appl. Mech. (1926) 332-335): with ``k = omega^2`` the ratio changes by
-    ``(8 int dk x dx - 4 a^2 dk) / (2 pi k a^2)``. Below the smallest amplitude dk stays what it is there.
-    """
-    square = np.exp(2.0 * (place - place[0]))
-    width = np.zeros((len(place), len(place)))
-    for k in range(1, len(place)):
-        width[k:, k - 1:k + 1] += 0.5 * (place[k] - place[k - 1])
-    work = width * square
-    work[:, 0] += 0.5 * square[0]
-    return np.asarray((8.0 * work / square[:, None] - 4.0 * np.eye(len(place))) / np.pi / frequency)
+    parts = doubled.reshape(-1, len(place))
+    return np.asarray(share * block_diag(*(errors_like(place, one, shorter) for one in parts)))

@@ -179,8 +179,7 @@ class StructureExperiment(Experiment):
                 self, structure=self.coarse, correction=None, static=True).predict(prediction.point)
         except NonConvergenceError:
             other = prediction
-        return mesh_errors(np.log(self.points.amplitude), prediction.values, other.values - prediction.values,
-                           self.spacing)
+        return mesh_errors(np.log(self.points.amplitude), other.values - prediction.values, self.spacing)
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
