@@ -270,6 +270,10 @@ def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> Non
     assert every[:2] == pytest.approx(0.0)
     assert every[2] == pytest.approx(every[3])
     assert 1.0 < np.sqrt(every[2]) < 3.0
+    seen = SimpleNamespace(rows=lambda block: np.zeros(4, dtype=bool), points=np.zeros((0, 2)))  # no face was measured
+    variance, modes = depth_error(seen, finer, plain)
+    assert not variance.any()
+    assert modes.shape == (4, 0)
 
 
 def test_an_error_of_the_depths_that_is_alike_along_an_edge_is_alike_in_other_codes() -> None:

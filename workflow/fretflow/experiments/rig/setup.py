@@ -210,18 +210,19 @@ def depth_error(observation: Observation, finer: Array, plain: Array) -> tuple[A
     it at the edges: as much of it stays as an error. What is alike in a row of points along an edge, or in all points,
     is so in another code too; it is parted by a two-way analysis of variance, and what is left is each point's own.
     """
-    rows = observation.rows(block="map")
+    rows, variance = observation.rows(block="map"), np.zeros(len(plain))
+    if not rows.any():
+        return variance, np.zeros((len(plain), 0))
     left, modes = (finer - plain)[rows], []
     lines = [np.zeros(len(left), dtype=np.int64)] + [
         np.unique(np.round(side / max(np.ptp(side), np.finfo(float).tiny), 6), return_inverse=True)[1]
         for side in observation.points.T]
-    for line in lines if len(left) else ():
+    for line in lines:
         alike = (np.bincount(line, left) / np.bincount(line))[line]
         left = left - alike
         own = np.zeros((len(rows), line.max() + 1))
         own[rows, line] = np.sqrt(np.mean(alike**2))
         modes.append(own)
-    variance = np.zeros(len(plain))
-    variance[rows] = np.mean(left**2) if len(left) else 0.0
-    return variance, np.hstack([np.zeros((len(plain), 0)), *modes])
+    variance[rows] = np.mean(left**2)
+    return variance, np.hstack(modes)
 
