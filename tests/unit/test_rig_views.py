@@ -237,7 +237,7 @@ def test_a_mean_that_all_loops_share_is_detected():
     def p_value(left):
         fit = SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(0),
                               whitened_jacobian=np.zeros((len(left), 0)))
-        return detect(seen, fit).tests["harmonics of the loops by their trend over the cycles"]
+        return detect(seen, fit).tests["means and harmonics of the loops by their trend over the cycles"]
 
     assert p_value(noise) > 0.05
     noise[seen.rows(block="loops", channel="friction_force")] += 1.0

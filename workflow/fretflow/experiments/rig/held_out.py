@@ -76,7 +76,7 @@ def detect(observation: Observation, base: Fit) -> Detection:
     residual, freedom = base.residual, max(float(observation.noise.sum()) - len(base.z), 1.0)
     tests = {"chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, freedom)),
              "chi-squared of a channel of one loop": _single(observation, residual),
-             "harmonics of the loops by their trend over the cycles": _harmonics(observation, residual, base)}
+             "means and harmonics of the loops by their trend over the cycles": _harmonics(observation, residual, base)}
     name = min(tests, key=lambda key: tests[key])
     return Detection(p_value=min(1.0, len(tests) * tests[name]), statistic=name, tests=tests,
                      false_alarm_rate=FALSE_ALARMS)
