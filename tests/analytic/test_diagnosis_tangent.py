@@ -6,9 +6,11 @@ runs in and wear laws, the change that one march of the simulated periods predic
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
@@ -100,6 +102,19 @@ def test_what_chance_decides_is_told_by_what_each_node_may_do(rig):
         assert missed < 0.3 * np.linalg.norm(simulated[rows]), channel  # limits are a seventh apart, and shift pressure
     without = experiment.predict(Point(Parameters.of(BASELINE, ()), np.zeros(4)))
     assert experiment.by_chance(without).shape == (size, 0)
+
+
+def test_numbers_beyond_all_bounds_are_no_prediction(rig):
+    """A worn depth that overflows is refused, and a correction by such a model is none."""
+    base = rig.simulate(Hypothesis())
+    size, last = len(rig.observation.values), base.steps[-1]
+    endless = replace(base, steps=(replace(last, slow=replace(last.slow, depth=last.depth + np.inf)),))
+    with pytest.raises(NonConvergenceError, match="beyond all bounds"):
+        rig.predict(endless)
+    finer = SimpleNamespace(simulate=lambda _: endless, predict=rig.predict)
+    experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)), checks=(finer, finer))
+    space = Parameters.of(BASELINE, ())
+    assert experiment.corrected(experiment.predict(Point(space, np.zeros(space.size)))) is None
 
 
 def test_softer_bodies_are_no_springs_between_the_faces(rig):

@@ -295,6 +295,10 @@ def test_an_error_of_the_depths_that_is_alike_along_an_edge_is_alike_in_other_co
     along[1] = 1.0  # the edge of another mesh
     assert p_value(along) > 0.05
     assert p_value(over) < 1e-6
+    seen.points = np.random.default_rng(5).uniform(0.0, 1e-3, (80, 2))  # scattered: a mode for all of them alone
+    variance, modes = depth_error(seen, missed.ravel(), np.zeros(80))
+    assert modes.shape == (80, 1)
+    assert np.sum(variance + np.sum(modes**2, axis=1)) == pytest.approx(np.sum(missed**2))
 
 
 def test_recording_without_loops_is_refused() -> None:

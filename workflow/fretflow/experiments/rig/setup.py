@@ -207,8 +207,9 @@ def depth_error(observation: Observation, finer: Array, plain: Array) -> tuple[A
 
     Most of their difference lies where the edge of the scar falls between coarse nodes, and is gone with the next mesh.
     Of that between 2 and 3 elements, 8 by 8 show 0.9 to 1.0, with 1.0 to 1.3 of its mean square left elsewhere, most of
-    it at the edges: as much of it stays as an error. What is alike in a row of points along an edge, or in all points,
-    is so in another code too; it is parted by a two-way analysis of variance, and what is left is each point's own.
+    it at the edges: as much of it stays as an error. What is alike in all points, or in a row of them along an edge, is
+    so in another code too; it is parted by a two-way analysis of variance, and what is left is each point's own, as is
+    all where points do not stand in rows.
     """
     rows, variance = observation.rows(block="map"), np.zeros(len(plain))
     if not rows.any():
@@ -218,6 +219,8 @@ def depth_error(observation: Observation, finer: Array, plain: Array) -> tuple[A
         np.unique(np.round(side / max(np.ptp(side), np.finfo(float).tiny), 6), return_inverse=True)[1]
         for side in observation.points.T]
     for line in lines:
+        if 2 * (line.max() + 1) > len(left) > 1:  # fewer than two points a row
+            continue
         alike = (np.bincount(line, left) / np.bincount(line))[line]
         left = left - alike
         own = np.zeros((len(rows), line.max() + 1))
