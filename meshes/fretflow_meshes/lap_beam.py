@@ -136,9 +136,10 @@ class LapBeam:
                            for chosen in [in_lap | True if k < self.layers else ~in_lap]])
         edges = np.vstack([quads[:, [a, (a + 1) % 4]] for a in range(4)])
         end = edges[np.all(plan[edges][:, :, 0] < 1e-9, axis=1)]
+        high = self.layers if self.lap >= self.length else 2 * self.layers
         groups = {"body": (HEXAHEDRON, cells), "lap": (QUADRILATERAL, quads[in_lap] + size * self.layers),
                   "end": (QUADRILATERAL, np.vstack([np.hstack([end + size * k, end[:, ::-1] + size * (k + 1)])
-                                                    for k in range(2 * self.layers)]))}
+                                                    for k in range(high)]))}
         groups |= {f"ring {b + 1}": (QUADRILATERAL, quads[ring == b]) for b in range(self.bolts)}
         used = np.unique(cells)
         number = np.zeros(size * len(z), dtype=np.int64)

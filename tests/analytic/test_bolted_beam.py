@@ -128,7 +128,7 @@ def test_what_cannot_be_is_one_line(meshed, tmp_path):
     steel = Material(**STEEL)
     with pytest.raises(MeshError, match=r"no physical surface named 'lid'; it has head 1"):
         structure_from_mesh(path, steel, [("lid", "lower lap")])
-    with pytest.raises(MeshError, match=r"do not face each other facet by facet"):
+    with pytest.raises(MeshError, match=r"does not lie on .nut 1."):
         structure_from_mesh(path, steel, [("upper lap", "nut 1")])
     with pytest.raises(InputError, match=r"tip: lies .* mm off the nearest node"):
         structure_from_mesh(path, steel, [("upper lap", "lower lap")], sensors={"tip": ((1.0, 0, 0), (0, 0, 1))})

@@ -58,7 +58,7 @@ class JoinedBodies(Section):
 class Bodies(JoinedBodies):
     """Bodies of a mesh, and what holds them together."""
 
-    mesh: Path | None = Field(None, description="a .msh file in metres, from the folder of this file")
+    mesh: Path | None = Field(None, description="a mesh in metres, from the folder of this file")
     lap_beam: dict[str, Any] | None = Field(None, description="or a bolted lap beam that is made, see docs/case.md")
     material: Elasticity = Field(default_factory=Elasticity)
     modes: int = Field(20, ge=1, le=500, description="modes of the closed joint that are kept")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import MeshError
+from fretflow.core.mesh_formats import write_as_msh
 from fretflow.core.records import quantity, record
 
 # Names of the physical groups that a mesh must have; a user's own mesh carries the same.
@@ -50,28 +51,31 @@ class MeshGeometry:
 
 @contextmanager
 def copied_mesh(path: Path) -> Iterator[Path]:
-    """Yield a copy of the .msh file `path` that lies alone in a folder of its own, for gmsh to merge.
+    """Yield a copy of a mesh in gmsh's format that lies alone in a folder of its own, for gmsh to merge.
 
-    Beside ``NAME.msh`` gmsh looks for ``NAME.msh.opt`` and runs the commands in it, and it runs any text that is no
-    mesh as a script.
+    A file of another ending is written anew (see `core.mesh_formats`). Beside ``NAME.msh`` gmsh looks for
+    ``NAME.msh.opt`` and runs the commands in it, and it runs any text that is no mesh as a script.
 
     Raises
     ------
     MeshError
-        If the file cannot be read or copied, or is no mesh in gmsh's format.
+        If the file cannot be read or copied, or is no mesh.
     """
     try:
         if path.exists() and not path.is_file():
             raise MeshError(f"{path}: is no file; give the path of a .msh file")
         with path.open("rb") as file:
-            if path.suffix != ".msh" or not file.read(16).startswith(_BEGINNINGS):
+            if path.suffix == ".msh" and not file.read(16).startswith(_BEGINNINGS):
                 raise MeshError(f"{path}: is no .msh file; save the mesh in gmsh's format with that ending")
     except OSError as error:
         raise MeshError(f"{path}: cannot be read ({error.strerror}); give the path of a .msh file") from error
     with tempfile.TemporaryDirectory(prefix="fretflow-mesh-") as folder:
-        copy = Path(folder) / path.name
+        copy = Path(folder) / f"{path.stem}.msh"
         try:
-            shutil.copyfile(path, copy)
+            if path.suffix == ".msh":
+                shutil.copyfile(path, copy)
+            else:
+                write_as_msh(path, copy)
         except OSError as error:
             raise MeshError(f"{path}: cannot be copied to {folder} ({error.strerror}); free some space there, or name "
                             "another folder by TMPDIR") from error

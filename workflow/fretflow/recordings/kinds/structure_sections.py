@@ -48,7 +48,7 @@ class StructureSection(JoinedBodies):
     """The structure, and what is known and unknown of its joint."""
 
     matrices: str | None = Field(None, description="file of its matrices, from the folder of recording.toml")
-    mesh: str | None = Field(None, description="or a .msh file of its bodies in metres, joined by what follows")
+    mesh: str | None = Field(None, description="or a mesh of its bodies in metres, joined by what follows")
     line_contact: LineContactSection | None = None
     material: str | dict[str, Any] | None = Field(None, description="youngs_modulus, poissons_ratio and density")
     bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0, description="of each bolt, where known")

@@ -1,8 +1,10 @@
 """Several meshed bodies with named interfaces and bolts, as the matrices of a structure.
 
-Each facet of an interface is one contact point: its relative displacement is the mean over the facet, and the contact
-force is spread over it evenly (piecewise constant multipliers of a mortar method; B. I. Wohlmuth, SIAM J. Numer. Anal.
-38 (2000) 989), so that elements of any kind and degree will do.
+Each facet of an interface's upper face is one contact point: its relative displacement is the mean over the facet, and
+the contact force is spread over it evenly (piecewise constant multipliers of a mortar method; B. I. Wohlmuth, SIAM J.
+Numer. Anal. 38 (2000) 989), so that elements of any kind and degree will do, and both faces may be meshed apart: the
+mean of the lower face is taken over what each of its facets shares with the upper one. There a face moves as the linear
+function nearest to its motion over a facet, so that the bodies turned as a whole leave no relative displacement.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
@@ -29,8 +32,10 @@ from fretflow.structure.matrices import StructureMatrices
 
 Array = NDArray[np.float64]
 
-MATCH = 1e-3  # of a facet's size, by which the middles of two that face each other may be apart
+APART = 0.1  # of a facet's size, which two that face each other may be apart: a wider gap is none of a joint
 FACING = -0.99  # cosine between their normals
+COVERED = 0.5  # of an upper facet, at least: holes are polygons that differ from one mesh to another
+DIGITS = 1e-6  # of a facet's size: a smaller gap is what coordinates are written by
 NEAR = 1.0  # times the largest distance of neighbouring nodes, within which a sensor must have one
 
 
@@ -43,11 +48,12 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     Parameters
     ----------
     path : path
-        A .msh file in metres whose physical groups name volumes and surfaces; hexahedra or tetrahedra.
+        A mesh in metres, .msh or of another format that meshio reads, whose groups name surfaces; hexahedra or
+        tetrahedra.
     material : Material
         Of all bodies.
     interfaces : sequence of pairs
-        The groups of the upper and the lower face of each; facets lie on one another.
+        The groups of the upper and the lower face of each, which may be meshed apart; the lower one is the larger.
     bolts : sequence of Bolt
         Each pulls its two faces together by one unit of the bolt load.
     clamped : sequence of str
@@ -65,7 +71,7 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     Raises
     ------
     MeshError
-        If a group is missing or facets do not face each other.
+        If a group is missing, or an upper face does not lie on the lower one.
     InputError
         If the degree, a bolt or a sensor cannot be.
 
@@ -95,30 +101,48 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     contacts = [faces.interface(upper, lower) for upper, lower in interfaces]
     held = np.unique(np.concatenate([np.zeros(0, dtype=int), *(faces.dofs(name) for name in clamped)]))
     keep = np.setdiff1d(np.arange(len(preload)), held)
+    gaps = np.concatenate([one.gaps for one in contacts])
     rows = {name: faces.sensor(name, np.asarray(at, dtype=float), np.asarray(along, dtype=float))[keep]
             for name, (at, along) in (sensors or {}).items()}
     return StructureMatrices(
         mass=mass.tocsr()[keep][:, keep], stiffness=stiffness.tocsr()[keep][:, keep],
         contact_map=sparse.vstack([one.rows for one in contacts]).tocsr()[:, keep],
         areas=np.concatenate([one.areas for one in contacts]), points=np.vstack([one.points for one in contacts]),
-        preload=preload[keep] if bolts else None, inputs=rows, outputs=rows)
+        preload=preload[keep] if bolts else None, gap=gaps if gaps.any() else None, inputs=rows, outputs=rows)
 
 
 class _Interface(NamedTuple):
-    """Rows (3 m, n) of the contact map, areas (m,) in m^2 and middles (m, 3) in m of the facets."""
+    """Rows (3 m, n) of the contact map, areas (m,) in m^2, middles (m, 3) and gaps (m,) in m of the contact points."""
 
     rows: Any
     areas: Array
     points: Array
+    gaps: Array
 
 
 class _Side(NamedTuple):
-    """Facets of a group: integrals of the shape functions (m facets, nodes), areas, middles and outer normals."""
+    """Facets of a group: integrals of the shape functions (m facets, nodes), areas, middles, outer normals, corners.
+
+    `moments` are the integrals times each of x, y and z less the facet's middle; `corners` (m, k, 3).
+    """
 
     integrals: Any
+    moments: tuple[Any, ...]
     areas: Array
     points: Array
     normals: Array
+    corners: Array
+
+    def means(self) -> Any:
+        """Return the rows (m, nodes) of each facet's mean displacement."""
+        return sparse.diags(1.0 / self.areas) @ self.integrals
+
+    def linear(self, facets: NDArray[np.intp], points: Array, nodes: Array) -> Any:
+        """Return the rows (k, nodes) of the displacement at points (k, 3) of some facets, by its linear part there."""
+        second = np.stack([moment @ nodes for moment in self.moments], axis=1)  # (m, 3, 3) m^4, of rank two
+        slopes = np.einsum("ki,kij->kj", points - self.points[facets], np.linalg.pinv(second, rcond=DIGITS)[facets])
+        return self.means()[facets] + sum(
+            sparse.diags(slope) @ moment[facets] for slope, moment in zip(slopes.T, self.moments, strict=True))
 
 
 class _Shank(NamedTuple):
@@ -163,35 +187,69 @@ class _Faces(NamedTuple):
     def side(self, group: str) -> _Side:
         """Return the facets of a group, each told by the cell that it belongs to."""
         test, cell, ds = ufl.TestFunction(self.space), ufl.TrialFunction(self.cells), self._ds(group)
-        whole = _scipy(compat.assemble_matrix(ufl.inner(cell, test) * ds)).T.tocsr()[0::3, 0::3]
+        axis = fem.Constant(self.domain, PETSc.ScalarType((0.0, 0.0, 0.0)))
+        along = ufl.dot(axis, ufl.SpatialCoordinate(self.domain))
+
+        def integrate(form: Any) -> Any:
+            return _scipy(compat.assemble_matrix(form)).T.tocsr()[0::3, 0::3]
+
+        whole = integrate(ufl.inner(cell, test) * ds)
         area = np.asarray(whole.sum(axis=1)).ravel()
         there = np.flatnonzero(area > 0.0)
-        facets = len(self.facet_tags.find(self._tag(group)))
-        if len(there) != facets:
-            raise MeshError(f"{self.source}: {facets} facets of {group!r} belong to {len(there)} elements; keep "
+        facets = self.facet_tags.find(self._tag(group))
+        if len(there) != len(facets):
+            raise MeshError(f"{self.source}: {len(facets)} facets of {group!r} belong to {len(there)} elements; keep "
                             "interfaces off edges, where an element has two facets of one group")
         normal = compat.assemble_vector(ufl.inner(ufl.FacetNormal(self.domain), ufl.TestFunction(self.cells)) * ds)
         normals = normal.getArray().reshape(-1, 3)[there] / area[there, None]
         own = whole[there]
-        return _Side(own, area[there], own @ self.points / area[there, None], normals)
+        middles, moments = own @ self.points / area[there, None], []
+        for direction in range(3):
+            axis.value[:] = np.eye(3)[direction]
+            moments.append(integrate(along * ufl.inner(cell, test) * ds)[there]
+                           - sparse.diags(middles[:, direction]) @ own)
+        corners = compat.corners(self.domain, self.cells, facets)
+        return _Side(own, tuple(moments), area[there], middles, normals, np.stack([corners[one] for one in there]))
 
     def interface(self, upper: str, lower: str) -> _Interface:
-        """Return the relative displacement of each facet, upper less lower: two tangential rows and the normal one."""
+        """Return the relative displacement of each upper facet from what it faces: two tangential rows, the normal one.
+
+        The overlaps of upper and lower facets are taken in the upper ones' planes.
+        """
         above, below = self.side(upper), self.side(lower)
-        distance, pair = cKDTree(below.points).query(above.points)
-        size = float(np.sqrt(above.areas.min()))
-        facing = np.sum(above.normals * below.normals[pair], axis=1)
-        alike = np.abs(below.areas[pair] / above.areas - 1.0) < MATCH
-        wrong = (distance > MATCH * size) | (facing > FACING) | ~alike
-        if len(np.unique(pair)) < len(pair) or wrong.any():
-            worst = above.points[np.argmax(wrong)]
-            raise MeshError(f"{self.source}: {upper!r} and {lower!r} do not face each other facet by facet, "
-                            f"{int(wrong.sum())} of {len(pair)} have none opposite, one at "
-                            f"({', '.join(f'{1e3 * x:.4g}' for x in worst)}) mm; mesh both faces alike")
         frames = _frames(-above.normals, above.points)
-        mean = [sparse.diags(1.0 / one.areas) @ one.integrals for one in (above, below)]
-        relative = sparse.kron(mean[0] - mean[1][pair], sparse.identity(3))
-        return _Interface((sparse.block_diag(list(frames)) @ relative).tocsr(), above.areas, above.points)
+        own, other = _candidates(above, below)
+        flat = [shapely.convex_hull(shapely.multipoints(np.einsum(
+            "kab,kcb->kca", frames[own, :2], corners - above.points[own, None]))) for corners in (
+                above.corners[own], below.corners[other])]
+        shared = shapely.intersection(*flat)
+        overlap = shapely.area(shared)
+        touching = overlap > DIGITS * above.areas[own]
+        own, other, overlap = own[touching], other[touching], overlap[touching]
+        at = shapely.get_coordinates(shapely.centroid(shared[touching]))
+        here = above.points[own] + np.einsum("ka,kab->kb", at, frames[own, :2])
+        down, facing = above.normals[own], below.normals[other]
+        apart = np.sum((below.points[other] - here) * facing, axis=1) / np.sum(down * facing, axis=1)
+        near = np.abs(apart) < APART * np.sqrt(above.areas[own])
+        covered = np.bincount(own, overlap * near, len(above.areas)).astype(float)
+        self._check_covered(covered / above.areas, above.points, (upper, lower))
+        mean = sparse.csr_matrix(((overlap / covered[own])[near], (own[near], np.flatnonzero(near))),
+                                 shape=(len(above.areas), len(own)))
+        opposite = here + apart[:, None] * down
+        relative = mean @ (above.linear(own, here, self.points) - below.linear(other, opposite, self.points))
+        rows = sparse.block_diag(list(frames)) @ sparse.kron(relative, sparse.identity(3))
+        gaps = mean @ np.where(np.abs(apart) < DIGITS * np.sqrt(above.areas[own]), 0.0, apart)
+        return _Interface(rows.tocsr(), covered, mean @ here, gaps)
+
+    def _check_covered(self, share: Array, points: Array, names: tuple[str, str]) -> None:
+        """Refuse an upper face of which less than half of some facet lies on the lower one."""
+        wrong = share < COVERED
+        if wrong.any():
+            worst = points[np.argmax(wrong)]
+            raise MeshError(f"{self.source}: {names[0]!r} does not lie on {names[1]!r}: {int(wrong.sum())} of its "
+                            f"{len(share)} facets have nothing opposite or less than half, one at "
+                            f"({', '.join(f'{1e3 * x:.4g}' for x in worst)}) mm; name the smaller face first, and only "
+                            "where the bodies touch")
 
     def bolt(self, bolt: Bolt) -> _Shank:
         """Return how a bolt is strained between the faces under its head and its nut."""
@@ -204,7 +262,7 @@ class _Faces(NamedTuple):
         axes = np.vstack([along / grip, null_space(along[None]).T])  # the bolt's own, and two across it
         moved, tilted = [], []
         for one, centre in zip((head, nut), middle, strict=True):
-            mean = sparse.csr_matrix(one.areas / one.areas.sum()) @ sparse.diags(1.0 / one.areas) @ one.integrals
+            mean = sparse.csr_matrix(one.areas / one.areas.sum()) @ one.means()
             moved.append(sparse.kron(mean, sparse.identity(3)).tocsr())
             arms = (one.points - centre) @ axes[1:].T
             inertia = arms.T @ (one.areas[:, None] * arms)
@@ -227,6 +285,16 @@ class _Faces(NamedTuple):
         row = np.zeros(3 * len(self.points))
         row[3 * node:3 * node + 3] = along / np.linalg.norm(along)
         return row
+
+
+def _candidates(above: _Side, below: _Side) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the upper and lower facets (k,) that face each other and may overlap."""
+    reach = [np.linalg.norm(one.corners - one.points[:, None], axis=2).max(axis=1) for one in (above, below)]
+    found = cKDTree(below.points).query_ball_point(above.points, (1.0 + APART) * (reach[0] + reach[1].max()))
+    own = np.repeat(np.arange(len(found)), [len(some) for some in found])
+    other = np.concatenate([np.asarray(some, dtype=np.intp) for some in found])
+    facing = np.sum(above.normals[own] * below.normals[other], axis=1) < FACING
+    return own[facing], other[facing]
 
 
 def _frames(normals: Array, points: Array) -> Array:

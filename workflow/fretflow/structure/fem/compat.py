@@ -21,12 +21,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import dolfinx.fem.petsc
 import dolfinx.jit
+import dolfinx.mesh
 import ffcx
 import gmsh
+import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.io import gmshio
 from mpi4py import MPI
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from fretflow.core.errors import MeshError, PlatformError
@@ -68,6 +71,15 @@ def vector_space(mesh: Mesh, degree: int) -> Any:
 def cell_vectors(mesh: Mesh) -> Any:
     """Return the space of three-vectors that are constant in each cell."""
     return _vectors(mesh, "DG", 0)
+
+
+def corners(mesh: Mesh, cells: Any, facets: NDArray[np.int32]) -> dict[int, NDArray[np.float64]]:
+    """Return the corners (k, 3) in m of facets, each by the number that its cell has in the space `cells`."""
+    for dim in (0, 3):
+        mesh.topology.create_connectivity(2, dim)
+    vertices, own = (mesh.topology.connectivity(2, dim) for dim in (0, 3))
+    return {int(cells.dofmap.cell_dofs(own.links(one)[0])[0]): dolfinx.mesh.compute_midpoints(
+        mesh, 0, vertices.links(one)) for one in facets}
 
 
 def _vectors(mesh: Mesh, family: str, degree: int) -> Any:

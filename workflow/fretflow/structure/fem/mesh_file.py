@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from fretflow.core.errors import FretflowError, MeshError
 from fretflow.core.specimen_mesh import BODY_GROUP, CLAMPED_GROUP, CONTACT_GROUP
 from fretflow.structure.fem import compat
@@ -64,6 +66,7 @@ def read_bodies(path: Path) -> tuple[Any, Any, dict[str, int]]:
         groups = [(dim, tag, gmsh.model.getPhysicalName(dim, tag)) for dim, tag in gmsh.model.getPhysicalGroups()]
         if not any(dim == 3 for dim, _, _ in groups):
             raise MeshError(f"{path}: has no physical volume; give each body a group in the mesher")
+        _check_faces(path, gmsh.model)
         gmsh.model.mesh.renumberNodes()
         try:
             domain, facet_tags = compat.mesh_from_gmsh(compat.ONE_RANK)
@@ -86,6 +89,7 @@ def _checked_model(path: Path) -> Iterator[dict[str, int]]:
                 kind = "surface" if dim == 2 else "volume"
                 raise MeshError(f"{path}: has no physical {kind} named {name!r}; add it in the mesher")
             _check_elements(path, model, name, dim, named[name, dim])
+        _check_faces(path, model)
         # dolfinx wants node numbers without holes; a user's file may have them.
         model.mesh.renumberNodes()
         yield {name: named[name, dim] for name, dim in _GROUPS.items()}
@@ -100,6 +104,25 @@ def _check_elements(path: Path, model: Any, name: str, dim: int, tag: int) -> No
     if not kinds <= _QUADRILATERALS_AND_HEXAHEDRA[dim] or len(kinds) > 1:
         raise MeshError(f"{path}: the group {name!r} has other elements than hexahedra of 8 or 27 nodes "
                         f"and their faces (gmsh types {sorted(kinds)}); recombine the mesh")
+
+
+def _check_faces(path: Path, model: Any) -> None:
+    """Refuse surface groups with facets that are faces of no element, which dolfinx does not survive."""
+    def faces(dim: int, group: int) -> Any:
+        for entity in model.getEntitiesForPhysicalGroup(dim, group):
+            for kind in model.mesh.getElementTypes(dim, entity):
+                for corners in (3, 4):
+                    own = np.asarray(model.mesh.getElementFaceNodes(kind, corners, entity, True)).reshape(-1, corners)
+                    yield from map(frozenset, own.tolist())
+
+    groups = model.getPhysicalGroups()
+    solid = {face for dim, tag in groups if dim == 3 for face in faces(dim, tag)}
+    for dim, tag in groups:
+        own = list(faces(dim, tag)) if dim == 2 else []
+        loose = sum(face not in solid for face in own)
+        if loose:
+            raise MeshError(f"{path}: {loose} of {len(own)} facets of {model.getPhysicalName(dim, tag)!r} are faces of "
+                            "no element; mesh the surfaces together with their bodies")
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T | None:

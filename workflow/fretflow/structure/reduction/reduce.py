@@ -30,7 +30,7 @@ def reduce_specimen(mesh_path: Path, summary: MeshSummary, specimen: config.Spec
     Parameters
     ----------
     mesh_path : Path
-        The .msh file, in metres, with the groups ``contact``, ``clamped`` and ``body``.
+        The mesh, in metres, with the groups ``contact``, ``clamped`` and ``body``.
     summary : MeshSummary
         What the mesh stage said of that file; its contact nodes must be found again.
     specimen : config.Specimen

@@ -1,0 +1,128 @@
+"""Meshes of other formats than gmsh's: read by meshio, their named sets made the physical groups of a .msh file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fretflow.core.errors import MeshError
+
+Cells = NDArray[np.int64]
+
+BODIES = "body"  # group of the solids that belong to none
+# Faces of a solid by its nodes in meshio's order, which is VTK's, and the kind of each.
+_FACES = {
+    "tetra": ("triangle", [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+    "tetra10": ("triangle6", [[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
+    "hexahedron": ("quad", [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
+}
+_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4}
+# Of each cell, the number of the set that it is in, as gmsh, Salome, Medit, Nastran and SU2 call it.
+_NUMBERS = ("gmsh:physical", "cell_tags", "medit:ref", "nastran:ref", "su2:tag")
+
+
+def write_as_msh(path: Path, copy: Path) -> None:
+    """Write a mesh of any format that meshio reads, in metres, to `copy` in gmsh's.
+
+    Sets of elements become groups; sets of nodes become groups of the outer faces all of whose corners are in them;
+    cells that have but a number are in a group of that number. Solids of no set are in the group ``body``.
+
+    Raises
+    ------
+    MeshError
+        If the file cannot be read, holds no solids, or has a facet in two groups.
+    """
+    import meshio  # takes a tenth of a second, for those who need it
+
+    mesh = _read(path)
+    groups: dict[tuple[int, str], list[tuple[str, Cells]]] = {}
+    for name, kind, cells in _sets(mesh):
+        dim = meshio.CellBlock(kind, cells).dim
+        if dim > 1 and len(cells):
+            groups.setdefault((dim, name), []).append((kind, cells))
+    solids = [(block.type, block.data) for block in mesh.cells if block.dim == 3]
+    if not solids:
+        raise MeshError(f"{path}: holds no solid elements; save the bodies' mesh, not their surfaces alone")
+    for name, nodes in mesh.point_sets.items():
+        if not {(2, name), (3, name)} & groups.keys():
+            faces = list(_faces_within(solids, np.asarray(nodes, dtype=np.int64)))
+            if faces:
+                groups[2, name] = faces
+    surfaces = {key: own for key, own in groups.items() if key[0] == 2}
+    _refuse_shared(path, surfaces)
+    named = {**surfaces, (3, BODIES): solids}  # a solid may be in many sets, none of which matters
+    blocks = [(kind, cells, tag) for tag, own in enumerate(named.values(), start=1) for kind, cells in own]
+    tags = [np.full(len(cells), tag) for _, cells, tag in blocks]
+    written = meshio.Mesh(mesh.points, [(kind, cells) for kind, cells, _ in blocks],
+                          cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+                          field_data={name: np.array([tag, dim]) for tag, (dim, name) in enumerate(named, start=1)})
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        meshio.write(copy, written, file_format="gmsh22", binary=True)
+
+
+def _read(path: Path) -> Any:
+    """Return what meshio reads of a file."""
+    import meshio
+
+    kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [])
+    if not kinds:
+        raise MeshError(f"{path}: is of no known format; save the mesh as .msh, or one that meshio reads, as .inp, "
+                        ".med, .bdf or .vtu")
+    trouble = "empty"
+    for kind in kinds:
+        try:
+            with redirect_stdout(io.StringIO()) as told, redirect_stderr(told):
+                return meshio.read(path, file_format=kind)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a damaged file raises any of many kinds
+            trouble = str(error) if isinstance(error, meshio.ReadError) and str(error) else told.getvalue()
+    raise MeshError(f"{path}: meshio cannot read it ({' '.join(trouble.split())[:200] or 'damaged'}); write the mesh "
+                    "again, best as .msh")
+
+
+def _sets(mesh: Any) -> Iterator[tuple[str, str, Cells]]:
+    """Yield the sets of elements: name, kind of element and elements (k, nodes)."""
+    for name, own in mesh.cell_sets.items():
+        if ":" not in name:  # what gmsh:physical and the like are told by below
+            for block, places in zip(mesh.cells, own, strict=True):
+                if places is not None and len(places):
+                    yield name, block.type, block.data[places]
+    names = {(int(tag), int(dim)): name for name, (tag, dim) in mesh.field_data.items()}
+    spoken: Mapping[int, list[str]] = getattr(mesh, "cell_tags", {})
+    known = set(mesh.cell_sets)
+    for key in _NUMBERS:
+        for block, numbers in zip(mesh.cells, mesh.cell_data.get(key, []), strict=False):
+            for number in set(np.unique(numbers)) - {0}:  # which is in no set
+                for name in spoken.get(int(number)) or [names.get((int(number), block.dim), str(number))]:
+                    if name not in known:
+                        yield name, block.type, block.data[np.asarray(numbers) == number]
+
+
+def _faces_within(solids: list[tuple[str, Cells]], nodes: Cells) -> Iterator[tuple[str, Cells]]:
+    """Yield the outer faces of solids, by kind, all of whose corners are among some nodes."""
+    for kind, cells in solids:
+        if kind not in _FACES:
+            continue
+        face, places = _FACES[kind]
+        own = cells[:, places].reshape(-1, len(places[0]))
+        corners = np.sort(own[:, :_CORNERS[face]], axis=1)
+        _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
+        outer = first[count == 1]
+        within = outer[np.isin(corners[outer], nodes).all(axis=1)]
+        if len(within):
+            yield face, own[within]
+
+
+def _refuse_shared(path: Path, surfaces: Mapping[tuple[int, str], list[tuple[str, Cells]]]) -> None:
+    """Refuse facets that are in two groups, as a facet has one number."""
+    seen: dict[frozenset[int], str] = {}
+    for (_, name), own in surfaces.items():
+        for facet in (frozenset(facet) for _, cells in own for facet in cells.tolist()):
+            other = seen.setdefault(facet, name)
+            if other != name:
+                raise MeshError(f"{path}: a facet is in {other!r} and in {name!r}; give each facet one set")
