@@ -42,8 +42,8 @@ def blocks(path, upper, lower, lift=0.0, shift=0.0, longer=0.0, recombine=False)
                 gmsh.model.mesh.setRecombine(2, base)
             for name, face in zip(names, (base, far), strict=True):
                 gmsh.model.setPhysicalName(2, gmsh.model.addPhysicalGroup(2, [face]), name)
-        volumes = [body for _, _, body in made]
-        gmsh.model.addPhysicalGroup(3, volumes)
+        for (_, _, body), name in zip(made, ("pad", "rail"), strict=True):
+            gmsh.model.setPhysicalName(3, gmsh.model.addPhysicalGroup(3, [body]), name)
         gmsh.model.mesh.generate(3)
         gmsh.write(str(path))
     finally:
@@ -51,11 +51,12 @@ def blocks(path, upper, lower, lift=0.0, shift=0.0, longer=0.0, recombine=False)
     return path
 
 
-def assembled(path, clamped=(), interface=("upper", "lower"), degree=2):
+def assembled(path, clamped=(), interface=("upper", "lower"), degree=2, materials=None):
     from fretflow.structure.bodies import Material
     from fretflow.structure.fem.bodies import structure_from_mesh
 
-    return structure_from_mesh(path, Material(**STEEL), [interface], clamped=clamped, degree=degree)
+    return structure_from_mesh(path, Material(**STEEL), [interface], clamped=clamped, degree=degree,
+                               materials=materials)
 
 
 def moved_as_one(matrices):
@@ -80,17 +81,20 @@ def test_bodies_that_move_as_one_leave_no_relative_motion(tmp_path, upper, lower
     assert matrices.gap is None
 
 
-@pytest.mark.parametrize("recombine", [False, True])
-def test_a_uniform_pressure_passes_from_one_to_the_other(tmp_path, recombine):
+@pytest.mark.parametrize(("recombine", "softer"), [(False, 1.0), (True, 1.0), (False, 2.0)])
+def test_a_uniform_pressure_passes_from_one_to_the_other(tmp_path, recombine, softer):
     """The patch test of contact: each body shortens by p h / E everywhere, wherever facets and elements end."""
+    from fretflow.structure.bodies import Material
+
+    other = Material(**(STEEL | {"youngs_modulus": STEEL["youngs_modulus"] / softer}))
     matrices = assembled(blocks(tmp_path / "two.msh", (7, 3), (5, 2), recombine=recombine), clamped=["bottom", "top"],
-                         degree=1)
+                         degree=1, materials={"pad": other})
     pressure = 1e6  # Pa
     force = np.zeros((matrices.contacts, 3))
     force[:, 2] = pressure * matrices.areas
     moved = spsolve(matrices.stiffness.tocsc(), matrices.contact_map.T @ force.ravel())
     opened = (matrices.contact_map @ moved).reshape(-1, 3)
-    assert opened[:, 2] == pytest.approx(2.0 * pressure * HEIGHT / STEEL["youngs_modulus"], rel=1e-9)
+    assert opened[:, 2] == pytest.approx((1.0 + softer) * pressure * HEIGHT / STEEL["youngs_modulus"], rel=1e-9)
     assert np.abs(opened[:, :2]).max() < 1e-9 * opened[0, 2]
 
 
@@ -121,12 +125,20 @@ def test_faces_that_do_not_touch_are_refused(tmp_path, sizes):
         assembled(blocks(tmp_path / "two.msh", (5, 2), (7, 3), **sizes))
 
 
+NAMES = ("upper", "lower", "pad")
+
+
 def sets_of_nodes(mesh):
     """Return a mesh without surface elements, whose surfaces are sets of nodes, as in Abaqus' files."""
     numbers = list(zip(mesh.cells, mesh.cell_data["gmsh:physical"], strict=True))
     sets = {name: np.unique(np.concatenate([block.data[own == tag].ravel() for block, own in numbers
                                             if block.dim == dim])) for name, (tag, dim) in mesh.field_data.items()}
-    return meshio.Mesh(mesh.points, [block for block in mesh.cells if block.dim == 3], point_sets=sets)
+    solids = [block for block in mesh.cells if block.dim == 3]
+    bodies = {name: [np.arange(len(block.data)) if k == place else np.zeros(0, dtype=int)
+                     for k, block in enumerate(solids)] for place, name in enumerate(("pad", "rail"))}
+    bodies["everything"] = [np.arange(len(block.data)) for block in solids]
+    return meshio.Mesh(mesh.points, solids, cell_sets=bodies, point_sets={
+        name: nodes for name, nodes in sets.items() if name not in bodies})
 
 
 def sets_of_elements(mesh):
@@ -141,7 +153,7 @@ def families(mesh):
     """Return a mesh as Salome writes it: cells of one kind in one block, sets by name for their families."""
     merged = {}
     for block, own in zip(mesh.cells, mesh.cell_data["gmsh:physical"], strict=True):
-        merged.setdefault(block.type, []).append((block.data, np.where(block.dim == 2, -np.asarray(own), 0)))
+        merged.setdefault(block.type, []).append((block.data, -np.asarray(own)))
     made = meshio.Mesh(mesh.points, [(kind, np.vstack([cells for cells, _ in own])) for kind, own in merged.items()],
                        cell_data={"cell_tags": [np.concatenate([tags for _, tags in own]) for own in merged.values()]})
     made.cell_tags = {-int(tag): [name] for name, (tag, _) in mesh.field_data.items()}
@@ -153,16 +165,19 @@ def numbered(mesh):
     return meshio.Mesh(mesh.points, mesh.cells, cell_data={"gmsh:physical": mesh.cell_data["gmsh:physical"]})
 
 
-@pytest.mark.parametrize(("ending", "change", "interface", "sizes"), [
-    ("inp", sets_of_nodes, ("upper", "lower"), {}), ("inp", sets_of_nodes, ("upper", "lower"), {"recombine": True}),
-    ("inp", sets_of_elements, ("upper", "lower"), {}), ("med", families, ("upper", "lower"), {"recombine": True}),
-    ("vtu", numbered, ("1", "3"), {})])
-def test_any_format_holds_the_same_bodies(tmp_path, ending, change, interface, sizes):
-    path = blocks(tmp_path / "two.msh", (7, 3), (5, 2), **sizes)
+@pytest.mark.parametrize(("ending", "change", "groups", "recombine"), [
+    ("inp", sets_of_nodes, NAMES, False), ("inp", sets_of_nodes, NAMES, True), ("inp", sets_of_elements, NAMES, False),
+    ("med", families, NAMES, True), ("vtu", numbered, ("1", "3", "5"), False)])
+def test_any_format_holds_the_same_bodies(tmp_path, ending, change, groups, recombine):
+    from fretflow.structure.bodies import Material
+
+    path = blocks(tmp_path / "two.msh", (7, 3), (5, 2), recombine=recombine)
     other = tmp_path / f"two.{ending}"
     with contextlib.redirect_stdout(None):
         meshio.write(other, change(meshio.read(path)))
-    own, found = assembled(path), assembled(other, interface=interface)
+    rubber = Material(youngs_modulus=1e8, poissons_ratio=0.4, density=1e3)
+    own = assembled(path, materials={"pad": rubber})
+    found = assembled(other, interface=groups[:2], materials={groups[2]: rubber})
     assert found.size == own.size
     assert np.sort(found.stiffness.diagonal()) == pytest.approx(np.sort(own.stiffness.diagonal()), rel=1e-9)
     assert np.sort(found.areas) == pytest.approx(np.sort(own.areas), rel=1e-9)

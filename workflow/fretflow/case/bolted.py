@@ -15,7 +15,7 @@ from fretflow.core.files import CASE, STRUCTURE, read_toml
 
 
 class Elasticity(Section):
-    """The material of all bodies."""
+    """The material of bodies."""
 
     youngs_modulus: u.Pressure = Field(205e9, description="Young's modulus")
     poissons_ratio: float = Field(0.29, gt=-1.0, lt=0.5, description="Poisson's ratio")
@@ -53,6 +53,8 @@ class JoinedBodies(Section):
     bolts: tuple[BoltTable, ...] = Field((), description="each; of a lap beam one, which stands for all")
     clamped: tuple[str, ...] = Field((), description="faces that are held still")
     sensors: dict[str, Sensor] = Field(default_factory=dict)
+    materials: dict[str, Elasticity] = Field(
+        default_factory=dict, description="of bodies of another material, by the group of their volume")
 
 
 class Bodies(JoinedBodies):

@@ -31,7 +31,7 @@ def write_as_msh(path: Path, copy: Path) -> None:
     """Write a mesh of any format that meshio reads, in metres, to `copy` in gmsh's.
 
     Sets of elements become groups; sets of nodes become groups of the outer faces all of whose corners are in them;
-    cells that have but a number are in a group of that number. Solids of no set are in the group ``body``.
+    cells that have but a number are in a group of that number. A solid is in the smallest of its sets, or in ``body``.
 
     Raises
     ------
@@ -41,22 +41,19 @@ def write_as_msh(path: Path, copy: Path) -> None:
     import meshio  # takes a tenth of a second, for those who need it
 
     mesh = _read(path)
-    groups: dict[tuple[int, str], list[tuple[str, Cells]]] = {}
-    for name, kind, cells in _sets(mesh):
-        dim = meshio.CellBlock(kind, cells).dim
-        if dim > 1 and len(cells):
-            groups.setdefault((dim, name), []).append((kind, cells))
-    solids = [(block.type, block.data) for block in mesh.cells if block.dim == 3]
+    sets = list(_sets(mesh))
+    solids = [block for block in mesh.cells if block.dim == 3]
     if not solids:
         raise MeshError(f"{path}: holds no solid elements; save the bodies' mesh, not their surfaces alone")
+    named = {(3, name): own for name, own in _bodies(mesh, sets)}
+    for name, block, places in sets:
+        if mesh.cells[block].dim == 2:
+            named.setdefault((2, name), []).append((mesh.cells[block].type, mesh.cells[block].data[places]))
     for name, nodes in mesh.point_sets.items():
-        if not {(2, name), (3, name)} & groups.keys():
-            faces = list(_faces_within(solids, np.asarray(nodes, dtype=np.int64)))
-            if faces:
-                groups[2, name] = faces
-    surfaces = {key: own for key, own in groups.items() if key[0] == 2}
-    _refuse_shared(path, surfaces)
-    named = {**surfaces, (3, BODIES): solids}  # a solid may be in many sets, none of which matters
+        faces = [] if (2, name) in named else list(_faces_within(solids, np.asarray(nodes, dtype=np.int64)))
+        if faces:
+            named[2, name] = faces
+    _refuse_shared(path, {name: own for (dim, name), own in named.items() if dim == 2})
     blocks = [(kind, cells, tag) for tag, own in enumerate(named.values(), start=1) for kind, cells in own]
     tags = [np.full(len(cells), tag) for _, cells, tag in blocks]
     written = meshio.Mesh(mesh.points, [(kind, cells) for kind, cells, _ in blocks],
@@ -85,31 +82,48 @@ def _read(path: Path) -> Any:
                     "again, best as .msh")
 
 
-def _sets(mesh: Any) -> Iterator[tuple[str, str, Cells]]:
-    """Yield the sets of elements: name, kind of element and elements (k, nodes)."""
+def _sets(mesh: Any) -> Iterator[tuple[str, int, Cells]]:
+    """Yield the sets of elements: name, number of a block and places (k,) of elements in it."""
     for name, own in mesh.cell_sets.items():
         if ":" not in name:  # what gmsh:physical and the like are told by below
-            for block, places in zip(mesh.cells, own, strict=True):
+            for block, places in enumerate(own):
                 if places is not None and len(places):
-                    yield name, block.type, block.data[places]
+                    yield name, block, np.asarray(places, dtype=np.int64)
     names = {(int(tag), int(dim)): name for name, (tag, dim) in mesh.field_data.items()}
     spoken: Mapping[int, list[str]] = getattr(mesh, "cell_tags", {})
     known = set(mesh.cell_sets)
     for key in _NUMBERS:
-        for block, numbers in zip(mesh.cells, mesh.cell_data.get(key, []), strict=False):
+        for block, numbers in enumerate(mesh.cell_data.get(key, [])):
             for number in set(np.unique(numbers)) - {0}:  # which is in no set
-                for name in spoken.get(int(number)) or [names.get((int(number), block.dim), str(number))]:
+                own_names = spoken.get(int(number)) or [names.get((int(number), mesh.cells[block].dim), str(number))]
+                for name in own_names:
                     if name not in known:
-                        yield name, block.type, block.data[np.asarray(numbers) == number]
+                        yield name, block, np.flatnonzero(np.asarray(numbers) == number)
 
 
-def _faces_within(solids: list[tuple[str, Cells]], nodes: Cells) -> Iterator[tuple[str, Cells]]:
-    """Yield the outer faces of solids, by kind, all of whose corners are among some nodes."""
-    for kind, cells in solids:
-        if kind not in _FACES:
+def _bodies(mesh: Any, sets: list[tuple[str, int, Cells]]) -> Iterator[tuple[str, list[tuple[str, Cells]]]]:
+    """Yield the groups of solids: name and elements by kind."""
+    owner = {block: np.full(len(own.data), -1) for block, own in enumerate(mesh.cells) if own.dim == 3}
+    solid = [one for one in sets if one[1] in owner]
+    size = {name: sum(len(places) for own, _, places in solid if own == name) for name in dict.fromkeys(
+        name for name, _, _ in solid)}
+    order = sorted(size, key=lambda name: -size[name])
+    for name, block, places in sorted(solid, key=lambda one: -size[one[0]]):
+        owner[block][places] = order.index(name)
+    for place, name in [*enumerate(order), (-1, BODIES)]:
+        own = [(mesh.cells[block].type, mesh.cells[block].data[numbers == place])
+               for block, numbers in owner.items() if np.any(numbers == place)]
+        if own:
+            yield name, own
+
+
+def _faces_within(solids: list[Any], nodes: Cells) -> Iterator[tuple[str, Cells]]:
+    """Yield the outer faces of blocks of solids, by kind, all of whose corners are among some nodes."""
+    for kind, (face, places) in _FACES.items():
+        cells = [block.data[:, places].reshape(-1, len(places[0])) for block in solids if block.type == kind]
+        if not cells:
             continue
-        face, places = _FACES[kind]
-        own = cells[:, places].reshape(-1, len(places[0]))
+        own = np.vstack(cells)
         corners = np.sort(own[:, :_CORNERS[face]], axis=1)
         _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
         outer = first[count == 1]
@@ -118,10 +132,10 @@ def _faces_within(solids: list[tuple[str, Cells]], nodes: Cells) -> Iterator[tup
             yield face, own[within]
 
 
-def _refuse_shared(path: Path, surfaces: Mapping[tuple[int, str], list[tuple[str, Cells]]]) -> None:
+def _refuse_shared(path: Path, surfaces: Mapping[str, list[tuple[str, Cells]]]) -> None:
     """Refuse facets that are in two groups, as a facet has one number."""
     seen: dict[frozenset[int], str] = {}
-    for (_, name), own in surfaces.items():
+    for name, own in surfaces.items():
         for facet in (frozenset(facet) for _, cells in own for facet in cells.tolist()):
             other = seen.setdefault(facet, name)
             if other != name:

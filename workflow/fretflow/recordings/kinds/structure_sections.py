@@ -62,8 +62,8 @@ class StructureSection(JoinedBodies):
     def _one_source(self) -> StructureSection:
         if [self.matrices, self.mesh, self.line_contact].count(None) != 2:
             raise ValueError('give one of matrices, such as "structure.npz", mesh and line_contact')
-        if self.mesh is None and (self.bolts or self.clamped or self.sensors):
-            raise ValueError("bolts, clamped and sensors are of a mesh, which is not given; matrices have their own")
+        if self.mesh is None and (self.bolts or self.clamped or self.sensors or self.materials):
+            raise ValueError("bolts, clamped, sensors and materials are of a mesh; matrices have their own")
         if self.mesh is not None and not (self.bolts and all(one.head and one.nut for one in self.bolts)):
             raise ValueError("bolts: give each, and name the faces under its head and nut")
         if self.mesh is not None and isinstance(self.material, str):

@@ -26,8 +26,8 @@ from scipy.spatial import cKDTree
 from fretflow.core.errors import InputError, MeshError
 from fretflow.structure.bodies import Bolt, Material
 from fretflow.structure.fem import compat
-from fretflow.structure.fem.elasticity import elastic_forms
-from fretflow.structure.fem.mesh_file import read_bodies
+from fretflow.structure.fem.elasticity import elastic_forms, elastic_moduli
+from fretflow.structure.fem.mesh_file import Bodies, read_bodies
 from fretflow.structure.matrices import StructureMatrices
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ NEAR = 1.0  # times the largest distance of neighbouring nodes, within which a s
 def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequence[tuple[str, str]],
                         bolts: Sequence[Bolt] = (), clamped: Sequence[str] = (),
                         sensors: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
-                        degree: int = 2) -> StructureMatrices:
+                        degree: int = 2, materials: Mapping[str, Material] | None = None) -> StructureMatrices:
     """Assemble the bodies of a mesh, free of each other but for bolts, and the map to their contact.
 
     Parameters
@@ -51,7 +51,7 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
         A mesh in metres, .msh or of another format that meshio reads, whose groups name surfaces; hexahedra or
         tetrahedra.
     material : Material
-        Of all bodies.
+        Of all bodies that `materials` do not name.
     interfaces : sequence of pairs
         The groups of the upper and the lower face of each, which may be meshed apart; the lower one is the larger.
     bolts : sequence of Bolt
@@ -62,6 +62,8 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
         Point (3,) in m and direction (3,) of each named input and output; the nearest node is taken.
     degree : int
         Of the displacement, 1 or 2; straight elements of degree 1 are too stiff in bending.
+    materials : mapping
+        Those of bodies of another material, by the groups of their volumes.
 
     Returns
     -------
@@ -89,8 +91,9 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     if not interfaces:
         raise InputError("interfaces: give at least one pair of groups that touch")
     faces = _Faces.of(Path(path), degree)
+    moduli = faces.moduli(material, materials or {})
     stiffness, mass = (_scipy(compat.assemble_matrix(form))
-                       for form in elastic_forms(faces.domain, faces.space, material, degree))
+                       for form in elastic_forms(faces.domain, faces.space, moduli, degree))
     preload = np.zeros(len(faces.points) * 3)
     for bolt in bolts:
         own = faces.bolt(bolt)
@@ -153,11 +156,9 @@ class _Shank(NamedTuple):
 
 
 class _Faces(NamedTuple):
-    """A mesh with its space of displacements, its nodes (n, 3) in m, and the tags of its surface groups."""
+    """Meshed bodies with the space of their displacements and its nodes (n, 3) in m, and constants of the cells."""
 
-    domain: Any
-    facet_tags: Any
-    tags: Mapping[str, int]
+    bodies: Bodies
     space: Any
     cells: Any
     points: Array
@@ -165,24 +166,39 @@ class _Faces(NamedTuple):
 
     @classmethod
     def of(cls, path: Path, degree: int) -> _Faces:
-        domain, facet_tags, tags = read_bodies(path)
-        space = compat.vector_space(domain, degree)
-        return cls(domain, facet_tags, tags, space, compat.cell_vectors(domain), space.tabulate_dof_coordinates(),
-                   str(path))
+        bodies = read_bodies(path)
+        space = compat.vector_space(bodies.domain, degree)
+        return cls(bodies, space, compat.cell_vectors(bodies.domain), space.tabulate_dof_coordinates(), str(path))
+
+    @property
+    def domain(self) -> Any:
+        """The mesh."""
+        return self.bodies.domain
+
+    def moduli(self, material: Material, materials: Mapping[str, Material]) -> list[Any]:
+        """Return the cells' `elastic_moduli`, in UFL."""
+        found = fem.Function(self.cells)
+        values = np.tile(elastic_moduli(material), len(found.x.array) // 3).reshape(-1, 3)
+        for name, own in materials.items():
+            tag = _tag(self.bodies.volumes, name, "volume", self.source)
+            cells = self.bodies.cell_tags.find(tag)
+            values[[self.cells.dofmap.cell_dofs(one)[0] for one in cells]] = elastic_moduli(own)
+        found.x.array[:] = values.ravel()
+        return [found[k] for k in range(3)]
 
     def dofs(self, group: str) -> NDArray[np.int64]:
         """Return the DOF of a group's nodes."""
-        nodes = np.unique(fem.locate_dofs_topological(self.space, 2, self.facet_tags.find(self._tag(group))))
+        nodes = np.unique(fem.locate_dofs_topological(self.space, 2, self._facets(group)))
         return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel(), dtype=np.int64)
 
     def _tag(self, group: str) -> int:
-        if group not in self.tags:
-            raise MeshError(f"{self.source}: has no physical surface named {group!r}; it has "
-                            f"{', '.join(sorted(self.tags)) or 'none'}")
-        return self.tags[group]
+        return _tag(self.bodies.surfaces, group, "surface", self.source)
+
+    def _facets(self, group: str) -> NDArray[np.int32]:
+        return np.asarray(self.bodies.facet_tags.find(self._tag(group)))
 
     def _ds(self, group: str) -> Any:
-        return ufl.Measure("ds", domain=self.domain, subdomain_data=self.facet_tags)(self._tag(group))
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=self.bodies.facet_tags)(self._tag(group))
 
     def side(self, group: str) -> _Side:
         """Return the facets of a group, each told by the cell that it belongs to."""
@@ -196,7 +212,7 @@ class _Faces(NamedTuple):
         whole = integrate(ufl.inner(cell, test) * ds)
         area = np.asarray(whole.sum(axis=1)).ravel()
         there = np.flatnonzero(area > 0.0)
-        facets = self.facet_tags.find(self._tag(group))
+        facets = self._facets(group)
         if len(there) != len(facets):
             raise MeshError(f"{self.source}: {len(facets)} facets of {group!r} belong to {len(there)} elements; keep "
                             "interfaces off edges, where an element has two facets of one group")
@@ -285,6 +301,14 @@ class _Faces(NamedTuple):
         row = np.zeros(3 * len(self.points))
         row[3 * node:3 * node + 3] = along / np.linalg.norm(along)
         return row
+
+
+def _tag(groups: Mapping[str, int], name: str, kind: str, source: str) -> int:
+    """Return the tag of a group."""
+    if name not in groups:
+        raise MeshError(f"{source}: has no physical {kind} named {name!r}; it has "
+                        f"{', '.join(filter(None, sorted(groups))) or 'none'}")
+    return groups[name]
 
 
 def _candidates(above: _Side, below: _Side) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -90,11 +90,10 @@ def _vectors(mesh: Mesh, family: str, degree: int) -> Any:
     return _compiled(mesh.comm, what, lambda options: fem.FunctionSpace(mesh, element, **options))
 
 
-def mesh_from_gmsh(comm: MPI.Comm) -> tuple[Mesh, Any]:
-    """Return the mesh of the gmsh model open on rank 0, distributed over `comm`, and its facet tags."""
+def mesh_from_gmsh(comm: MPI.Comm) -> tuple[Mesh, Any, Any]:
+    """Return the mesh of the gmsh model open on rank 0, distributed over `comm`, and its cells' and facets' tags."""
     # 0.5.2 as Debian ships it has no usable read_from_msh; model_to_mesh is the same in both releases.
-    mesh, _, facet_tags = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=3)
-    return mesh, facet_tags
+    return tuple(gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=3))[:3]
 
 
 @contextmanager

@@ -8,6 +8,7 @@ bending matters.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,7 +111,8 @@ def assemble(mesh: TaggedMesh, material: Specimen, degree: int) -> ElasticBody:
         If the faces share nodes, or a contact node has no area of its own.
     """
     space = compat.vector_space(mesh.domain, degree)
-    stiffness, mass = elastic_forms(mesh.domain, space, material, degree)
+    moduli = [fem.Constant(mesh.domain, PETSc.ScalarType(value)) for value in elastic_moduli(material)]
+    stiffness, mass = elastic_forms(mesh.domain, space, moduli, degree)
     index_map = space.dofmap.index_map
     points = space.tabulate_dof_coordinates()[:index_map.size_local].copy()
     contact = _face(mesh, space, points, mesh.contact_tag)
@@ -126,15 +128,18 @@ def assemble(mesh: TaggedMesh, material: Specimen, degree: int) -> ElasticBody:
         full_dofs=3 * index_map.size_global, mesh=mesh)
 
 
-def elastic_forms(domain: Any, space: Any, material: Specimen | Material, degree: int) -> tuple[Any, Any]:
-    """Return the bilinear forms of stiffness and mass.
-
-    The material enters as constants, so that another one needs no new compilation.
-    """
+def elastic_moduli(material: Specimen | Material) -> tuple[float, float, float]:
+    """Return Lame's first parameter and the shear modulus in Pa, and the density in kg/m^3."""
     young, poisson = material.youngs_modulus, material.poissons_ratio
-    lame = fem.Constant(domain, PETSc.ScalarType(young * poisson / ((1 + poisson) * (1 - 2 * poisson))))
-    shear = fem.Constant(domain, PETSc.ScalarType(young / (2 * (1 + poisson))))
-    density = fem.Constant(domain, PETSc.ScalarType(material.density))
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson)), material.density
+
+
+def elastic_forms(domain: Any, space: Any, moduli: Sequence[Any], degree: int) -> tuple[Any, Any]:
+    """Return the bilinear forms of stiffness and mass of what `elastic_moduli` tells, in UFL.
+
+    As constants or functions these may be others without a new compilation.
+    """
+    lame, shear, density = moduli
     dx = ufl.Measure("dx", domain=domain, metadata={"quadrature_degree": 2 * degree})
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     strain = ufl.sym(ufl.grad(u))

@@ -48,12 +48,23 @@ def read_mesh(path: Path, comm: Any) -> TaggedMesh:
     """
     with ExitStack() as stack:
         groups = comm.bcast(on_root(comm, lambda: stack.enter_context(_checked_model(path))), root=0)
-        domain, facet_tags = compat.mesh_from_gmsh(comm)
+        domain, _, facet_tags = compat.mesh_from_gmsh(comm)
     return TaggedMesh(comm, domain, facet_tags, groups[CONTACT_GROUP], groups[CLAMPED_GROUP], str(path))
 
 
-def read_bodies(path: Path) -> tuple[Any, Any, dict[str, int]]:
-    """Read a mesh of any bodies (.msh, metres) on this rank: dolfinx mesh, facet tags, tags of its surface groups.
+@dataclass(frozen=True)
+class Bodies:
+    """A dolfinx mesh of any bodies on one rank; tags of its cells and facets, and the tag of each group's name."""
+
+    domain: Any
+    cell_tags: Any
+    facet_tags: Any
+    volumes: dict[str, int]
+    surfaces: dict[str, int]
+
+
+def read_bodies(path: Path) -> Bodies:
+    """Read a mesh of any bodies, in metres, on this rank.
 
     Raises
     ------
@@ -69,11 +80,12 @@ def read_bodies(path: Path) -> tuple[Any, Any, dict[str, int]]:
         _check_faces(path, gmsh.model)
         gmsh.model.mesh.renumberNodes()
         try:
-            domain, facet_tags = compat.mesh_from_gmsh(compat.ONE_RANK)
+            domain, cell_tags, facet_tags = compat.mesh_from_gmsh(compat.ONE_RANK)
         except (RuntimeError, KeyError, ValueError) as error:
             raise MeshError(f"{path}: cannot be made a mesh ({error}); all volumes need elements of one kind, and "
                             "surface groups their faces") from error
-    return domain, facet_tags, {name: tag for dim, tag, name in groups if dim == 2}
+    return Bodies(domain, cell_tags, facet_tags, *({name: tag for dim, tag, name in groups if dim == own}
+                                                   for own in (3, 2)))
 
 
 @contextmanager
