@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve, eigh, qr
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
@@ -158,7 +158,7 @@ class _ClosedJoint:
         self.map = contact_map
         self.shift, self.inverse = _shifted(stiffness, mass, float(stiffness.diagonal().max())
                                             / max(float(across.diagonal().max()), 1.0) * across)
-        self.moved = self.inverse(contact_map.T.toarray())
+        self.moved = self.inverse(contact_map.T.toarray(order="F"))
         try:
             self.held = cho_factor(contact_map @ self.moved)
         except np.linalg.LinAlgError as error:
@@ -178,12 +178,12 @@ def _shifted(stiffness: Matrix, mass: Matrix, more: Matrix | None = None) -> tup
     """Return a small sigma in 1/s^2 and what solves with ``K + sigma M + more``, which is positive definite."""
     shift = SHIFT * float(stiffness.diagonal().max()) / float(mass.diagonal().max())
     whole = stiffness + shift * mass
+    from fretflow.structure.fem.cholesky import factorise  # PETSc is started where it is needed
+
     try:
-        factor = splu(sparse.csc_matrix(whole if more is None else whole + more), permc_spec="MMD_AT_PLUS_A",
-                      diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError as error:
+        return shift, factorise(whole if more is None else whole + more)
+    except InputError as error:
         raise InputError(f"K: cannot be factorised ({error}); a part without mass hangs loose") from error
-    return shift, factor.solve
 
 
 def _lowest(stiffness: Matrix, mass: Matrix, count: int, shift: float, solve: Callable[[Array], Array]
@@ -208,12 +208,11 @@ def _sparse_basis(matrices: StructureMatrices, wanted: int) -> _Basis:
     modes, kept = vectors[:, rigid:rigid + wanted], values[rigid:rigid + wanted]
     free = vectors[:, :rigid]
     constraint = joint.lifted()
-    # the shift's share goes: along the modes at once, beyond them by their ratio to it
-    constraint -= modes @ ((modes.T @ (k @ constraint)) / kept[:, None])
-    constraint -= free @ (free.T @ (m @ constraint))
+    along, rows = np.hstack([modes, free]), np.vstack([(k @ modes / kept).T, (m @ free).T])
+    # the shift's share goes: along the modes and rigid motions at once, beyond them by their ratio to it
+    constraint -= along @ (rows @ constraint)
     constraint -= joint.solve(k @ constraint)
-    constraint -= modes @ ((modes.T @ (k @ constraint)) / kept[:, None])
-    constraint -= free @ (free.T @ (m @ constraint))
+    constraint -= along @ (rows @ constraint)
     return _Basis(modes, kept, free, constraint)
 
 
