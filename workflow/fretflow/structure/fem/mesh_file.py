@@ -120,21 +120,23 @@ def _check_elements(path: Path, model: Any, name: str, dim: int, tag: int) -> No
 
 def _check_faces(path: Path, model: Any) -> None:
     """Refuse surface groups with facets that are faces of no element, which dolfinx does not survive."""
-    def faces(dim: int, group: int) -> Any:
-        for entity in model.getEntitiesForPhysicalGroup(dim, group):
-            for kind in model.mesh.getElementTypes(dim, entity):
-                for corners in (3, 4):
-                    own = np.asarray(model.mesh.getElementFaceNodes(kind, corners, entity, True)).reshape(-1, corners)
-                    yield from map(frozenset, own.tolist())
+    def faces(dim: int, tag: int, corners: int) -> Any:
+        own = [np.asarray(model.mesh.getElementFaceNodes(kind, corners, entity, True))
+               for entity in model.getEntitiesForPhysicalGroup(dim, tag)
+               for kind in model.mesh.getElementTypes(dim, entity)]
+        return np.sort(np.concatenate([np.zeros(0, dtype=np.uint64), *own]).reshape(-1, corners), axis=1)
 
     groups = model.getPhysicalGroups()
-    solid = {face for dim, tag in groups if dim == 3 for face in faces(dim, tag)}
-    for dim, tag in groups:
-        own = list(faces(dim, tag)) if dim == 2 else []
-        loose = sum(face not in solid for face in own)
-        if loose:
-            raise MeshError(f"{path}: {loose} of {len(own)} facets of {model.getPhysicalName(dim, tag)!r} are faces of "
-                            "no element; mesh the surfaces together with their bodies")
+    for corners in (3, 4):
+        each = np.dtype([("", np.uint64)] * corners)
+        solid = np.concatenate([faces(dim, tag, corners) for dim, tag in groups if dim == 3])
+        for tag in (tag for dim, tag in groups if dim == 2):
+            own = faces(2, tag, corners)
+            loose = int(np.sum(~np.isin(own.view(each), solid.view(each))))
+            if loose:
+                name = model.getPhysicalName(2, tag)
+                raise MeshError(f"{path}: {loose} of {len(own)} facets of {name!r} are faces of no element; mesh the "
+                                "surfaces together with their bodies")
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T | None:
