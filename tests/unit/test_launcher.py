@@ -294,7 +294,7 @@ def test_sudo_is_used_where_it_is_needed(world):
     ("APT_SAYS", "Temporary failure resolving 'deb.debian.org'", "no network"),
     ("APT_SAYS", "E: No space left on device", "the disk is full"),
     ("PIP_SAYS", "Failed to establish a new connection: [Errno 101]", "no network"),
-    ("PIP_SAYS", "ResolutionImpossible", "the log says why"),
+    ("PIP_SAYS", "the dependency resolver found ResolutionImpossible", "the log says why"),
 ])
 def test_a_failed_step_says_what_to_do_and_heals(world, tool, says, advice):
     code, _, err = world.run("modes", **{tool: says})
