@@ -89,6 +89,7 @@ def test_show_lists_every_value_in_readable_units(case, capsys, monkeypatch):
         line[:4] for line in shown if line[:1] == ["excitation_amplitude"])
     assert ["youngs_modulus", "193", "GPa", "default"] in [line[:4] for line in shown]
     assert ["harmonics", "40", "default"] in [line[:3] for line in shown]
+    assert ["estimate_error", "true", "default"] in [line[:3] for line in shown]  # as a case file takes it
 
 
 def test_help_is_wrapped_once_and_offers_nothing_without_use(capsys, monkeypatch):

@@ -141,6 +141,7 @@ def test_nothing_there(tmp_path, capsys):
 @pytest.mark.parametrize(("value", "sd", "text"), [
     (0.40031, 0.00172, "0.4003±0.0017"), (33.271, 0.162, "33.27±0.16"), (1234.0, 56.0, "1234±56"),
     (1234.0, 560.0, "1234±560"), (2.0, 0.0, "2"), (float("nan"), 1.0, "-"), (3.0, float("nan"), "3±?"),
+    (241_000.0, 0.0, "241,000"),
 ])
 def test_numbers_stop_where_their_deviation_does(value, sd, text):
     assert with_error(value, sd) == text

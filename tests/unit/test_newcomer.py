@@ -35,7 +35,7 @@ def home(make, tmp_path_factory):
 
 
 @pytest.mark.parametrize(("typed", "said"), [
-    ("rn quick.toml", 'Did you mean "run"?'),
+    ("rn quick.toml", 'Did you mean "run"?; `fretflow --help` tells what there is'),
     ("run", "CASE requires an argument"),
     ("run quick", "quick: cannot be read (No such file or directory); a case is a TOML file, and `fretflow init` "
                   "writes one to start from; did you mean quick.toml?"),

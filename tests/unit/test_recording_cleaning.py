@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings import periods
+from fretflow.recordings.notes import rows_in_words
 from fretflow.recordings.readings import read_recorded_loops
 from fretflow.recordings.recording import read_joint_recording
 from fretflow.recordings.series import loops_of_series
@@ -447,3 +448,9 @@ def test_memory_grows_as_the_rows_do(make, tmp_path):
     assert there[0].sum() == 40
     assert there[1:].sum() == 199
     assert any("40 repeats of one are kept" in note.text for note in recording.notes)
+
+
+@pytest.mark.parametrize(("count", "told"), [(5, "1, 2, 3, 4 and 1 more place up to row 5"),
+                                             (6, "1, 2, 3, 4 and 2 more places up to row 6")])
+def test_rows_beyond_the_first_are_counted(count, told):
+    assert rows_in_words(tuple((row, row) for row in range(1, count + 1))) == f"rows {told}"

@@ -196,15 +196,21 @@ def test_no_run_is_refused(tmp_path, capsys):
 
 def test_gaps_in_a_curve_are_told(home, capsys):
     assert cli.execute(["response", str(home), "--unworn", "--start", "39 Hz", "--stop", "41 Hz"]) == 0
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert "bridged" not in said
-    assert "end of the \nfrequency range\n--start and --stop widen the range" in said  # 39 to 41 Hz hold no peak
+    assert "end of the frequency range --start and --stop widen the range" in said  # 39 to 41 Hz hold no peak
     (path,) = (home / stage.FOLDER).glob("*.h5")
     run = read_record(path, stage.RunCurve)
     bridged = np.zeros(len(run.curve.frequency), dtype=bool)
     bridged[run.curve.along(SweepDirection.UP)[1]] = True
     cli_response.show_peaks([replace(run, curve=replace(run.curve, bridged=bridged))])
-    assert "1 gap bridged, unworn, " in capsys.readouterr().out
+    assert "unworn, 75 N, up: 1 gap bridged: there the curve could not be followed" in capsys.readouterr().out
+
+
+def test_what_is_said_of_several_curves_is_said_once_with_the_way_out(home, capsys):
+    assert cli.execute(["response", str(home), "--unworn", "--start", "39 Hz", "--stop", "41 Hz"]) == 0
+    said = capsys.readouterr().out
+    assert said.count("no damping") == said.count("--start and --stop widen") == 1
 
 
 def test_an_interrupted_command_goes_on_from_its_points(home, monkeypatch):

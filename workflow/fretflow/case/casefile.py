@@ -52,8 +52,9 @@ class Entry:
             return str(self.value.value)
         if isinstance(self.value, tuple):
             return ", ".join(v if isinstance(v, str) else f"{v:,}" for v in self.value) or "none"
-        plain = isinstance(self.value, bool | str)
-        return str(self.value) if plain else pretty_number(self.value, 15)
+        if isinstance(self.value, bool):
+            return str(self.value).lower()  # as TOML writes it
+        return self.value if isinstance(self.value, str) else pretty_number(self.value, 15)
 
     @property
     def toml(self) -> str:

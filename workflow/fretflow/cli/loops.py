@@ -109,21 +109,25 @@ def _sources(readings: RecordedReadings, shown: Mapping[str, str]) -> list[str]:
 
 
 def _cell(readings: RecordedReadings, name: str, k: int, size: float) -> str:
+    from fretflow.core.units import pretty_number
+
     estimate: LoopReading = getattr(readings, name)
     if name == "tangential_stiffness" and not isfinite(estimate.value[k]) and isfinite(
             readings.stiffness_at_least[k]):
-        return f"> {readings.stiffness_at_least[k] / size:.3g}"
+        return f"> {pretty_number(readings.stiffness_at_least[k] / size, 3)}"
     return with_error(estimate.value[k] / size, estimate.sd[k] / size)
 
 
 def with_error(value: float, sd: float) -> str:
     """Return ``"0.4003±0.0017"``: the deviation with two figures, the value to the same place."""
+    from fretflow.core.units import pretty_number
+
     if not isfinite(value):
         return "-"
     if not isfinite(sd):
-        return f"{value:.5g}±?"
+        return f"{pretty_number(value, 5)}±?"
     if sd <= ROUNDING * abs(value):
-        return f"{value:.5g}"
+        return pretty_number(value, 5)
     digits = max(0, 1 - floor(log10(sd)))
     return f"{value:.{min(digits, 9)}f}±{sd:.{min(digits, 9)}f}"
 

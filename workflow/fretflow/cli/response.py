@@ -91,21 +91,21 @@ def show_peaks(curves: Sequence[RunCurve]) -> None:
     from fretflow.pipeline.response_curves import read_peaks
 
     view = new_table("resonance of the moving mass", "curve", "", "peak", "amplitude", "damping", "folds", "stability")
-    reasons = []
+    notes: dict[str, list[str]] = {}  # what is said, of which curves
     for peak in read_peaks(curves):
+        level = f"{peak.state}, {peak.excitation:g} N"
         damping = "-" if peak.damping_ratio is None else f"{100.0 * peak.damping_ratio:.2f} %"
         stable = "stable" if not peak.unstable_points else f"{peak.unstable_points} of {peak.points} unstable"
-        view.add_row(f"{peak.state}, {peak.excitation:g} N", peak.direction, f"{peak.frequency:.2f} Hz",
-                     f"{peak.amplitude * 1e6:.2f} µm", damping,
+        view.add_row(level, peak.direction, f"{peak.frequency:.2f} Hz", f"{peak.amplitude * 1e6:.2f} µm", damping,
                      str(peak.turning_points) if peak.turning_points else "none", stable)
         if peak.bridged_points:
-            name = f"{peak.state}, {peak.excitation:g} N, {peak.direction}"
-            reasons.append(f"{peak.gaps} bridged, {name}: there the curve could not be followed")
+            notes.setdefault(f"{peak.gaps} bridged: there the curve could not be followed", []).append(
+                f"{level}, {peak.direction}")
         if peak.reason:
-            reasons.append(f"no damping for {peak.state}, {peak.excitation:g} N, {peak.direction}: {peak.reason}")
+            notes.setdefault(f"no damping, as {peak.reason}", []).append(f"{level}, {peak.direction}")
     console = Terminal(highlight=False)
     console.print(view)
-    if any("end of the frequency range" in reason for reason in reasons):
-        reasons.append("--start and --stop widen the range")
-    for reason in reasons:
-        console.print(reason)
+    for said, of in notes.items():
+        console.print(f"{'; '.join(of)}: {said}")
+    if any("range" in said for said in notes):
+        console.print("--start and --stop widen the range")

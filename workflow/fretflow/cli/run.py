@@ -272,9 +272,9 @@ def render(run: Path, /, *, figures: Several = (), formats: Several = (), json: 
     run
         result folder of a case, for example runs/test1
     figures
-        pictures to draw, such as loops or wear_depth; all that its case asks for where not given
+        picture to draw, such as loops or wear_depth; may be given several times; by default all that its case asks for
     formats
-        png, svg, pdf
+        png, svg or pdf; may be given several times
     """
     from fretflow.pipeline.stages import render_run
 

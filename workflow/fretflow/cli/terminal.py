@@ -277,7 +277,7 @@ def describe(error: BaseException) -> tuple[str, int]:
     if isinstance(error, CycloptsError):
         command = " ".join(("fretflow", *(error.command_chain or ())))
         said = f"{command} takes no {' '.join(error.unused_tokens or ())!r} there" if isinstance(
-            error, UnusedCliTokensError) else str(error).rstrip(".")
+            error, UnusedCliTokensError) else str(error).partition(" Available commands")[0].rstrip(".")
         return f"{shortened(said)}; `{command} --help` tells what there is", BAD_USAGE
     if isinstance(error, NonConvergenceError):
         history = f"; residual history in {error.history_file}" if error.history_file else ""

@@ -41,5 +41,5 @@ def rows_in_words(ranges: tuple[tuple[int, int], ...]) -> str:
     words = [f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:MOST_RANGES]]
     one = len(ranges) == 1 and ranges[0][0] == ranges[0][1]
     rest = len(ranges) - MOST_RANGES
-    more = f" and {rest} more places up to row {ranges[-1][1]}" if rest > 0 else ""
+    more = f" and {rest} more place{'s' * (rest > 1)} up to row {ranges[-1][1]}" if rest > 0 else ""
     return f"{'row' if one else 'rows'} {', '.join(words)}{more}"

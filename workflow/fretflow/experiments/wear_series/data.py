@@ -76,7 +76,7 @@ def wear_data(series: WearSeries) -> WearData:
         left = tests.count - curve.shape[1]
         sd = float(np.sqrt(curve_square(curve, tests) / left))
         source = ("a smooth curve through all columns, as there are " + (
-            f"only {freedom} degrees of freedom among repeats" if freedom else "no repeated tests")
+            f"only {freedom} degree{'s' * (freedom > 1)} of freedom among repeats" if freedom else "no repeated tests")
             + ": what no column tells counts as scatter")
     return WearData(series, tests, condition, varied, base_power, freedom, curve, sd, source, tuple(notes))
 

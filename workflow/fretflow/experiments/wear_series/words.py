@@ -68,7 +68,7 @@ def warnings(data: WearData, view: WearTests) -> list[str]:
     notes = [*map(str, data.series.notes), *data.notes,
              f"scatter: {data.sd / tests.scale:.2g} of the volume at {1e9 * tests.scale:.3g} mm³, growing {grows}; "
              f"from {data.sd_from}",
-             f"one coefficient gives R2 = {view.r2_before:.2f} of the worn volumes, the model of the verdict "
+             f"one coefficient gives R² = {view.r2_before:.2f} of the worn volumes, the model of the verdict "
              f"{view.r2_after:.2f}"]
     return notes + [f"{one} and {other} vary together in these tests, so that their powers are not known apart"
                     for one, other in together(data)]
