@@ -27,22 +27,31 @@ _GROUPS: Final = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
 
 
 @contextmanager
+def _interrupt_key_kept() -> Iterator[None]:
+    """Give the interrupt key back to its handler once gmsh, on import, start or end, has taken it over."""
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        if handler is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
 def gmsh_session(path: Path) -> Iterator[Any]:
     """Open a quiet gmsh with an empty model; whatever gmsh says about `path` becomes a MeshError.
 
-    gmsh takes over the interrupt key when it is imported or initialised; the caller's handler is put back.
     A gmsh that somebody else has initialised stays so.
     """
-    in_main = threading.current_thread() is threading.main_thread()
-    handler = signal.getsignal(signal.SIGINT)
-    import gmsh
+    with _interrupt_key_kept():
+        import gmsh
 
-    owned = not _is_initialized(gmsh)
-    try:
+        owned = not _is_initialized(gmsh)
         if owned:
             options = {"readConfigFiles": False, "interruptible": False}
             known = inspect.signature(gmsh.initialize).parameters
             gmsh.initialize(**{key: value for key, value in options.items() if key in known})
+    try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add("fretflow")
         yield gmsh
@@ -55,11 +64,10 @@ def gmsh_session(path: Path) -> Iterator[Any]:
                         "give a readable .msh file and a writable folder") from error
     finally:
         if owned:
-            gmsh.finalize()
+            with _interrupt_key_kept():
+                gmsh.finalize()
         else:
             gmsh.model.remove()
-        if in_main and handler is not None:
-            signal.signal(signal.SIGINT, handler)
 
 
 def _is_initialized(gmsh: Any) -> bool:

@@ -4,6 +4,8 @@ A sound mesh of the user's passes, so that each refusal is due to the one thing 
 """
 
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 
 import gmsh
@@ -230,6 +232,22 @@ def test_the_interrupt_key_stays_the_callers(tmp_path):
         assert signal.getsignal(signal.SIGINT) is handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupt_reaches_the_caller_while_gmsh_works():
+    """In a process of its own, as gmsh takes the key when it is imported; the process ended, and nothing was said."""
+    ran = subprocess.run([sys.executable, "-c", """if True:
+        import signal
+        from pathlib import Path
+        from fretflow_meshes.gmsh_files import gmsh_session
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            with gmsh_session(Path("a.msh")):
+                signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            print("told")
+        """], capture_output=True, text=True, timeout=60)
+    assert (ran.returncode, ran.stdout) == (0, "told\n")
 
 
 def test_a_gmsh_in_use_is_left_as_it_was(tmp_path, capfd):
