@@ -153,7 +153,8 @@ def put_commands(world):
 @pytest.mark.parametrize(("arguments", "words"), [
     (("run", "--help"), "until\n    last stage to run: mesh, reduce"),
     (("init", "-h"), "recording\n    file of loops, CSV"),
-    (("response", "runs/test1", "--help"), "highest frequency")])
+    (("response", "runs/test1", "--help"), "highest frequency"),
+    (("test", "--help"), "ARGS go to pytest"), (("docs", "-h"), "ARGS go to sphinx-build")])
 def test_help_on_a_command_sets_nothing_up(world, arguments, words):
     put_commands(world)
     code, out, err = world.run(*arguments)
