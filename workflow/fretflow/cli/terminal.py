@@ -12,6 +12,7 @@ from dataclasses import fields, is_dataclass
 from json import dumps
 from math import isfinite
 from pathlib import Path
+from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -105,13 +106,15 @@ class Interruption:
 class Progress:
     """Shows how a run goes on: a line for each complete stage, between them a bar with the time left.
 
-    Where there is no terminal, as in the log of a batch job, a line a minute stands for the bar.
+    Where there is no terminal, as in the log of a batch job, a line a minute stands for the bar, also while one step
+    takes long.
     """
 
     def __init__(self) -> None:
         self._console = Terminal(quiet=started_rank() > 0)
         self._task: TaskID | None = None
-        self._told = monotonic()
+        self._at: tuple[str, float, str] | None = None  # stage, share, text
+        self._began = monotonic()
 
     def __enter__(self) -> Progress:
         from rich.progress import BarColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -134,22 +137,31 @@ class Progress:
             transient=True,
         )
         self._bars.start()
+        self._left = Event()
+        if not self._console.is_terminal:
+            Thread(target=self._tell, args=(self._left,), daemon=True).start()
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._left.set()
         self._bars.stop()
+
+    def _tell(self, left: Event) -> None:
+        while not left.wait(TOLD_EVERY):
+            if self._at is not None:
+                stage, share, text = self._at
+                self.note(stage, f"{100.0 * share:.0f} %  {(monotonic() - self._began) / 60.0:.0f} min  {text}")
 
     def begin(self, stage: str, steady: bool = True) -> None:
         """Note that `stage` starts computing; where its share does not grow steadily no time left is shown."""
-        self._task, self._told = self._bars.add_task("", total=1.0, stage=stage, steady=steady), monotonic()
+        self._task = self._bars.add_task("", total=1.0, stage=stage, steady=steady)
+        self._at, self._began = (stage, 0.0, ""), monotonic()
 
     def advance(self, stage: str, share: float, text: str) -> None:
         """Note that `share` (0 to 1) of `stage` is done."""
         if self._task is not None:
             self._bars.update(self._task, completed=share, description=text)
-        if not self._console.is_terminal and monotonic() - self._told > TOLD_EVERY:
-            self._told = monotonic()
-            self.note(stage, f"{100.0 * share:.0f} %  {text}")
+            self._at = stage, share, text
 
     def note(self, stage: str, text: str) -> None:
         """Print a line about `stage`, which goes on."""
@@ -159,7 +171,7 @@ class Progress:
         """Note that a stage is complete, computed or reused."""
         if self._task is not None:
             self._bars.remove_task(self._task)
-            self._task = None
+            self._task = self._at = None
         cost = "reused" if result.reused else f"{result.manifest.seconds:.1f} s"
         self._console.print(f"{result.name:<9} {cost:>9}  {result.folder}", highlight=False, soft_wrap=True)
 
