@@ -130,13 +130,14 @@ def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path]) -> Identif
 
 
 def calibrated_case(case: Case, rig: Identification | None, coefficient: float | None) -> Case:
-    """Return `case`, renamed, with the identified rig and wear coefficient where there are any."""
+    """Return `case`, renamed, with the identified rig and wear coefficient where there are any, to six figures."""
     updates: dict[str, object] = {"name": f"{case.name}-calibrated"}
     if rig is not None:
-        values: dict[str, Any] = dict(zip(rig.prior.names, map(float, rig.value), strict=True))
+        values: dict[str, Any] = {name: float(f"{value:.6g}")
+                                  for name, value in zip(rig.prior.names, rig.value, strict=True)}
         updates["rig"] = Rig.model_construct(**values)
     if coefficient is not None:
-        updates["wear"] = case.wear.model_copy(update={"coefficient": coefficient})
+        updates["wear"] = case.wear.model_copy(update={"coefficient": float(f"{coefficient:.6g}")})
     return case.model_copy(update=updates)
 
 
