@@ -14,7 +14,8 @@ from fretflow.pipeline.diagnose import Stages, memory, runnable
 
 CASE = dump_case(validate_case({
     "format": "fretflow-case/1", "name": "recorded", "test": {"excitation_amplitude": "53 N", "cycles": 100000},
-    "specimen": {"youngs_modulus": "201226162482.7956 Pa"}, "wear": {"coefficient": "1.1049382716e-14 m^2/N"}}))
+    "specimen": {"youngs_modulus": "201226162482.7956 Pa"}, "wear": {"coefficient": "1.1049382716e-14 m^2/N"},
+    "effects": {"friction-run-in": {"energy": "118782.44332862782 mJ"}}}))
 
 
 @pytest.fixture
@@ -32,7 +33,8 @@ def test_it_bears_the_recording_s_name_and_tells_what_was_fitted(found):
     assert case.name == "my-recording-of-May"
     assert "# contact.friction_coefficient = 0.8345 (0.8321 to 0.8370)" in text
     assert case.specimen.upper.youngs_modulus == pytest.approx(201226162482.7956, rel=1e-5)
-    assert "201226162482" not in text
+    assert 'youngs_modulus = "201.226 GPa"' in text
+    assert 'energy = "118.782 J"' in text
     assert case.wear.coefficient == pytest.approx(1.1049382716e-14, rel=1e-5, abs=0.0)
     assert case.test.cycles == 100000
 

@@ -120,7 +120,8 @@ def test_what_a_file_holds_reads_back_to_the_last_bit(value, unit):
     (193e9, "Pa", "193 GPa"), (0.0, "m", "0 m"), (60.0, "N", "60 N"), (1.1e-14, "m^2/N", "1.1e-14 m^2/N"),
     (1e-3, "m", "1 mm"), (201226162482.7956, "Pa", "201.2261624827956 GPa"),
     (0.7e-6, "m", "0.7 um"), (2270.0, "s", "2270 s"), (0.03202, "kg", "0.03202 kg"), (0.4448, "N", "0.4448 N"),
-    (1.643e7, "N/m", "16.43 N/um"), (2.007e6, "Pa", "2007 kPa")])
+    (1.643e7, "N/m", "16.43 N/um"), (2.007e6, "Pa", "2007 kPa"),
+    (199.724e9, "Pa", "199.724 GPa")])
 def test_what_a_file_holds_is_what_one_would_type(value, unit, text):
     assert exact_quantity(value, unit) == text
 

@@ -113,7 +113,8 @@ def exact_quantity(value: float, unit: str) -> str:
     units = (readable_unit(value, unit), *_READABLE.get(unit, ()), (unit, 1.0))
     texts = [f"{text} {name}" for name, size in units for number in (float(value / size),)
              for text in (f"{number:.15g}", repr(number).removesuffix(".0"))]
-    return min((text for text in texts if parse_quantity(text, unit) == value), key=lambda text: text.index(" "))
+    exact = (text for text in texts if parse_quantity(text, unit) == value)
+    return min(exact, key=lambda text: text.index(" ") - (not text.startswith("0.") and "." in text))  # a point is none
 
 
 def pretty_quantity(value: float, unit: str, digits: int = 6) -> str:

@@ -15,6 +15,7 @@ from pkgutil import resolve_name
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from fretflow.case.casefile import dump_case
 from fretflow.case.config import validate_case
 from fretflow.core.errors import ConfigError, InputError, StoreError, UnsupportedRecordingError
 from fretflow.recordings.kinds import Recorded
@@ -126,20 +127,22 @@ def runnable(found: Diagnosis, name: str) -> str:
 
     Fitted values are rounded to six figures, far within their intervals.
     """
+    from fretflow.effects.catalogue import parse_effects, tables
     from fretflow.inference import words
 
     own = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("._-")[:MOST_LETTERS] or "recorded"
     text = _MANY_FIGURES.sub(lambda number: f"{float(number[0]):.6g}", found.case_file)
-    text = re.sub(r'(?m)^name = ".*"$', f'name = "{own}"', text, count=1)
     try:
-        validate_case(tomllib.loads(text))
+        case = validate_case(tomllib.loads(text))
+        effects = tables(parse_effects(case.effects))
     except (ConfigError, tomllib.TOMLDecodeError):
         return ""
     lines = ["# Fitted, with 90 % intervals:"]
     for one in found.parameters:
         shown = words.interval(one)
         lines.append(f"# {one.name} = {shown.value} ({shown.ends}) {shown.unit}".rstrip())
-    return "\n".join([*lines, text])
+    # Written anew: a rounded number has another unit in which it is shortest.
+    return "\n".join([*lines, dump_case(case.model_copy(update={"name": own, "effects": effects}))])
 
 
 def kept_models(home: Path) -> Path:
