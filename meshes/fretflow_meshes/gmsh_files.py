@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import inspect
 import signal
-import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
+from unittest import mock
 
 import numpy as np
 from fretflow.core.errors import MeshError
@@ -28,13 +28,9 @@ _GROUPS: Final = {CONTACT_GROUP: 2, CLAMPED_GROUP: 2, BODY_GROUP: 3}
 
 @contextmanager
 def _interrupt_key_kept() -> Iterator[None]:
-    """Give the interrupt key back to its handler once gmsh, on import, start or end, has taken it over."""
-    handler = signal.getsignal(signal.SIGINT)
-    try:
+    """Keep gmsh from taking over the interrupt key, as it does on import and at its end."""
+    with mock.patch.object(signal, "signal", return_value=signal.getsignal(signal.SIGINT)):
         yield
-    finally:
-        if handler is not None and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGINT, handler)
 
 
 @contextmanager
