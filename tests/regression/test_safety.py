@@ -169,6 +169,15 @@ def test_options_of_petsc_in_the_working_folder_are_left_alone(tmp_path):
     assert done.stdout.split() == ["False"], done.stderr
 
 
+@pytest.mark.fem
+def test_a_reader_of_the_output_that_leaves_is_no_crash(tmp_path):
+    """``fretflow run case.toml | head`` ended in PETSc's words about signal 13 and in MPI_ABORT."""
+    program = ("import os, fretflow.structure.fem\nread, write = os.pipe()\nos.close(read)\n"
+               "try:\n    os.write(write, b'x')\nexcept BrokenPipeError:\n    print('left')")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert (done.stdout.split(), done.stderr) == (["left"], "")
+
+
 @record
 class Secret:
     """One number of a file that nobody named."""

@@ -14,7 +14,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PETSC_ARGUMENTS = ["fretflow", "-skip_petscrc"]  # results depend on no .petscrc of the working folder or the user
+# Results depend on no .petscrc of the working folder or the user, and a reader of the output that leaves, as `head`
+# does, is no crash.
+PETSC_ARGUMENTS = ["fretflow", "-skip_petscrc", "-no_signal_handler"]
 # By any of these mpirun, or what stands in for it, tells a process its place.
 SIZE_VARIABLES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
 RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID")
