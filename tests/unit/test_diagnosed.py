@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from fretflow.core.errors import InputError
+from fretflow.inference import words
 from fretflow.inference.evidence import DRAWS, drawn
 from fretflow.inference.parameters import HALF, Coordinate
 from fretflow.inference.verdict import MeasuredCurve, WearTests
@@ -162,3 +163,15 @@ def test_wear_is_drawn_with_what_it_differs_by_and_its_profiles(cases):
     assert float(away.max()) * 1e-6 == pytest.approx(np.max(found.wear_map.measured - found.wear_map.before))
     with pytest.raises(InputError, match="nothing to draw as 'wear'"):
         cases.named("imposed-displacement").plot("wear")
+
+
+def test_where_noise_is_all_there_is_no_share_of_it_is_explained(cases):
+    one = replace(cases.RANKING[0], explained=1.0)
+    assert words.explained(cases.none(), one) == words.NOTHING
+    assert words.explained(cases.named(), one) == "100 %"
+
+
+def test_a_diagnosis_shows_itself_in_a_line(cases):
+    assert repr(cases.named()).count("\n") == 0
+    assert "named, effects=('friction-run-in',), probability=" in repr(cases.named())
+    assert len(repr(cases.named())) < 200

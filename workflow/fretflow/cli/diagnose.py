@@ -101,7 +101,7 @@ def _show(console: Terminal, found: Diagnosis) -> None:
         view = new_table("explanations, most probable first", "effects", "probability", "explained", "fitted")
         for one in found.ranking[:MOST_RANKED]:
             view.add_row(escape(words.together(one.effects)), words.probability(one.probability),
-                         words.percent(one.explained), words.fitted(one))
+                         words.explained(found, one), words.fitted(one))
         console.print(view)
     if found.location.text:
         console.print(f"where: {escape(found.location.text)}", soft_wrap=True)

@@ -254,6 +254,11 @@ class Diagnosis:
     memory: tuple[float, float] = (0.0, 0.0)  # largest of this process and of one that worked for it, bytes
     fast: bool = False
 
+    def __repr__(self) -> str:
+        """Return the verdict, which the fields then tell more of."""
+        return (f"Diagnosis of {self.title or self.recording!r}: {self.verdict}, effects={self.effects}, "
+                f"probability={self.probability:.4g}")
+
     def to_json(self, path: Path | str | None = None) -> dict[str, Any]:
         """Return the diagnosis in the exchange format, written to the file `path` if that is given.
 

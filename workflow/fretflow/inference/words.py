@@ -156,6 +156,11 @@ def leading(diagnosis: Diagnosis) -> Candidate | None:
     return next((one for one in diagnosis.ranking if one.effects), None)
 
 
+def explained(diagnosis: Diagnosis, one: Candidate) -> str:
+    """Return the share of the difference that an explanation explains; where noise is all there is, none."""
+    return NOTHING if diagnosis.verdict is Verdict.NONE else percent(one.explained)
+
+
 def fitted(one: Candidate) -> str:
     """Return how far a set was fitted: what is given up early may misfit by more than the baseline that it extends."""
     return "fully" if one.converged else "given up early"

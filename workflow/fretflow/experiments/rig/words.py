@@ -102,7 +102,7 @@ def _unknown(found: Found, remainder: Remainder, location: Location, law: Residu
 
 def of_instruments(wrong: Sequence[str]) -> str:
     """Return what is said where the instruments are at fault."""
-    return f"No physics is looked for, because the instruments are at fault: {'; '.join(wrong)}."
+    return f"No physics is looked for: {'; '.join(wrong)}."
 
 
 def in_doubt(doubted: Sequence[str]) -> str:
