@@ -152,9 +152,10 @@ class InternalNewton:
                 error.history = error.history or tuple(history)
                 raise
             if following is None:
+                way = "raise max_iterations" if len(history) > max_iterations else "use more samples"
                 raise NonConvergenceError(
                     f"quasi-static period: residual {now.norm:.1e} of the excitation after {len(history) - 1} "
-                    "iterations; use more samples, or start from a neighbouring solution", history)
+                    f"iterations; {way}, or start from a neighbouring solution", history)
             now, self.smallest = following, min(self.smallest, following.norm)
             history.append(now.norm)
         return now, tuple(history)
