@@ -31,7 +31,7 @@ def diagnose(
     recording
         folder with a recording.toml, or a table of wear tests
     fast
-        fits in fewer steps and looks at fewer pairs: a recording of a rig in a minute or two
+        fits in fewer steps and looks at fewer pairs: a recording of a rig in some minutes
     json
         file for a copy of the JSON
     out

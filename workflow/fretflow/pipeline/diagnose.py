@@ -42,7 +42,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     recording : Recorded, Path or str
         As `read_recording` returns it, or what that takes.
     fast : bool
-        Fit in fewer steps and look at fewer pairs: a recording of a rig in a minute or two.
+        Fit in fewer steps and look at fewer pairs: a recording of a rig in some minutes.
     progress : callable, optional
         Takes the share that is done, 0 to 1, and what is being done.
     home : Path, optional
