@@ -35,8 +35,7 @@ def check_user_mesh(mesh: HexMesh, upper: bool, name: str) -> None:
 def _check_size(mesh: HexMesh, name: str) -> None:
     size = float(np.ptp(mesh.points, axis=0).max())
     if not _SMALLEST <= size <= _LARGEST:
-        raise MeshError(f"{name}: is {size:.4g} m large; coordinates are in metres, "
-                        "so scale a mesh made in millimetres by 0.001")
+        raise MeshError(f"{name}: is {size:.4g} m large; where it counts in millimetres give mesh.unit = \"1 mm\"")
 
 
 def _check_position(mesh: HexMesh, upper: bool, name: str) -> None:

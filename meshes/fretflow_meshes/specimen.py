@@ -13,6 +13,7 @@ profile / ridge_height; above MAX_PROFILE_SHARE the mesh is refused.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Final
@@ -60,7 +61,7 @@ def build_specimen(specimen: Specimen, mesh: config.Mesh, side: Side, path: Path
 def read_specimen(source: Path, specimen: Specimen, mesh: config.Mesh, side: Side, path: Path) -> MeshSummary:
     """Check the user's mesh `source` and write what is used of it to `path`, with fretflow's own group tags.
 
-    The mesh is in metres, upper specimen in z > 0 and lower one in z < 0, contact face flat at z = 0.
+    The mesh counts in ``mesh.unit``, upper specimen in z > 0 and lower one in z < 0, contact face flat at z = 0.
 
     Raises
     ------
@@ -72,6 +73,7 @@ def read_specimen(source: Path, specimen: Specimen, mesh: config.Mesh, side: Sid
         hexahedra = call_isolated(read_mesh, source)  # a damaged file may take gmsh's process with it
     except PlatformError as error:
         raise MeshError(f"{source}: is damaged, so that gmsh breaks off in it; write the mesh anew") from error
+    hexahedra = replace(hexahedra, points=mesh.unit * hexahedra.points)
     if hexahedra.degree != mesh.degree:
         raise MeshError(f"{source}: holds hexahedra of degree {hexahedra.degree}; "
                         f"set mesh.degree = {hexahedra.degree} or give a mesh of degree {mesh.degree}")

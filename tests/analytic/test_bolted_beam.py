@@ -203,7 +203,7 @@ def test_a_recording_names_a_mesh_in_place_of_matrices(recorded, bolted):
     ('head = "head 3", ', "", "name the faces under its head and nut"),
     ('"210 GPa"', '"210 mm"', "structure.material.youngs_modulus"),
     ('material = {', 'material = "steel"\nclamped = ["end"]\n#', "material: of a mesh is a table"),
-    ('mesh = "beam.msh"', 'matrices = "structure.npz"', "bolts, clamped, sensors and materials are of a mesh"),
+    ('mesh = "beam.msh"', 'matrices = "structure.npz"', "bolts: belongs to a mesh, which is not given"),
 ])
 def test_what_a_recording_says_wrongly_of_a_mesh_is_named(recorded, old, new, words):
     from fretflow.recordings.kinds.structures import read_structure_recording

@@ -51,12 +51,12 @@ def blocks(path, upper, lower, lift=0.0, shift=0.0, longer=0.0, recombine=False)
     return path
 
 
-def assembled(path, clamped=(), interface=("upper", "lower"), degree=2, materials=None):
+def assembled(path, clamped=(), interface=("upper", "lower"), degree=2, materials=None, unit=1.0):
     from fretflow.structure.bodies import Material
     from fretflow.structure.fem.bodies import structure_from_mesh
 
     return structure_from_mesh(path, Material(**STEEL), [interface], clamped=clamped, degree=degree,
-                               materials=materials)
+                               materials=materials, unit=unit)
 
 
 def moved_as_one(matrices):
@@ -193,6 +193,24 @@ def test_a_file_that_is_no_mesh_is_one_line(tmp_path, name, text, told, capfd):
     with pytest.raises(MeshError, match=rf"{name}: {told}.*; (save|write) the mesh"):
         assembled(tmp_path / name)
     assert capfd.readouterr() == ("", "")
+
+
+def in_millimetres(path, other):
+    """Write a mesh again with coordinates in mm."""
+    mesh = meshio.read(path)
+    mesh.points = 1e3 * mesh.points
+    meshio.write(other, sets_of_nodes(mesh))
+    return other
+
+
+def test_a_mesh_may_count_in_millimetres(tmp_path):
+    path = blocks(tmp_path / "two.msh", (5, 2), (4, 2), lift=20e-6)
+    other = in_millimetres(path, tmp_path / "two.inp")
+    own, found = assembled(path), assembled(other, unit=1e-3)
+    assert np.sort(found.stiffness.diagonal()) == pytest.approx(np.sort(own.stiffness.diagonal()), rel=1e-9)
+    assert found.gap == pytest.approx(20e-6, rel=1e-6)
+    with pytest.raises(MeshError, match=r'are 34.67 m large; where .* give unit = 1e-3, in files mesh_unit = "1 mm"'):
+        assembled(other)
 
 
 def test_a_facet_is_in_one_set(tmp_path):

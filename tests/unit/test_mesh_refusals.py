@@ -66,6 +66,16 @@ def test_a_users_mesh_is_used_as_it_is(tmp_path, version, degree):
         assert gmsh.model.getPhysicalGroups() == [(2, 1), (2, 2), (3, 3)]
 
 
+def test_a_mesh_that_counts_in_millimetres_is_used_in_metres(tmp_path):
+    write_block(tmp_path / "metres.msh")
+    own = read_block(tmp_path / "metres.msh")
+    write_block(tmp_path / "own.msh", unit=1.0)
+    found = read_block(tmp_path / "own.msh", mesh=MESH.model_copy(update={"unit": 1e-3}))
+    np.testing.assert_allclose(found.contact_nodes, own.contact_nodes, atol=1e-15)
+    assert found.min_jacobian == pytest.approx(own.min_jacobian, rel=1e-9)
+    np.testing.assert_allclose(read_mesh(tmp_path / "used.msh").points.max(axis=0), [5e-4, 5e-4, 2e-3], rtol=1e-12)
+
+
 def test_our_own_mesh_passes_as_a_users_mesh(tmp_path):
     for side in Side:
         built = build_specimen(SPECIMEN, MESH, side, tmp_path / "own.msh")
@@ -82,7 +92,7 @@ def test_our_own_mesh_passes_as_a_users_mesh(tmp_path):
     ({"recombine": False}, r"body holds Tetrahedron 4; it must hold .*Hexahedron 27 only; .*SubdivisionAlgorithm"),
     ({"order": 2}, r"degree 2; set mesh.degree = 2"),
     ({"order": 3}, r"group body holds Hexahedron 64"),
-    ({"unit": 1.0}, r"is 2 m large; coordinates are in metres, so scale"),
+    ({"unit": 1.0}, r"is 2 m large; where it counts in millimetres give mesh.unit"),
     ({"unit": 1e-6}, r"is 2e-06 m large"),
     ({"z": 3e-6}, r"nodes of group contact lie up to 3 µm from the plane z = 0"),
     ({"groups": ("clamped", "contact", "body")}, r"lie up to 2000 µm from the plane z = 0"),

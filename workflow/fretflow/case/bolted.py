@@ -53,6 +53,7 @@ class JoinedBodies(Section):
     bolts: tuple[BoltTable, ...] = Field((), description="each; of a lap beam one, which stands for all")
     clamped: tuple[str, ...] = Field((), description="faces that are held still")
     sensors: dict[str, Sensor] = Field(default_factory=dict)
+    mesh_unit: u.Length = Field(1.0, description='that the mesh counts in, such as "1 mm"')
     materials: dict[str, Elasticity] = Field(
         default_factory=dict, description="of bodies of another material, by the group of their volume")
 
@@ -60,7 +61,7 @@ class JoinedBodies(Section):
 class Bodies(JoinedBodies):
     """Bodies of a mesh, and what holds them together."""
 
-    mesh: Path | None = Field(None, description="a mesh in metres, from the folder of this file")
+    mesh: Path | None = Field(None, description="a mesh, from the folder of this file")
     lap_beam: dict[str, Any] | None = Field(None, description="or a bolted lap beam that is made, see docs/case.md")
     material: Elasticity = Field(default_factory=Elasticity)
     modes: int = Field(20, ge=1, le=500, description="modes of the closed joint that are kept")
@@ -69,6 +70,8 @@ class Bodies(JoinedBodies):
     def _one_source(self) -> Bodies:
         if (self.mesh is None) == (self.lap_beam is None):
             raise ValueError("give one of mesh and lap_beam")
+        if self.mesh is None and (self.materials or self.mesh_unit != 1.0):
+            raise ValueError("materials and mesh_unit are of a mesh; a lap beam is of one material, in metres")
         if self.mesh is not None and not all(bolt.head and bolt.nut for bolt in self.bolts):
             raise ValueError("bolts: name the faces under head and nut of each")
         if not self.bolts or (self.lap_beam is not None and len(self.bolts) > 1):

@@ -49,6 +49,8 @@ def beyond(name: str, value: float, unit: str, key: str) -> Iterator[str]:
 
 
 def _without_effect(case: Case) -> Iterator[str]:
+    if case.mesh.unit != 1.0 and case.mesh.upper is None and case.mesh.lower is None:
+        yield "mesh.unit changes nothing without a mesh of your own"
     for entry in entries(case.reduction):
         if entry.key.startswith("rayleigh") and not entry.is_default and case.solver.method is not PeriodicMethod.DLFT:
             yield (f'reduction.{entry.key} changes nothing with solver.method = "{case.solver.method}", whose '

@@ -189,8 +189,9 @@ class Mesh(Section):
     contact_elements: int = Field(10, ge=2, le=200, description="elements per side of the contact square")
     degree: Literal[1, 2] = Field(1, description="degree of the hexahedra: 1 (8 nodes) or 2 (27 nodes)")
     growth: float = Field(1.35, ge=1.0, le=3.0, description="ratio of neighbouring element sizes")
-    upper: Path | None = Field(None, description="your own mesh of the upper specimen in metres")
-    lower: Path | None = Field(None, description="your own mesh of the lower specimen in metres")
+    upper: Path | None = Field(None, description="your own mesh of the upper specimen")
+    lower: Path | None = Field(None, description="your own mesh of the lower specimen")
+    unit: u.Length = Field(1.0, description='that your own meshes count in, such as "1 mm"')
 
     @field_validator("upper", "lower")
     @classmethod

@@ -55,6 +55,7 @@ class JointStudy:
     worn: WearHistory | None = None
     measured: Array | None = None  # (3, P): amplitude of the first output in m, Hz, damping ratio
     mesh: Path | None = None
+    mesh_unit: float = 1.0  # m
     bolts: tuple[Bolt, ...] = ()
     title: str = "Bolted joint"
 
@@ -90,7 +91,10 @@ class JointStudy:
     @cached_property
     def surfaces(self) -> tuple[Array, dict[str, NDArray[np.int64]], dict[str, NDArray[np.int64]]] | None:
         """Return points (n, 3) in m and the corners (k, 4) of bodies and of named faces; None without a mesh."""
-        return None if self.mesh is None else provided(MESHES, "surfaces")(self.mesh)
+        if self.mesh is None:
+            return None
+        points, bodies, faces = provided(MESHES, "surfaces")(self.mesh)
+        return self.mesh_unit * points, bodies, faces
 
     @property
     def figures(self) -> dict[str, float]:
@@ -127,8 +131,9 @@ class JointStudy:
 
 def study_joint(joint: BoltedJoint, amplitudes: Array, *, mode: int = 1, periodic: int = 2,
                 forces: Sequence[float] = (), drive: str = "", wear: tuple[Archard, float, int] | None = None,
-                measured: Array | None = None, mesh: Path | None = None, bolts: Sequence[Bolt] = (),
-                title: str = "Bolted joint", progress: Callable[[float, str], None] | None = None) -> JointStudy:
+                measured: Array | None = None, mesh: Path | None = None, mesh_unit: float = 1.0,
+                bolts: Sequence[Bolt] = (), title: str = "Bolted joint",
+                progress: Callable[[float, str], None] | None = None) -> JointStudy:
     """Find backbone, periodic motions, forced responses and wear of one mode of a bolted joint.
 
     Parameters
@@ -147,7 +152,7 @@ def study_joint(joint: BoltedJoint, amplitudes: Array, *, mode: int = 1, periodi
         Law, modal amplitude (m kg^0.5) and number of cycles.
     measured : (3, P)
         Amplitude of the first output (m), frequency (Hz) and damping ratio to show beside.
-    mesh, bolts, title
+    mesh, mesh_unit, bolts, title
         For pictures.
     progress : callable, optional
         Takes the share that is done, and what is being done.
@@ -184,7 +189,8 @@ def study_joint(joint: BoltedJoint, amplitudes: Array, *, mode: int = 1, periodi
         worn = march_wear(BoltedCycle(joint, amplitude, mode), law, cycles,
                           progress=lambda done, asked: told(0.6 + 0.4 * done / asked, "wear"))
     return JointStudy(joint=joint, mode=shape, mode_number=mode, curve=curve, motions=motions, responses=responses,
-                      worn=worn, measured=measured, mesh=mesh, bolts=tuple(bolts), title=title)
+                      worn=worn, measured=measured, mesh=mesh, mesh_unit=mesh_unit, bolts=tuple(bolts),
+                      title=title)
 
 
 def _untold(share: float, text: str) -> None:
@@ -228,7 +234,8 @@ def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], Non
     study = study_joint(
         joint, np.geomspace(line.smallest, line.largest, line.points) / shape, mode=line.mode, periodic=line.periodic,
         forces=case.response.forces if case.response else (), drive=case.response.at if case.response else "",
-        wear=wear, measured=measured, mesh=mesh, bolts=bolts, title=case.title or case.name, progress=progress)
+        wear=wear, measured=measured, mesh=mesh, mesh_unit=own.mesh_unit, bolts=bolts, title=case.title or case.name,
+        progress=progress)
     study.write(home)
     return study
 

@@ -35,7 +35,7 @@ def assembled_bodies(mesh: Path, own: JoinedBodies, material: Elasticity, bolts:
             structure_from_mesh, mesh, Material(**material.model_dump()),
             [(one.upper, one.lower) for one in own.interfaces], bolts, own.clamped,
             {name: (one.at, one.along) for name, one in own.sensors.items()},
-            materials={name: Material(**one.model_dump()) for name, one in own.materials.items()})
+            unit=own.mesh_unit, materials={name: Material(**one.model_dump()) for name, one in own.materials.items()})
     except PlatformError as error:
         raise MeshError(f"{mesh}: is damaged, so that its reader breaks off in it ({error}); write the mesh anew"
                         ) from error

@@ -48,7 +48,7 @@ class StructureSection(JoinedBodies):
     """The structure, and what is known and unknown of its joint."""
 
     matrices: str | None = Field(None, description="file of its matrices, from the folder of recording.toml")
-    mesh: str | None = Field(None, description="or a mesh of its bodies in metres, joined by what follows")
+    mesh: str | None = Field(None, description="or a mesh of its bodies, joined by what follows")
     line_contact: LineContactSection | None = None
     material: str | dict[str, Any] | None = Field(None, description="youngs_modulus, poissons_ratio and density")
     bolt_load: Annotated[float | None, number("N")] = Field(None, gt=0.0, description="of each bolt, where known")
@@ -62,8 +62,9 @@ class StructureSection(JoinedBodies):
     def _one_source(self) -> StructureSection:
         if [self.matrices, self.mesh, self.line_contact].count(None) != 2:
             raise ValueError('give one of matrices, such as "structure.npz", mesh and line_contact')
-        if self.mesh is None and (self.bolts or self.clamped or self.sensors or self.materials):
-            raise ValueError("bolts, clamped, sensors and materials are of a mesh; matrices have their own")
+        of_mesh = sorted({"bolts", "clamped", "sensors", "materials", "mesh_unit"} & self.model_fields_set)
+        if self.mesh is None and of_mesh:
+            raise ValueError(f"{of_mesh[0]}: belongs to a mesh, which is not given; matrices have their own")
         if self.mesh is not None and not (self.bolts and all(one.head and one.nut for one in self.bolts)):
             raise ValueError("bolts: give each, and name the faces under its head and nut")
         if self.mesh is not None and isinstance(self.material, str):

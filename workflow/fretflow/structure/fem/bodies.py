@@ -36,20 +36,21 @@ APART = 0.1  # of a facet's size, which two that face each other may be apart: a
 FACING = -0.99  # cosine between their normals
 COVERED = 0.5  # of an upper facet, at least: holes are polygons that differ from one mesh to another
 DIGITS = 1e-6  # of a facet's size: a smaller gap is what coordinates are written by
+LARGEST = 30.0  # m, of a face: bearings of bridges; a mesh in mm read as metres is beyond
 NEAR = 1.0  # times the largest distance of neighbouring nodes, within which a sensor must have one
 
 
 def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequence[tuple[str, str]],
                         bolts: Sequence[Bolt] = (), clamped: Sequence[str] = (),
                         sensors: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
-                        degree: int = 2, materials: Mapping[str, Material] | None = None) -> StructureMatrices:
+                        degree: int = 2, materials: Mapping[str, Material] | None = None,
+                        unit: float = 1.0) -> StructureMatrices:
     """Assemble the bodies of a mesh, free of each other but for bolts, and the map to their contact.
 
     Parameters
     ----------
     path : path
-        A mesh in metres, .msh or of another format that meshio reads, whose groups name surfaces; hexahedra or
-        tetrahedra.
+        A mesh, .msh or of another format that meshio reads, whose groups name surfaces; hexahedra or tetrahedra.
     material : Material
         Of all bodies that `materials` do not name.
     interfaces : sequence of pairs
@@ -64,6 +65,8 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
         Of the displacement, 1 or 2; straight elements of degree 1 are too stiff in bending.
     materials : mapping
         Those of bodies of another material, by the groups of their volumes.
+    unit : float
+        What the mesh counts in, m: 1e-3 where its coordinates are millimetres.
 
     Returns
     -------
@@ -73,7 +76,7 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     Raises
     ------
     MeshError
-        If a group is missing, or an upper face does not lie on the lower one.
+        If a group is missing, an upper face does not lie on the lower one, or the faces are too large for any joint.
     InputError
         If the degree, a bolt or a sensor cannot be.
 
@@ -90,7 +93,7 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
         raise InputError(f"degree: {degree} is not an element degree; give 1 or 2")
     if not interfaces:
         raise InputError("interfaces: give at least one pair of groups that touch")
-    faces = _Faces.of(Path(path), degree)
+    faces = _Faces.of(Path(path), degree, unit)
     moduli = faces.moduli(material, materials or {})
     stiffness, mass = (_scipy(compat.assemble_matrix(form))
                        for form in elastic_forms(faces.domain, faces.space, moduli, degree))
@@ -102,6 +105,10 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
         stiffness = stiffness + own.strains.T @ sparse.diags(springs) @ own.strains
         mass = mass + 0.5 * bolt.mass * own.ends.T @ own.ends
     contacts = [faces.interface(upper, lower) for upper, lower in interfaces]
+    size = float(max(np.ptp(one.points, axis=0).max() for one in contacts))
+    if size > LARGEST:
+        raise MeshError(f"{path}: its contact faces are {size:.4g} m large; where it counts in millimetres give unit = "
+                        '1e-3, in files mesh_unit = "1 mm"')
     held = np.unique(np.concatenate([np.zeros(0, dtype=int), *(faces.dofs(name) for name in clamped)]))
     keep = np.setdiff1d(np.arange(len(preload)), held)
     gaps = np.concatenate([one.gaps for one in contacts])
@@ -165,8 +172,8 @@ class _Faces(NamedTuple):
     source: str
 
     @classmethod
-    def of(cls, path: Path, degree: int) -> _Faces:
-        bodies = read_bodies(path)
+    def of(cls, path: Path, degree: int, unit: float) -> _Faces:
+        bodies = read_bodies(path, unit)
         space = compat.vector_space(bodies.domain, degree)
         return cls(bodies, space, compat.cell_vectors(bodies.domain), space.tabulate_dof_coordinates(), str(path))
 
@@ -297,7 +304,7 @@ class _Faces(NamedTuple):
         spacing = float(tree.query(self.points, k=2)[0][:, 1].max())
         if distance > NEAR * spacing:
             raise InputError(f"sensors: {name}: lies {1e3 * distance:.3g} mm off the nearest node; give a point of the "
-                             "bodies, in metres")
+                             "bodies in metres, and the unit of the mesh")
         row = np.zeros(3 * len(self.points))
         row[3 * node:3 * node + 3] = along / np.linalg.norm(along)
         return row

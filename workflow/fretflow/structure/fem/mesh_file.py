@@ -63,8 +63,8 @@ class Bodies:
     surfaces: dict[str, int]
 
 
-def read_bodies(path: Path) -> Bodies:
-    """Read a mesh of any bodies, in metres, on this rank.
+def read_bodies(path: Path, unit: float = 1.0) -> Bodies:
+    """Read a mesh of any bodies on this rank, whose coordinates are in units of so many metres.
 
     Raises
     ------
@@ -84,6 +84,7 @@ def read_bodies(path: Path) -> Bodies:
         except (RuntimeError, KeyError, ValueError) as error:
             raise MeshError(f"{path}: cannot be made a mesh ({error}); all volumes need elements of one kind, and "
                             "surface groups their faces") from error
+    domain.geometry.x[:] *= unit
     return Bodies(domain, cell_tags, facet_tags, *({name: tag for dim, tag, name in groups if dim == own}
                                                    for own in (3, 2)))
 
