@@ -4,6 +4,7 @@ In both the friction coefficient is known (0.84; from 0.40 to 0.88), so that its
 """
 
 import json
+import re
 import shutil
 import subprocess
 import tomllib
@@ -28,17 +29,21 @@ def baseline(recordings, tmp_path_factory):
     return diagnosed(recordings / "example_baseline", out), out
 
 
+def without(recordings: Path, home: Path, pattern: str) -> dict:
+    """Return the diagnosis of the baseline's recording without a part of its description."""
+    folder = shutil.copytree(recordings / "example_baseline", home / "part", copy_function=shutil.copyfile)
+    folder.chmod(0o755)
+    file = folder / "recording.toml"
+    text, count = re.subn(pattern, "", file.read_text(), flags=re.DOTALL)
+    assert count == 1
+    file.write_text(text)
+    return diagnosed(folder, home / "out")
+
+
 @pytest.fixture(scope="module")
 def undriven(recordings, tmp_path_factory):
     """Return the diagnosis of the loops alone, which tell no phase against the drive."""
-    home = tmp_path_factory.mktemp("undriven")
-    folder = shutil.copytree(recordings / "example_baseline", home / "undriven", copy_function=shutil.copyfile)
-    folder.chmod(0o755)
-    file = folder / "recording.toml"
-    text = file.read_text()
-    file.write_text(text.replace('excitation = { column = "excitation_N", unit = "N" }\n', ""))
-    assert file.read_text() != text
-    return diagnosed(folder, home / "out")
+    return without(recordings, tmp_path_factory.mktemp("undriven"), r'excitation = {[^}]*}\n')
 
 
 def test_baseline_is_none_with_its_friction(baseline):
@@ -53,6 +58,16 @@ def test_baseline_is_none_with_its_friction(baseline):
 def test_baseline_is_none_without_a_record_of_its_drive(undriven):
     """The model then counts the phase from the displacement too."""
     assert (undriven["verdict"], undriven["effects"]) == ("none", [])
+
+
+def test_the_worn_depth_alone_tells_the_wear(recordings, tmp_path):
+    """Without loops friction is what dry contacts have, and the wear coefficient what makes the depth of it."""
+    found = without(recordings, tmp_path, r"\[loops\].*(?=\[wear_depth\])")
+    assert (found["verdict"], found["fit"]) == ("none", {})
+    friction = found["parameters"]["contact.friction_coefficient"]
+    assert friction["low"] < 0.84 < friction["high"]
+    assert friction["high"] / friction["low"] > 1.2
+    assert any(note.startswith("loops: are not in the file") for note in found["warnings"])
 
 
 def test_friction_of_the_baseline_lies_within_its_interval(baseline, undriven):

@@ -86,7 +86,7 @@ def _single(observation: Observation, residual: Array) -> float:
     """Return the p-value of the loop's channel that has most left, the largest of so many; errors of timing count."""
     left = [residual[piece.place] for piece in observation.pieces if piece.block in ("loops", "sweep")]
     shares = [float(stats.chi2.sf(one @ one, len(one))) for one in left]
-    return min(1.0, len(shares) * min(shares, default=1.0))
+    return min(1.0, len(shares) * min(shares)) if shares else 1.0
 
 
 def _harmonics(observation: Observation, residual: Array, base: Fit) -> float:
@@ -104,6 +104,8 @@ def _harmonics(observation: Observation, residual: Array, base: Fit) -> float:
                     probe[piece.place] = size * wave
                 if np.any(probe):
                     probes.append(probe)
+    if not probes:
+        return 1.0
     own, _ = np.linalg.qr(base.whitened_jacobian)
     probed = np.column_stack(probes)
     probed -= own @ (own.T @ probed)

@@ -41,8 +41,9 @@ UNITS = {"displacement": "m", "approach": "m"}  # of the others newtons
 def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     """Return what is wrong with the channels of a recording of the rig, in words; nothing where all may be right."""
     blocks = [recording.loops, None if recording.sweep is None else recording.sweep.loops]
-    found = [text for loops in blocks if loops is not None for text in _saturated(loops)]
-    if found:
+    known = [loops for loops in blocks if loops is not None]
+    found = [text for loops in known for text in _saturated(loops)]
+    if found or not known:
         return tuple(found[:1])
     try:
         found = [*_gains(recording, case), *_friction(recording)] or _wear(recording)
@@ -54,6 +55,8 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
 
 def doubts(recording: Recording, case: Case) -> tuple[str, ...]:
     """Return what may be a fault of the displacement or of what the file states of the rig: both explain the same."""
+    if recording.loops is None:
+        return ()
     try:
         return tuple(_small_gains(recording, case)[1])
     except (FretflowError, np.linalg.LinAlgError):

@@ -57,7 +57,7 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
     """
     observation = experiment.rig.observation
     parts = list(_parts(observation, base.residual))
-    found = cuts(experiment, base) if cut and not block else ()
+    found = cuts(experiment, base) if cut and not block and observation.has_loops else ()
     tests = len(parts) + len(found)
     total = max(base.chi_squared - float(observation.noise.sum()), 1.0)
     places = [Place(cut=one.cut, where=one.where, share=float(np.clip(one.excess / total, 0.0, 1.0)),
@@ -146,6 +146,8 @@ def _change_point(observation: Observation, left: Array) -> Iterator[_Part]:
 def _by_harmonic(observation: Observation, left: Array) -> Iterator[_Part]:
     """Return the harmonics of the loops: two deviates each of a loop's channel."""
     pieces = [piece for one in loop_pieces(observation).values() for piece in one.values()]
+    if not pieces:
+        return
     lines = np.array([np.fft.rfft(left[piece.place]) for piece in pieces]) * np.sqrt(2.0 / observation.samples)
     shown = np.array([observation.noise[piece.place].mean() for piece in pieces])
     for k in range(1, min(LOOP_HARMONICS + 1, lines.shape[1] - 1)):

@@ -219,6 +219,8 @@ class RigModel:
     def _like_measured(self, period: Period, **of: object) -> PeriodicSolution | None:
         """Return a period's motion, as large and as late as it was measured; None where it is no other motion."""
         measured = self.observation.values[self.observation.rows(channel="displacement", **of)]
+        if not len(measured):
+            return None
         aimed, own = (complex(np.fft.rfft(one)[1]) / len(one) for one in (measured, self.displacement(period)))
         if self.observation.aligned_to != "excitation":  # which is largest at phase zero here
             aimed, own = abs(aimed), abs(own)

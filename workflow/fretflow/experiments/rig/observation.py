@@ -109,8 +109,14 @@ class Observation:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Return the cycle counts of the loops."""
-        return tuple(dict.fromkeys(piece.cycles for piece in self.pieces if piece.block == "loops"))
+        """Return the cycle counts of the loops; where there are none, that of the wear."""
+        loops = dict.fromkeys(piece.cycles for piece in self.pieces if piece.block == "loops")
+        return tuple(loops) or (max(piece.cycles for piece in self.pieces),)
+
+    @property
+    def has_loops(self) -> bool:
+        """Tell whether there is more than the wear."""
+        return any(piece.block in ("loops", "sweep") for piece in self.pieces)
 
     def less_sure(self, variance: Array, modes: Array) -> Observation:
         """Return the same with errors that repeats do not show: of a `variance` (M,) each, and `modes` (M, any)."""
@@ -171,17 +177,18 @@ def observe(recording: Recording) -> Observation:
     Raises
     ------
     UnreliableRecordingError
-        If it holds no loops with displacement and friction force, or too few samples of them.
+        If it holds neither loops with displacement and friction force nor a map of the worn depth, or too few samples.
     """
-    if recording.loops is None:
-        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
+    if recording.loops is None and recording.wear_depth is None:
+        raise UnreliableRecordingError(f"{recording.path}: has neither [loops] nor [wear_depth]; a rig is compared by "
+                                       "them")
     stack = _Stack([], [], [], [], [], [], [], [])
     _check_samples(recording)
-    sizes = _add_loops(stack, recording.loops, None, {})
+    sizes = {} if recording.loops is None else _add_loops(stack, recording.loops, None, {})
     if recording.sweep is not None:
         _add_loops(stack, recording.sweep.loops,
                    condition_labels(recording.sweep.conditions, recording.test), sizes)
-    last = int(recording.loops.cycles[-1])
+    last = (recording.test.cycles or 0) if recording.loops is None else int(recording.loops.cycles[-1])
     if recording.wear.worn_volume is not None:
         volume = recording.wear.worn_volume
         sd = recording.wear.worn_volume_sd or DEFAULT_WEAR_SD * volume
@@ -198,7 +205,7 @@ def observe(recording: Recording) -> Observation:
         values=np.concatenate(stack.values), variance=np.concatenate(stack.variance),
         noise=np.concatenate(stack.noise), modes=modes, floor=np.concatenate(stack.floor),
         pieces=tuple(stack.pieces), harmonics=HARMONICS,
-        aligned_to=recording.loops.aligned_to,
+        aligned_to="excitation" if recording.loops is None else recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
         smooth_share=max(stack.smooth, default=0.0), repeats=tuple(stack.repeats))
 
@@ -212,8 +219,8 @@ def _check_samples(recording: Recording) -> None:
         If there are too few.
     """
     sweep = None if recording.sweep is None else recording.sweep.loops
-    measured = min(len(loops.phase) for loops in (recording.loops, sweep) if loops is not None)
     least = 4 * HARMONICS  # what lies above half of their frequency folds into the harmonics
+    measured = min((len(loops.phase) for loops in (recording.loops, sweep) if loops is not None), default=least)
     if measured < least:
         raise UnreliableRecordingError(f"{recording.path}: {measured} samples a period are too few to tell the physics "
                                        f"of a rig by; record {least} or more")

@@ -34,6 +34,7 @@ from fretflow.experiments.rig.setup import (
     is_seen,
     meshes,
     model_of,
+    worn_as_much,
 )
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
@@ -141,7 +142,8 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
     behind = before if after is base else _plainly(experiment, after)
     location = locate(experiment, before, blocks_of(found.effects) if found.effects else "",
                       cut=found.verdict is Verdict.UNKNOWN)
-    law = residual_law(observation, base.predicted) if found.verdict is Verdict.UNKNOWN else None
+    law = residual_law(observation, base.predicted) if (
+        found.verdict is Verdict.UNKNOWN and observation.has_loops) else None
     remainder = _remainder(experiment, hypotheses, found, behind)
     warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *words.unfinished({
         names for names in (frozenset[str](), found.after) if not hypotheses.fits[names].converged})]
@@ -149,7 +151,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
     if experiment.rig.observation.unsteady:
         warnings.append(words.not_repeated())
     notes = list(warnings)
-    if not fast:
+    if not fast and observation.has_loops:
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
@@ -214,6 +216,8 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
                  first_wear(recording, friction)) for friction in read])
+    if not observation.has_loops:
+        model, first = worn_as_much(model, first)
     progress(0.08, "what the coarse mesh leaves out")
     finer, denser = model.finer(fine), model.denser()
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])

@@ -9,14 +9,15 @@ import numpy as np
 
 from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
+from fretflow.case.sections import ContactSection
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.rig.model import SAMPLES, Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, Observation
 from fretflow.recordings.kinds.facts import FactsTest
-from fretflow.recordings.loopset import LoopSet, plateau
+from fretflow.recordings.loopset import plateau
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.schema import RecordedTest
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest
 from fretflow.solvers.periodic import PeriodicProblem
 
 Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
@@ -51,9 +52,13 @@ def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recor
         if getattr(test, field) is None:
             raise UnreliableRecordingError(f"{recording.path}: test.{field} is not given; a recording of the rig is "
                                            "predicted from it")
-    case = bare_case(test, test.cycles or int(_loops(recording).cycles[-1]), elements, name)
+    loops = recording.loops
+    if loops is None and not test.cycles:
+        raise UnreliableRecordingError(f"{recording.path}: test.cycles is not given; without [loops] nothing tells how "
+                                       "long it wore")
+    case = bare_case(test, test.cycles or int(loops.cycles[-1] if loops else 0), elements, name)
     specimen = recording.specimen or Specimens()
-    distance = _loops(recording).displacement_of
+    distance = None if loops is None else loops.displacement_of
     if distance is not None and distance.distance > 0.0:
         if any(distance.distance > one.ridge_height + one.body_height for one in (specimen.upper, specimen.lower)):
             raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of: "
@@ -74,15 +79,11 @@ def bare_case(test: RecordedTest | FactsTest, cycles: int, elements: int, name: 
                  "normal_load": f"{test.normal_load!r} N"}})
 
 
-def _loops(recording: Recording) -> LoopSet:
-    if recording.loops is None:
-        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them")
-    return recording.loops
-
-
 def first_friction(recording: Recording) -> float:
-    """Return the friction coefficient that the loops' plateaus show, of all loops together."""
-    loops = _loops(recording)
+    """Return the friction coefficient that the loops' plateaus show, of all loops together; without any the default."""
+    loops = recording.loops
+    if loops is None:
+        return ContactSection().friction_coefficient
     limit = plateau(loops.mean(loops.force_name))
     load = float(recording.test.normal_load or np.nan)
     return float(np.clip(np.nanmedian(limit) / load, *FRICTION))
@@ -93,7 +94,9 @@ def friction_from_energy(recording: Recording) -> float:
 
     Where a contact hardly slides it is far below the plateaus' coefficient.
     """
-    loops = _loops(recording)
+    loops = recording.loops
+    if loops is None:
+        return ContactSection().friction_coefficient
     x, force = loops.mean("displacement"), loops.mean(loops.force_name)
     limit = _energy(x, force) / (2.0 * np.maximum(np.ptp(x, axis=1), np.finfo(float).tiny))
     load = float(recording.test.normal_load or np.nan)
@@ -106,8 +109,10 @@ def _energy(x: Array, force: Array) -> Array:
 
 
 def first_wear(recording: Recording, friction: float) -> float:
-    """Return the wear coefficient (m^2/N) that volume and dissipated energy show; the default without a volume."""
-    loops, volume = _loops(recording), recording.wear.worn_volume
+    """Return the wear coefficient (m^2/N) that volume and dissipated energy show; the default without loops."""
+    loops, volume = recording.loops, recording.wear.worn_volume
+    if loops is None:
+        return Wear().coefficient
     if volume is None and recording.wear_depth is not None and recording.specimen is not None:
         depth = recording.wear_depth.channels.get("depth", np.zeros(1))
         volume = float(np.mean(depth)) * recording.specimen.upper.contact_width**2
@@ -121,12 +126,28 @@ def first_wear(recording: Recording, friction: float) -> float:
 
 def model_of(recording: Recording, observation: Observation, problem: PeriodicProblem, wear: float) -> RigModel:
     """Return the model of a recording on the mesh of `problem`."""
-    loops = _loops(recording)
-    if loops.displacement_of is None:
+    loops = recording.loops
+    displacement = DisplacementOf(MeasuredAt.CONTACT_FACES) if loops is None else loops.displacement_of
+    if displacement is None:
         raise UnreliableRecordingError(f"{recording.path}: loops.displacement_of is not given")
-    return RigModel(problem=problem, wear_coefficient=wear, observation=observation,
-                    displacement_of=loops.displacement_of, samples=SAMPLES,
-                    total_cycles=recording.test.cycles or int(loops.cycles[-1]))
+    return RigModel(problem=problem, wear_coefficient=wear, observation=observation, displacement_of=displacement,
+                    samples=SAMPLES, total_cycles=recording.test.cycles or max(observation.counts))
+
+
+def worn_as_much(model: RigModel, simulation: Simulation) -> tuple[RigModel, Simulation]:
+    """Return the model with the wear coefficient that makes the mean depth the measured one, and its simulation.
+
+    Raises
+    ------
+    NonConvergenceError
+        If there is none.
+    """
+    rows = model.observation.rows(block="map")
+    measured, own = (float(np.mean(values[rows])) for values in (model.observation.values, model.predict(simulation)))
+    if not measured > 0.0 or not own > 0.0:
+        return model, simulation
+    scaled = replace(model, wear_coefficient=model.wear_coefficient * measured / own)
+    return scaled, scaled.simulate(Hypothesis())
 
 
 def first_simulation(models: Sequence[RigModel]) -> tuple[RigModel, Simulation]:

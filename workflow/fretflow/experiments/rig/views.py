@@ -61,7 +61,8 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     """
     loops = loop_pieces(observation)
     counts = [label for label, pieces in loops.items() if pieces["displacement"].block == "loops"]
-    kept = {counts[k] for k in np.unique(np.linspace(0, len(counts) - 1, MOST_SHOWN).round().astype(int))}
+    last = max(len(counts) - 1, 0)
+    kept = {label for k in np.unique(np.linspace(0, last, MOST_SHOWN).round().astype(int)) for label in counts[k:k + 1]}
     kept |= {label for label in loops if label not in counts or label in held_out}
     before, after = level(observation, before), level(observation, after)
     found = []

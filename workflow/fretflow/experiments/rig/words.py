@@ -13,6 +13,7 @@ from fretflow.case.config import Case
 from fretflow.case.sections import SIDES
 from fretflow.effects.catalogue import catalogue, described, tables
 from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.setup import first_friction
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, is_bent
 from fretflow.inference.posterior import Found, estimate
@@ -33,8 +34,12 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
 
 def assumed(recording: Recording) -> tuple[str, ...]:
     """Return what of the rig is taken from the defaults of case files, as the recording does not tell it."""
-    return tuple(f"{table}: is not in the file, so that the defaults of case files are taken; give yours as [{table}]"
-                 for table in ("rig", "specimen") if getattr(recording, table) is None)
+    told = [f"{table}: is not in the file, so that the defaults of case files are taken; give yours as [{table}]"
+            for table in ("rig", "specimen") if getattr(recording, table) is None]
+    if recording.loops is None:
+        told.append(f"loops: are not in the file, so that the friction coefficient is taken as "
+                    f"{first_friction(recording):g}, known to 30 %, and how the joint moves is predicted alone")
+    return tuple(told)
 
 
 def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
