@@ -10,7 +10,7 @@ import contextlib
 import meshio
 import numpy as np
 import pytest
-from fretflow.core.errors import MeshError
+from fretflow.core.errors import InputError, MeshError
 from scipy.sparse.linalg import spsolve
 
 pytestmark = pytest.mark.fem
@@ -211,6 +211,8 @@ def test_a_mesh_may_count_in_millimetres(tmp_path):
     assert found.gap == pytest.approx(20e-6, rel=1e-6)
     with pytest.raises(MeshError, match=r'are 34.67 m large; where .* give unit = 1e-3, in files mesh_unit = "1 mm"'):
         assembled(other)
+    with pytest.raises(InputError, match=r"unit: 0 m is no length"):
+        assembled(other, unit=0)
 
 
 def test_a_facet_is_in_one_set(tmp_path):

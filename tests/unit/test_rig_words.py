@@ -1,9 +1,12 @@
 """What is said of a diagnosis of the rig: every verdict has a sentence, alternatives what would part them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fretflow.core.errors import UnreliableRecordingError
+from fretflow.experiments.rig.observation import check_blocks
 from fretflow.experiments.rig.words import at_bounds, next_measurement, sentence, separating, unfinished
 from fretflow.inference.parameters import Parameters
 from fretflow.inference.posterior import Found, Posterior, held_to
@@ -156,3 +159,11 @@ def test_fits_that_were_stopped_are_told():
     assert "baseline alone was stopped" in alone
     assert "baseline with backlash and viscous was stopped" in beside
     assert unfinished([]) == []
+
+
+@pytest.mark.parametrize(("depth", "cycles"), [(None, 300_000), (object(), None)])
+def test_what_a_rig_is_compared_by_is_asked_for(depth, cycles):
+    bare = SimpleNamespace(path="my/recording", loops=None, wear_depth=depth, test=SimpleNamespace(cycles=cycles))
+    with pytest.raises(UnreliableRecordingError, match=r"my/recording: has no \[loops\]; .* \[wear_depth\] alone"):
+        check_blocks(bare)
+    check_blocks(SimpleNamespace(**vars(bare) | {"wear_depth": object(), "test": SimpleNamespace(cycles=300_000)}))

@@ -179,9 +179,7 @@ def observe(recording: Recording) -> Observation:
     UnreliableRecordingError
         If it holds neither loops with displacement and friction force nor a map of the worn depth, or too few samples.
     """
-    if recording.loops is None and recording.wear_depth is None:
-        raise UnreliableRecordingError(f"{recording.path}: has neither [loops] nor [wear_depth]; a rig is compared by "
-                                       "them")
+    check_blocks(recording)
     stack = _Stack([], [], [], [], [], [], [], [])
     _check_samples(recording)
     sizes = {} if recording.loops is None else _add_loops(stack, recording.loops, None, {})
@@ -208,6 +206,19 @@ def observe(recording: Recording) -> Observation:
         aligned_to="excitation" if recording.loops is None else recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
         smooth_share=max(stack.smooth, default=0.0), repeats=tuple(stack.repeats))
+
+
+def check_blocks(recording: Recording) -> None:
+    """Check that there is what a rig is compared by.
+
+    Raises
+    ------
+    UnreliableRecordingError
+        If there is neither.
+    """
+    if recording.loops is None and (recording.wear_depth is None or not recording.test.cycles):
+        raise UnreliableRecordingError(f"{recording.path}: has no [loops]; a recording of the rig is compared by them, "
+                                       "or by [wear_depth] alone at the end of so many test.cycles")
 
 
 def _check_samples(recording: Recording) -> None:

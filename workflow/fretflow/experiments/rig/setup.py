@@ -13,7 +13,7 @@ from fretflow.case.sections import ContactSection
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.rig.model import SAMPLES, Hypothesis, RigModel, Simulation
-from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.experiments.rig.observation import Array, Observation, check_blocks
 from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import plateau
 from fretflow.recordings.recording import Recording
@@ -53,9 +53,7 @@ def case_of(recording: Recording, elements: int = CONFIRMING, name: str = "recor
             raise UnreliableRecordingError(f"{recording.path}: test.{field} is not given; a recording of the rig is "
                                            "predicted from it")
     loops = recording.loops
-    if loops is None and not test.cycles:
-        raise UnreliableRecordingError(f"{recording.path}: test.cycles is not given; without [loops] nothing tells how "
-                                       "long it wore")
+    check_blocks(recording)
     case = bare_case(test, test.cycles or int(loops.cycles[-1] if loops else 0), elements, name)
     specimen = recording.specimen or Specimens()
     distance = None if loops is None else loops.displacement_of

@@ -78,7 +78,7 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     MeshError
         If a group is missing, an upper face does not lie on the lower one, or the faces are too large for any joint.
     InputError
-        If the degree, a bolt or a sensor cannot be.
+        If the degree, the unit, a bolt or a sensor cannot be.
 
     Examples
     --------
@@ -91,6 +91,8 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
     """
     if degree not in (1, 2):
         raise InputError(f"degree: {degree} is not an element degree; give 1 or 2")
+    if not unit > 0.0:
+        raise InputError(f"unit: {unit} m is no length that a mesh counts in; give 1e-3 for millimetres")
     if not interfaces:
         raise InputError("interfaces: give at least one pair of groups that touch")
     faces = _Faces.of(Path(path), degree, unit)
