@@ -7,7 +7,8 @@ finer model at the baseline, and enters the covariance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -40,6 +41,7 @@ MOST_PERIODS = 150
 # tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
 # stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with that of a case.
 WEAR_TOLERANCE = 0.1
+SHORTEST = 0.125  # of the way from the test's condition to another one
 
 
 def harmonics_of(samples: int) -> int:
@@ -189,16 +191,50 @@ class RigModel:
         def beginning(solution: PeriodicSolution | None) -> Period:
             return Period(problem, cycle.solver.solve(problem, solution), end.step, end.elapsed, model.baseline)
 
-        try:
-            found = beginning(start.solution)
-        except NonConvergenceError:
+        def starts() -> Iterator[PeriodicSolution | None]:
+            yield start.solution
             if not anew:
-                raise
+                return
+            like = self._like_measured(start, **of)
+            if like is not None:
+                yield like
+            with suppress(NonConvergenceError):
+                yield self._followed(cycle, end, condition)
+            yield None  # at last, as it takes longest: beyond a fold of the response nothing leads there
+
+        failure = NonConvergenceError(f"condition {condition.id}: no period was found")
+        for one in starts():
             try:
-                found = beginning(self._like_measured(start, **of))
+                return self._measured_motion(beginning(one), beginning, **of)
+            except NonConvergenceError as error:
+                failure = error
+        raise failure
+
+    def _followed(self, cycle: PeriodicCycle, end: Period, condition: SweepCondition) -> PeriodicSolution:
+        """Return the period at another condition, followed there from the end of the test by steps that halve.
+
+        Raises
+        ------
+        NonConvergenceError
+            If an eighth of the way is still too far.
+        """
+        bare, found, share, step = cycle.model.baseline, end.solution, 0.0, 0.5
+        there = at_condition(bare, condition)
+        while share < 1.0:
+            target = min(1.0, share + step)
+            amplitude, load, frequency = (own + target * (other - own) for own, other in (
+                (bare.excitation.amplitude, there.excitation.amplitude), (bare.normal_load, there.normal_load),
+                (bare.frequency, there.frequency)))
+            between = bare.vary(amplitude=amplitude, normal_load=load, frequency=frequency)
+            try:
+                found = cycle.solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), found)
             except NonConvergenceError:
-                found = beginning(None)
-        return self._measured_motion(found, beginning, **of)
+                step *= 0.5
+                if step < SHORTEST:
+                    raise
+                continue
+            share, step = target, 2.0 * step
+        return found
 
     def _measured_motion(self, period: Period, beginning: Callable[[PeriodicSolution], Period],
                          **of: object) -> Period:
