@@ -25,7 +25,7 @@ from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, P
 from fretflow.inference.experiment import TOLERANCE
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.solvers.quasi_static.solver import SMALLEST_SHARE, QuasiStaticSolver
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -41,7 +41,6 @@ MOST_PERIODS = 150
 # tilted and crowned faces set the nodes wobbling: more steps in all, and three times the map's error. Springs that
 # stiffen wobble with this as well, by several sd of a map: a fit that comes to a halt goes on with that of a case.
 WEAR_TOLERANCE = 0.1
-SHORTEST = 0.125  # of the way from the test's condition to another one
 
 
 def harmonics_of(samples: int) -> int:
@@ -216,7 +215,7 @@ class RigModel:
         Raises
         ------
         NonConvergenceError
-            If an eighth of the way is still too far.
+            If `SMALLEST_SHARE` of the way is still too far.
         """
         bare, found, share, step = cycle.model.baseline, end.solution, 0.0, 0.5
         there = at_condition(bare, condition)
@@ -230,7 +229,7 @@ class RigModel:
                 found = cycle.solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), found)
             except NonConvergenceError:
                 step *= 0.5
-                if step < SHORTEST:
+                if step < SMALLEST_SHARE:
                     raise
                 continue
             share, step = target, 2.0 * step

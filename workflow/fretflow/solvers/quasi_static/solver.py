@@ -53,7 +53,7 @@ from fretflow.solvers.time_integration import at_phase_zero
 from fretflow.structure.internal_forces import ShareOfForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
-SMALLEST_SHARE = 0.05  # step in which further forces or the excitation are raised
+SMALLEST_SHARE = 0.05  # step in which further forces or the excitation are raised, or a condition is followed
 # Violation of the contact law over the solver's tolerance, and at least, that counts as one: ten times what was seen of
 # the direction of sliding, and a hundred times of all else.
 UNLAWFUL, LEAST_UNLAWFUL = 1e3, 1e-6

@@ -27,7 +27,7 @@ from fretflow.core.errors import InputError, MeshError
 from fretflow.structure.bodies import Bolt, Material
 from fretflow.structure.fem import compat
 from fretflow.structure.fem.elasticity import elastic_forms, elastic_moduli
-from fretflow.structure.fem.mesh_file import Bodies, read_bodies
+from fretflow.structure.fem.mesh_file import MeshedBodies, read_bodies
 from fretflow.structure.matrices import StructureMatrices
 
 Array = NDArray[np.float64]
@@ -167,7 +167,7 @@ class _Shank(NamedTuple):
 class _Faces(NamedTuple):
     """Meshed bodies with the space of their displacements and its nodes (n, 3) in m, and constants of the cells."""
 
-    bodies: Bodies
+    bodies: MeshedBodies
     space: Any
     cells: Any
     points: Array

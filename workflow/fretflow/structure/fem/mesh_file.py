@@ -53,7 +53,7 @@ def read_mesh(path: Path, comm: Any) -> TaggedMesh:
 
 
 @dataclass(frozen=True)
-class Bodies:
+class MeshedBodies:
     """A dolfinx mesh of any bodies on one rank; tags of its cells and facets, and the tag of each group's name."""
 
     domain: Any
@@ -63,7 +63,7 @@ class Bodies:
     surfaces: dict[str, int]
 
 
-def read_bodies(path: Path, unit: float = 1.0) -> Bodies:
+def read_bodies(path: Path, unit: float = 1.0) -> MeshedBodies:
     """Read a mesh of any bodies on this rank, whose coordinates are in units of so many metres.
 
     Raises
@@ -85,8 +85,8 @@ def read_bodies(path: Path, unit: float = 1.0) -> Bodies:
             raise MeshError(f"{path}: cannot be made a mesh ({error}); all volumes need elements of one kind, and "
                             "surface groups their faces") from error
     domain.geometry.x[:] *= unit
-    return Bodies(domain, cell_tags, facet_tags, *({name: tag for dim, tag, name in groups if dim == own}
-                                                   for own in (3, 2)))
+    volumes, surfaces = ({name: tag for dim, tag, name in groups if dim == own} for own in (3, 2))
+    return MeshedBodies(domain, cell_tags, facet_tags, volumes, surfaces)
 
 
 @contextmanager
