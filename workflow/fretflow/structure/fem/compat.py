@@ -75,8 +75,8 @@ def cell_vectors(mesh: Mesh) -> Any:
 
 def corners(mesh: Mesh, cells: Any, facets: NDArray[np.int32]) -> dict[int, NDArray[np.float64]]:
     """Return the corners (k, 3) in m of facets, each by the number that its cell has in the space `cells`."""
-    for dim in (0, 3):
-        mesh.topology.create_connectivity(2, dim)
+    for pair in ((2, 0), (2, 3), (0, 3)):  # the last is what 0.9 finds coordinates by
+        mesh.topology.create_connectivity(*pair)
     vertices, own = (mesh.topology.connectivity(2, dim) for dim in (0, 3))
     return {int(cells.dofmap.cell_dofs(own.links(one)[0])[0]): dolfinx.mesh.compute_midpoints(
         mesh, 0, vertices.links(one)) for one in facets}
