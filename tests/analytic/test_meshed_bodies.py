@@ -215,6 +215,22 @@ def test_a_mesh_may_count_in_millimetres(tmp_path):
         assembled(other, unit=0)
 
 
+def test_a_file_tells_unit_and_materials(tmp_path):
+    from fretflow.case.bolted import Elasticity, JoinedBodies
+    from fretflow.structure.bodies import Material
+    from fretflow.structure.meshed import assembled_bodies
+
+    path = blocks(tmp_path / "two.msh", (5, 2), (4, 2))
+    own = JoinedBodies.model_validate({
+        "interfaces": [{"upper": "upper", "lower": "lower"}], "mesh_unit": "1 mm",
+        "materials": {"pad": {"youngs_modulus": "114 GPa", "poissons_ratio": 0.34, "density": "4430 kg/m^3"}}})
+    steel = Elasticity.model_validate({"youngs_modulus": "210 GPa", "poissons_ratio": 0.0, "density": "7800 kg/m^3"})
+    found = assembled_bodies(in_millimetres(path, tmp_path / "two.inp"), own, steel, [])
+    expected = assembled(path, materials={"pad": Material(youngs_modulus=114e9, poissons_ratio=0.34, density=4430.0)})
+    assert np.sort(found.stiffness.diagonal()) == pytest.approx(np.sort(expected.stiffness.diagonal()), rel=1e-9)
+    assert np.sort(found.mass.diagonal()) == pytest.approx(np.sort(expected.mass.diagonal()), rel=1e-9)
+
+
 def test_a_facet_is_in_one_set(tmp_path):
     mesh = sets_of_nodes(meshio.read(blocks(tmp_path / "two.msh", (5, 2), (4, 2))))
     mesh.point_sets["again"] = mesh.point_sets["upper"]

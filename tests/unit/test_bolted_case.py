@@ -41,6 +41,7 @@ def test_the_example_is_read_in_si():
     ('smallest = "10 um"', 'smallest = "10 mm"', "backbone: .*largest must be above smallest"),
     ("friction_coefficient = 0.6", "", "joint.friction_coefficient: is required"),
     ('mass = "30 g" }', 'mass = "30 g", torque = 1 }', "structure.bolts.0.torque: unknown key"),
+    ("lap_beam = {", 'mesh_unit = "1 mm"\nlap_beam = {', "structure: .*materials and mesh_unit are of a mesh"),
     ("lap_beam = {", 'mesh = "absent.msh"\nlap_beam = {', "structure: .*one of mesh and lap_beam"),
 ])
 def test_what_cannot_be_is_one_line(tmp_path, old, new, said):

@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from inspect import signature
@@ -267,14 +268,19 @@ def test_quiet_says_errors_alone(tmp_path, capsys):
 
 def test_a_log_without_a_terminal_gets_a_line_a_minute(capsys, monkeypatch):
     """Also where a step takes longer than that: a diagnosis said one line in five minutes."""
-    monkeypatch.setattr(terminal, "TOLD_EVERY", 0.2)
+    monkeypatch.setattr(terminal, "TOLD_EVERY", 0.05)
+    before = set(threading.enumerate())
     with terminal.Progress() as progress:
         progress.begin("wear")
         progress.advance("wear", 0.41, "jump 7")
-        time.sleep(0.5)
-    time.sleep(0.3)
-    said = capsys.readouterr().out.splitlines()
-    assert [line.split() for line in said] == 2 * [["wear", "41", "%", "0", "min", "jump", "7"]]
+        said, latest = [], time.monotonic() + 60.0
+        while len(said) < 2 and time.monotonic() < latest:
+            said += capsys.readouterr().out.splitlines()
+    assert len(said) >= 2
+    assert {tuple(line.split()) for line in said} == {("wear", "41", "%", "0", "min", "jump", "7")}
+    for one in set(threading.enumerate()) - before:  # it ends with the stage
+        one.join(60.0)
+        assert not one.is_alive()
 
 
 @pytest.mark.parametrize("steady", [True, False])

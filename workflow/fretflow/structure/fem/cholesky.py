@@ -14,8 +14,7 @@ from fretflow.core.errors import InputError
 
 Array = NDArray[np.float64]
 
-COLUMNS = 256  # right-hand sides at a time: half as fast again as MUMPS' own choice
-_COLUMNS_AT_ONCE = 27  # ICNTL(27)
+MUMPS_COLUMNS = (27, 256)  # ICNTL(27), right-hand sides at a time: half as fast again as MUMPS' own choice
 
 
 def factorise(matrix: Any) -> Callable[[Array], Array]:
@@ -38,7 +37,7 @@ def factorise(matrix: Any) -> Callable[[Array], Array]:
     factors = factor.getFactorMatrix()
     if factors.getMumpsInfog(1) < 0:
         raise InputError(f"is singular, MUMPS' INFOG(1) is {factors.getMumpsInfog(1)}")
-    factors.setMumpsIcntl(_COLUMNS_AT_ONCE, COLUMNS)
+    factors.setMumpsIcntl(*MUMPS_COLUMNS)
 
     def solve(right: Array) -> Array:
         found = np.zeros((len(rows.indptr) - 1, right[0].size), order="F")  # PETSc writes into it

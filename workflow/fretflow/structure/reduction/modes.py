@@ -16,12 +16,12 @@ from scipy.linalg import block_diag, eigh
 from slepc4py import SLEPc
 
 from fretflow.core.errors import AuditError, NonConvergenceError
+from fretflow.structure.fem.cholesky import MUMPS_COLUMNS
 from fretflow.structure.fem.elasticity import ElasticBody
 from fretflow.structure.reduction.condensation import condense
 from fretflow.structure.reduction.craig_bampton import ComponentModes, rigid_motions
 from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, RIGID_DOFS, ModeShapes
 
-_MUMPS_COLUMNS = (27, 256)  # ICNTL(27), right-hand sides at a time: half as fast again as MUMPS' own choice
 _EIGEN_TOLERANCE = 1e-13
 _RESIDUAL_LIMIT = 1e-7
 
@@ -162,7 +162,7 @@ def _factor(matrix: PETSc.Mat) -> Iterator[PETSc.KSP]:
         solver.getPC().setType(PETSc.PC.Type.CHOLESKY)
         solver.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
         solver.setUp()
-        solver.getPC().getFactorMatrix().setMumpsIcntl(*_MUMPS_COLUMNS)
+        solver.getPC().getFactorMatrix().setMumpsIcntl(*MUMPS_COLUMNS)
         yield solver
 
 
