@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.cycle import PeriodicCycle
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
@@ -164,6 +165,30 @@ def test_of_motions_that_coexist_the_measured_one_is_predicted(monkeypatch):
         assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.02)
         spans.append(np.ptp(moved))
     assert spans[1] > 1.8 * spans[0]
+
+
+def test_a_condition_too_far_for_newton_is_followed(monkeypatch):
+    """Of a solver that finds nothing further than 3 Hz away; the period is that of one which leaps."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    condition = SweepCondition(id=0, excitation_frequency="90 Hz", excitation_amplitude="50 N")
+    rig = small_rig.rig(small_rig.observed(SD, (0,), (condition,), 2e-15, 3e-9))
+    simulation = rig.simulate(Hypothesis())
+    end, solver, tried = simulation.loops[-1], rig.solver(), [simulation.loops[-1].problem.frequency]
+
+    class Short:
+        def solve(self, problem, start):
+            if abs(problem.frequency - tried[-1]) > 3.0:
+                raise NonConvergenceError("too far")
+            tried.append(problem.frequency)
+            return solver.solve(problem, start)
+
+    found = rig._followed(PeriodicCycle(Short(), rig.case_problem(Hypothesis())), end, condition)
+    assert tried[-1] == 90.0
+    assert len(tried) > 4
+    leapt = simulation.sweep[0].solution
+    assert found.displacement == pytest.approx(leapt.displacement, abs=1e-3 * np.ptp(leapt.displacement))
 
 
 def test_a_finer_mesh_may_take_the_periods_of_its_nodes(monkeypatch):
