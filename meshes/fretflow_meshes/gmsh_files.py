@@ -146,6 +146,10 @@ def read_mesh(path: Path) -> HexMesh:
             connectivity[name] = _elements(gmsh, path, name, groups, [_TYPES[degree][1]])
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
     used = np.unique(np.concatenate([nodes.ravel() for nodes in connectivity.values()]))
+    missing = used[~np.isin(used, tags.astype(np.int64))]
+    if len(missing):  # a damaged number may point to what gmsh holds in memory for a node
+        raise MeshError(f"{path}: is damaged: its elements name {len(missing)} nodes that are not there; "
+                        "write the mesh anew")
     order = np.argsort(tags)
     points = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
     number = {name: np.searchsorted(used, nodes) for name, nodes in connectivity.items()}

@@ -91,6 +91,17 @@ def test_a_mesh_on_which_gmsh_crashes_is_refused(mesh):
         read_specimen(mesh, Specimen(), Mesh(contact_elements=2), Side.UPPER, mesh.with_name("own.msh"))
 
 
+def test_a_mesh_whose_elements_have_nodes_that_are_not_there_is_refused(mesh, monkeypatch):
+    """What gmsh makes of a damaged number, where memory lets it live on."""
+    import gmsh
+
+    every = gmsh.model.mesh.getNodes
+    monkeypatch.setattr(gmsh.model.mesh, "getNodes",
+                        lambda: (every()[0][1:], every()[1][3:], every()[2]))
+    with pytest.raises(MeshError, match=r"upper\.msh: is damaged: its elements name 1 nodes that are not there"):
+        read_mesh(mesh)
+
+
 def test_a_script_that_is_called_a_mesh_is_not_run(tmp_path):
     from fretflow.structure.fem.mesh_file import read_mesh as read
     from mpi4py import MPI

@@ -81,7 +81,7 @@ def read_bodies(path: Path, unit: float = 1.0) -> MeshedBodies:
         gmsh.model.mesh.renumberNodes()
         try:
             domain, cell_tags, facet_tags = compat.mesh_from_gmsh(compat.ONE_RANK)
-        except (RuntimeError, KeyError, ValueError) as error:
+        except (RuntimeError, LookupError, ValueError) as error:
             raise MeshError(f"{path}: cannot be made a mesh ({error}); all volumes need elements of one kind, and "
                             "surface groups their faces") from error
     domain.geometry.x[:] *= unit
