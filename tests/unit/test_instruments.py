@@ -168,11 +168,32 @@ def test_noise_of_channels_makes_no_gain_smaller() -> None:
 
     x, force, every = drawn(1.0, key), drawn(1.0, key), np.arange(len(key))
     found = Equations(x / 0.9 + force, x + drawn(0.2, every), force + drawn(0.2, every), drawn(1.0, key),
-                      drawn(1.0, key), harmonic.astype(float), harmonic, loop, loop).solve()
+                      drawn(1.0, key), harmonic.astype(float), harmonic, loop, every // 5, loop).solve()
     sd = np.sqrt(np.diag(found.covariance))
     assert np.abs(found.values - [1.0 / 0.9, 0.0, 1.0, 0.0, 0.0, 0.0]) == pytest.approx(np.zeros(6), abs=4.0 * sd.max())
     assert found.values[0] - found.attenuated[0] == pytest.approx(1.0 / 0.9 / 1.04, rel=0.02)
     assert not found.holds
+
+
+def test_gains_are_no_surer_than_the_repeats_that_tell_them() -> None:
+    """Each of 32 repeats has a gain of its own in all of its harmonics: what is found scatters as much as is told."""
+    rng = np.random.default_rng(2)
+    repeat, harmonic = (own.ravel() for own in np.meshgrid(np.arange(32), np.arange(1, 6), indexing="ij"))
+    loop = repeat // 4
+
+    def drawn(size: float, rows: np.ndarray) -> np.ndarray:
+        values = size * (rng.standard_normal((2, rows.max() + 1)).T @ [1.0, 1.0j])
+        return values[rows]
+
+    found, told = [], []
+    for _ in range(200):
+        x, force, other, damped = (drawn(1.0, 6 * loop + harmonic) for _ in range(4))
+        gains = 1.0 + 0.05 * rng.standard_normal((2, 32))[:, repeat]
+        one = Equations(x + force + drawn(1e-3, np.arange(160)), x * gains[0], force * gains[1], other, damped,
+                        harmonic.astype(float), harmonic, loop, repeat, loop).solve()
+        found.append(one.values[[0, 2]])
+        told.append(np.sqrt(np.diag(one.covariance)[[0, 2]]))
+    assert np.std(found, axis=0) == pytest.approx(np.mean(told, axis=0), rel=0.25)
 
 
 @pytest.mark.real_data

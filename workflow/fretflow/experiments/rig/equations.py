@@ -7,7 +7,9 @@ At each harmonic of every repeat, with the rig's receptances H, block b, arm a, 
 The gains g, delays t, c and d, by which the rig's damping differs from what is stated, are fitted by linear least
 squares. Repeats tell the errors, so that whether the equations hold at all is an F test of lack of fit (N. R. Draper,
 H. Smith, Applied Regression Analysis, 3rd ed. (1998), 2.1). The terms have such errors too, which make the unknowns too
-small: what repeats tell of them is taken off the moments (W. A. Fuller, Measurement Error Models (1987), 2.2).
+small: what repeats tell of them is taken off the moments (W. A. Fuller, Measurement Error Models (1987), 2.2). One gain
+of a repeat changes all its harmonics: the unknowns are no surer than their repeats, taken as a whole each, make them
+(K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
 """
 
 from __future__ import annotations
@@ -64,8 +66,10 @@ class Solution:
     covariance: Array  # (p, p)
     squares: float
     freedom: int
+    repeats: int
     lack_of_fit: float  # p-value
     attenuated: Array  # (p,), by what errors of the terms had made the unknowns too small
+    independent: Array  # (p,), variances if a repeat's harmonics had errors of their own
 
     @property
     def holds(self) -> bool:
@@ -74,8 +78,16 @@ class Solution:
         Loops that do not repeat themselves with the drive are none that the equations hold for: gains would follow
         from how their repeats differ.
         """
-        moved = self.attenuated[GAINS]**2 / np.diag(self.covariance)[GAINS]
+        moved = self.attenuated[GAINS]**2 / self.independent[GAINS]
         return self.lack_of_fit > LEVEL and bool(np.all(stats.f.sf(moved, 1, self.freedom) > LEVEL))
+
+    def is_off(self, distance: float, variance: float, known: float = 0.0) -> bool:
+        """Tell whether a distance is more than chance makes it; of its variance repeats tell one part.
+
+        Degrees of freedom by F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110-114.
+        """
+        freedom = max(1, self.repeats - len(self.values)) * ((variance + known) / variance)**2
+        return bool(stats.f.sf(distance**2 / (variance + known), 1, freedom) < LEVEL)
 
     def better_than(self, plain: Solution) -> bool:
         """Tell whether the unknowns beyond those of `plain` take more off what is left than chance does."""
@@ -100,6 +112,7 @@ class Equations:
     omega: Array  # rad/s
     harmonic: NDArray[np.int64]
     loop: NDArray[np.int64]
+    repeat: NDArray[np.int64]  # numbered over all loops
     cycles: NDArray[np.int64]
 
     @classmethod
@@ -121,8 +134,8 @@ class Equations:
             lines = [np.fft.rfft(loops.channels[name], axis=2) * 2.0 / len(loops.phase)
                      for name in ("excitation", "displacement", loops.force_name)]
             for k, j in zip(*np.nonzero(loops.usable), strict=True):
-                rows += [(*(line[k, j, n] for line in lines), 2.0 * np.pi * n * frequency[k], n, place + k, cycles[k])
-                         for n in range(1, SMOOTH + 1)]
+                rows += [(*(line[k, j, n] for line in lines), 2.0 * np.pi * n * frequency[k], n, place + k,
+                          len(rows) // SMOOTH, cycles[k]) for n in range(1, SMOOTH + 1)]
         excitation, x, force, omega, *places = (np.array(column) for column in zip(*rows, strict=True))
         receptance = np.linalg.inv(rig.impedance(omega))
         block, arm = receptance[:, 1, 0], receptance[:, 1, 1]
@@ -190,8 +203,13 @@ class Equations:
         pure = float(np.sum((weight * np.abs(left - self._repeated(left)))**2))
         lacking = 2 * count - len(values)
         ratio = (squares - pure) / lacking / (pure / freedom)
-        return Solution(values, inverse * squares / (freedom + lacking), squares, freedom + lacking,
-                        float(stats.f.sf(ratio, lacking, freedom)), values - plain)
+        covariance, repeats = inverse * squares / (freedom + lacking), len(np.unique(self.repeat))
+        summed = np.zeros((repeats, len(values)))  # the score of each repeat
+        np.add.at(summed, np.tile(self.repeat, 2), rows * _real(weight * left)[:, None])
+        alike = np.sum((summed @ inverse)**2, axis=0) * repeats / (repeats - 1) / np.diag(covariance)
+        less = np.sqrt(np.maximum(alike, 1.0))
+        return Solution(values, covariance * np.outer(less, less), squares, freedom + lacking, repeats,
+                        float(stats.f.sf(ratio, lacking, freedom)), values - plain, np.diag(covariance))
 
     def _repeated(self, values: Complex) -> Complex:
         """Return the means (n,) over the repeats."""

@@ -21,7 +21,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.sensor_drift import SensorDrift
-from fretflow.experiments.rig.equations import DELAYS, GAINS, Equations, Solution, Unknown, blocks_of, is_periodic
+from fretflow.experiments.rig.equations import DELAYS, GAINS, Equations, Unknown, blocks_of, is_periodic
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
 from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED, Array
 from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear, friction_from_energy
@@ -140,10 +140,10 @@ def _late(recording: Recording, case: Case) -> list[str]:
     if found is None:  # nothing tells the errors: the fundamentals tell large delays alone
         off = np.abs(late) > ChannelDelay.priors()["delay"].high
     else:
-        covariance = found.covariance[np.ix_(DELAYS, DELAYS)] + (SYNCHRONISED * period)**2 * np.eye(2)
-        off = np.array([_off(found, late[k], covariance[k, k]) for k in (0, 1)])
+        covariance, known = found.covariance[np.ix_(DELAYS, DELAYS)], (SYNCHRONISED * period)**2
+        off = np.array([found.is_off(late[k], covariance[k, k], known) for k in (0, 1)])
         across = np.array([1.0, -1.0])
-        if off.all() and not _off(found, float(across @ late), float(across @ covariance @ across)):
+        if off.all() and not found.is_off(float(across @ late), float(across @ covariance @ across), 2.0 * known):
             return [_comes("excitation", -float(np.mean(late)), "the other channels")]
         off[1] &= abs(late[1]) > ChannelDelay.priors()["delay"].high
     return [_comes(name, float(late[k]), "the excitation")
@@ -203,7 +203,7 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
                    "friction force": equations.friction + free.values[Unknown.COMPLIANCE] * equations.force}[name]
             free = equations.solve([np.where(equations.cycles == count, own, 0.0) for count in counts[1:]])
         stated = recording.loops.calibration_sd.get(name.replace(" ", "_"), 0.0)
-        if free.holds and free.better_than(plain) and _off(free, free.values[-1], free.covariance[-1, -1] + stated**2):
+        if free.holds and free.better_than(plain) and free.is_off(free.values[-1], free.covariance[-1, -1], stated**2):
             fitted.append((free.lack_of_fit, name, free))
     if not fitted:
         return []
@@ -223,10 +223,11 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
     loops = recording.loops
     stated = [loops.calibration_sd.get(name, 0.0) for name in ("displacement", loops.force_name)]
     x, force = found.values[GAINS]
-    covariance = found.covariance[np.ix_(GAINS, GAINS)] + np.diag(np.square(stated))
-    wrong = [_off(found, x - 1.0, covariance[0, 0]), _off(found, force - 1.0, covariance[1, 1])]
-    sd = np.sqrt(np.diag(covariance))
-    if all(wrong) and not _off(found, x - force, float(np.array([1.0, -1.0]) @ covariance @ np.array([1.0, -1.0]))):
+    covariance, across = found.covariance[np.ix_(GAINS, GAINS)], np.array([1.0, -1.0])
+    apart, both = float(across @ covariance @ across), float(np.sum(np.square(stated)))
+    wrong = [found.is_off(gain - 1.0, covariance[k, k], stated[k]**2) for k, gain in enumerate((x, force))]
+    sd = np.sqrt(np.diag(covariance) + np.square(stated))
+    if all(wrong) and not found.is_off(x - force, apart, both):
         return [_gain("excitation", x, sd[0])], []
     told = [_gain("friction force", 1.0 / force, sd[1] / force**2)] if wrong[1] else []
     mass, arm = case.rig.moving_mass, case.rig.arm_mass
@@ -269,11 +270,6 @@ def _drifts(cycles: Array, values: Array, lost: float) -> bool:
     """Tell whether values (K,) rise or fall with the cycles by more than chance makes, and than is lost anyway."""
     line = stats.linregress(cycles, values)
     return bool(abs(line.slope) * np.ptp(cycles) > lost and line.pvalue < LEVEL)
-
-
-def _off(found: Solution, distance: float, variance: float) -> bool:
-    """Tell whether a distance is more than chance makes it."""
-    return bool(stats.f.sf(distance**2 / variance, 1, found.freedom) < LEVEL)
 
 
 def _gain(name: str, gain: float, sd: float) -> str:
