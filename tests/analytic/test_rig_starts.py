@@ -131,13 +131,6 @@ def test_a_leading_set_is_held_to_what_finer_models_say_at_its_own_fit(recorded)
     assert before < 1e-6 * after
 
 
-def test_repeats_that_differ_smoothly_are_told(recorded):
-    fitter, _ = recorded()
-    observation = fitter.experiment.rig.observation
-    assert not replace(observation, smooth_share=0.2).unsteady
-    assert replace(observation, smooth_share=0.8).unsteady
-
-
 def test_of_motions_that_coexist_the_measured_one_is_predicted(monkeypatch):
     """About the fold of a hardening support; integration in time keeps to either, and no third is made up."""
     monkeypatch.syspath_prepend(Path(__file__).parent)

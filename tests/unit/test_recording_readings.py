@@ -12,7 +12,14 @@ from fretflow.core.errors import UnreliableRecordingError
 from fretflow.recordings import readings
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.readings import Source, read_recorded_loops
-from fretflow.recordings.repeatability import moderated, repeatability, smooth_share, smooth_waves
+from fretflow.recordings.repeatability import (
+    deviations,
+    is_unsteady,
+    moderated,
+    repeatability,
+    smooth_share,
+    smooth_waves,
+)
 
 LOAD, NORMAL_90 = 60.0, 1.6449
 TURNS = (np.arange(160) + 0.37) / 160
@@ -215,19 +222,25 @@ def test_absent_repeats_do_not_count(spring_slider):
         repeatability(values[:, :1])
 
 
-def test_repeats_that_differ_smoothly_are_told_from_noise():
-    """White noise of N samples has 10 / N of its power in five harmonics; loops that wander have nearly all of it."""
+def test_repeats_that_differ_as_a_motion_does_are_told_from_noise():
+    """Not gains, offsets, white noise, noise of a colour or what a parameter that scatters does."""
     rng, phase = np.random.default_rng(11), 2.0 * np.pi * np.arange(160) / 160
-    loops = np.broadcast_to(np.cos(phase), (40, 3, 160))
-    noise = 0.1 * rng.standard_normal(loops.shape)
-    assert repeatability(loops + noise).smooth_share == pytest.approx(10.0 / 160.0, rel=0.2)
-    gains, offsets = 1.0 + 0.2 * rng.standard_normal((40, 3, 1)), rng.standard_normal((40, 3, 1))
-    assert repeatability(gains * loops + offsets + noise).smooth_share < 0.1
-    wandering = rng.standard_normal((40, 3, 1)) * np.sin(phase)
-    assert repeatability(loops + noise + wandering).smooth_share > 0.9
-    square = np.broadcast_to(np.sign(np.sin(phase - 0.7)), (40, 160))  # what a parameter that scatters does
-    scattering = loops + noise + 0.5 * rng.standard_normal((40, 3, 1)) * square[:, None]
-    assert repeatability(scattering).smooth_share > 0.7
-    assert smooth_share(scattering, square) == pytest.approx(10.0 / 160.0, rel=0.2)
-    assert smooth_share(scattering + rng.standard_normal((40, 3, 1)) * np.sin(2.0 * phase), square) > 0.9
-    assert smooth_share(loops[:, :1], square) == 0.0
+    loops, square = np.broadcast_to(np.cos(phase), (40, 3, 160)), np.sign(np.sin(phase - 0.7))
+    shapes = 2 * [np.broadcast_to(square, (40, 160))]
+
+    def one(*also):
+        """Return repeats with noise of their own, and the same in both channels of what they share."""
+        gains, offsets = 1.0 + 0.2 * rng.standard_normal((40, 3, 1)), rng.standard_normal((40, 3, 1))
+        return gains * loops + offsets + 0.1 * rng.standard_normal(loops.shape) + sum(also)
+
+    wander, beat, scatter = (size * rng.standard_normal((40, 3, 1)) for size in (1.0, 1.0, 0.5))
+    coloured = (rng.standard_normal((40, 3, 1)) * np.sin(2.0 * phase) for _ in range(2))
+    assert not is_unsteady(one(), one())
+    assert not is_unsteady(*(one(colour) for colour in coloured))
+    assert is_unsteady(one(wander * np.sin(phase)), one(2.0 * wander * np.sin(phase - 0.3)))
+    both = [one(scatter * square), one(-scatter * square)]
+    assert is_unsteady(*both)
+    assert not is_unsteady(*both, shapes)
+    assert is_unsteady(*(each + beat * np.sin(2.0 * phase) for each in both), shapes)
+    assert not is_unsteady(*(each[:, :1] for each in both))
+    assert smooth_share(deviations(one())) == pytest.approx(10.0 / 160.0, rel=0.2)

@@ -238,23 +238,24 @@ def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> No
 
     def scattered(way: Any) -> Any:
         assert plain.loops is not None
-        off = 1e-6 * rng.standard_normal((len(COUNTS), 3, 1)) * way
-        channels = {**plain.loops.channels, "displacement": plain.loops.channels["displacement"] + off}
+        off = rng.standard_normal((len(COUNTS), 3, 1)) * way
+        channels = {name: values + (1e-6 * off if name == "displacement" else off)
+                    for name, values in plain.loops.channels.items()}
         return observe(replace(plain, loops=replace(plain.loops, channels=channels)))
 
     follows, beats = np.sign(np.sin(phase - 0.6)), np.sin(2.0 * phase)
-    for way, share in ((follows, 10.0 / SAMPLES), (beats, 0.85)):  # of white noise ten in so many lie in five harmonics
+    for way, is_motion in ((follows, False), (beats, True)):
         seen = scattered(way)
-        assert seen.smooth_share > 0.7
+        assert seen.unsteady
         slope = np.zeros(len(seen.values))
         lines = np.fft.rfft(follows[::8])[:seen.harmonics + 1]
         for piece in seen.pieces:
-            if piece.channel == "displacement":
+            if piece.channel in ("displacement", "friction_force"):
                 slope[piece.place] = np.fft.irfft(lines, seen.samples)
         left = seen.scattering(slope)
-        assert (left.smooth_share > 0.7) == (share > 0.7)
-        assert left.smooth_share == pytest.approx(share, abs=0.15)
+        assert left.unsteady == is_motion
         assert np.array_equal(left.values, seen.values)
+    assert not observe(plain).unsteady
 
 
 def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> None:
@@ -327,3 +328,29 @@ def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
     needed = "baseline.compliance" if compliance else "the friction coefficient"
     told = f"needs {needed} far from what is stated or possible"
     assert judged.against == ("" if verdict is Verdict.NAMED else told)
+
+
+@pytest.mark.parametrize(("drive", "said"), [("steady", "unknown"), ("wandering", "named"), ("unrecorded", "named")])
+@pytest.mark.parametrize("first", [Verdict.NAMED, Verdict.NONE])
+def test_a_motion_that_does_not_repeat_itself_with_a_drive_that_does_is_of_no_model(
+        first: Verdict, drive: str, said: str) -> None:
+    """Not where the drive wanders with it, or may do so."""
+    plain, rng = noisy(0.0), np.random.default_rng(9)
+    assert plain.loops is not None
+    off = rng.standard_normal((len(COUNTS), 3, 1)) * np.sin(2.0 * plain.loops.phase)
+    channels = {**plain.loops.channels, "displacement": plain.loops.channels["displacement"] + 1e-6 * off}
+    if drive != "unrecorded":
+        noise = 0.1 * rng.standard_normal(off.shape)
+        channels["excitation"] = np.cos(plain.loops.phase) + noise + (off if drive == "wandering" else 0.0)
+    names, none = frozenset({"viscous"}), 0.05 if first is Verdict.NAMED else 0.95
+    sets = {frozenset(): none, names: 0.96 - none}
+    found = Found(first, (names,) if first is Verdict.NAMED else (), names, 0.9, max(sets.values()), (),
+                  Posterior(sets, 0.04, {}))
+    judged = run.periodic(found, replace(plain, loops=replace(plain.loops, channels=channels)))
+    if said == "named":
+        assert judged is found
+    else:
+        assert judged.verdict is Verdict.UNKNOWN
+        assert judged.against == "repeats itself with the drive, which the recorded motion does not"
+        assert judged.probability == pytest.approx(1.0 - judged.posterior.none - judged.posterior.listed)
+        assert 0.95 < judged.probability < 1.0

@@ -11,6 +11,8 @@ little of a single phase: by chance alone some would seem far surer than others,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -19,6 +21,7 @@ from scipy.special import digamma, polygamma
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
+from fretflow.recordings.periods import LEVEL
 
 SMOOTH = 5  # harmonics: above, the masses of a rig let nothing through; of white noise of N samples 10 / N lie in these
 COLOURED = 0.05  # p-value of white noise below which noise has a colour
@@ -34,8 +37,7 @@ class Repeatability:
     gain_sd: float = quantity("1")  # between repeats, relative, beyond what noise explains
     offset_sd: float  # between repeats, beyond what noise explains
     repeat_sd: Array = quantity("", "(N,), between repeats in all: the floor of a single loop")
-    smooth_share: float = quantity("1", default=0.0)  # of what is left of these differences, in `SMOOTH` harmonics
-    smooth_excess: float = quantity("1", default=0.0)  # of these harmonics' variance over that of all others, less one
+    smooth_excess: float = quantity("1", default=0.0)  # variance of `SMOOTH` harmonics over that of others, less one
 
     def covariance(self, k: int) -> Array:
         """Return the covariance (N, N) of the mean loop at cycle count `k` by noise, gain and offset."""
@@ -81,7 +83,6 @@ def repeatability(values: Array) -> Repeatability:
     fitted = np.sqrt(np.maximum(between - noise_of_fit * noise.mean(), 0.0) / freedom)
     return Repeatability(mean=mean, repeats=repeats, noise_sd=np.sqrt(noise), gain_sd=float(fitted[0]),
                          offset_sd=float(fitted[1]), repeat_sd=np.sqrt(total / freedom),
-                         smooth_share=smooth / max(float(rest.sum()), 1e-300),
                          smooth_excess=_excess(smooth, float(rest.sum()), freedom, samples))
 
 
@@ -113,30 +114,43 @@ def moderated(variance: Array, freedom: int) -> Array:
     return np.asarray((own * scale + half * variance) / (own + half))
 
 
-def is_unsteady(share: float, samples: int) -> bool:
-    """Tell whether a `smooth_share` of loops of so many samples is that of changes of the loops rather than of noise.
+def is_unsteady(displacement: Array, force: Array, shapes: Sequence[Array] | None = None) -> bool:
+    """Tell whether repeats (K, R, N) differ by a motion, which then does not repeat itself with the drive.
 
-    Then the motion does not repeat itself with the drive. Noise of few samples is smooth by a share of its own.
+    Most of what they differ by is smooth, and goes with each other in both channels, as what moves a rig does and no
+    sensors' noise, whatever its colour: the squared coherence of n independent harmonics is above g by a chance of
+    (1 - g)^(n - 1). A change of known `shapes` (K, N) of both, as a parameter makes that scatters, is no such motion.
+
+    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), 9.2.3.
     """
-    return share > 0.5 * (1.0 + 2.0 * SMOOTH / samples)
+    left = [deviations(*one) for one in zip((displacement, force), shapes or (None, None), strict=True)]
+    freedom = len(left[0]) - int(np.sum(np.isfinite(displacement).all(axis=2).sum(axis=1) > 1))
+    smooth = 0.5 * (1.0 + 2.0 * SMOOTH / displacement.shape[2])  # few samples of white noise are smooth by a share
+    if freedom < 2 or len(left[0]) != len(left[1]) or max(map(smooth_share, left)) < smooth:
+        return False
+    a, b = (np.fft.rfft(one)[:, 1:SMOOTH + 1] for one in left)
+    powers = np.sum(np.abs(a)**2, axis=0) * np.sum(np.abs(b)**2, axis=0)
+    coherence = np.abs(np.sum(a * b.conj(), axis=0))**2 / np.maximum(powers, 1e-300)
+    return bool(SMOOTH * np.min((1.0 - np.minimum(coherence, 1.0))**(freedom - 1)) < LEVEL)
 
 
-def smooth_share(values: Array, shapes: Array) -> float:
-    """Return `Repeatability.smooth_share` of repeats (K, R, N) where a change of a known shape (K, N) counts as noise.
-
-    That is what a parameter does that scatters from repeat to repeat. Without repeats nothing differs.
-    """
-    smooth = rest = 0.0
-    for every, shape in zip(values, shapes, strict=True):
+def deviations(values: Array, shapes: Array | None = None) -> Array:
+    """Return by what repeats (K, R, N) differ from their mean (any, N), without gain, offset and `shapes` (K, N)."""
+    found = [np.zeros((0, values.shape[2]))]
+    for k, every in enumerate(values):
         loops = every[np.isfinite(every).all(axis=1)]
         if len(loops) < 2:
             continue
         mean = loops.mean(axis=0)
-        basis, _ = np.linalg.qr(np.stack([mean - mean.mean(), np.ones_like(mean), shape], axis=1))
-        left = loops - mean
-        left = left - left @ basis @ basis.T
-        smooth, rest = smooth + _smooth(left), rest + float(np.sum(left**2))
-    return smooth / max(rest, 1e-300)
+        known = [mean - mean.mean(), np.ones_like(mean), *([] if shapes is None else [shapes[k]])]
+        basis, _ = np.linalg.qr(np.stack(known, axis=1))
+        found.append(loops - mean - (loops - mean) @ basis @ basis.T)
+    return np.concatenate(found)
+
+
+def smooth_share(left: Array) -> float:
+    """Return the share of `deviations` (any, N) that lies in the first `SMOOTH` harmonics."""
+    return _smooth(left) / max(float(np.sum(left**2)), 1e-300)
 
 
 def _smooth(left: Array) -> float:

@@ -27,7 +27,7 @@ from scipy import stats
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import SMOOTH, is_unsteady, repeatability
+from fretflow.recordings.repeatability import SMOOTH, is_unsteady
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 Array = NDArray[np.float64]
@@ -221,11 +221,7 @@ class Equations:
 
 def is_periodic(loops: LoopSet) -> bool:
     """Tell whether displacement and force repeat themselves with the drive but for noise, as far as repeats tell."""
-    for values in (loops.channels["displacement"], loops.channels[loops.force_name]):
-        known = np.isfinite(values).all(axis=2).sum(axis=1) > 1
-        if known.any() and is_unsteady(repeatability(values).smooth_share, values.shape[2]):
-            return False
-    return True
+    return not is_unsteady(loops.channels["displacement"], loops.channels[loops.force_name])
 
 
 def _real(rows: Complex) -> Array:

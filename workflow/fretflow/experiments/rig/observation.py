@@ -20,7 +20,7 @@ from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_share, smooth_waves
+from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_waves
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
 
@@ -94,18 +94,13 @@ class Observation:
     aligned_to: str  # channel whose fundamental's maximum is phase zero
     conditions: tuple[SweepCondition, ...]
     points: Array = quantity("m", "(P, 2), of the map")
-    smooth_share: float = quantity("1", default=0.0)  # of what repeats differ by, the largest of the loops' channels
-    repeats: tuple[Repeats, ...] = ()  # of the channels that tell this
+    repeats: tuple[Repeats, ...] = ()  # of displacement and friction force, by turns
+    unsteady: bool = False  # whether the motion does not repeat itself with the drive, as that of all models here does
 
     @property
     def samples(self) -> int:
         """Return the samples of a loop: those that its harmonics need."""
         return 2 * self.harmonics + 1
-
-    @property
-    def unsteady(self) -> bool:
-        """Tell whether the motion does not repeat itself with the drive, as that of all models here does."""
-        return is_unsteady(self.smooth_share, self.samples)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -128,10 +123,11 @@ class Observation:
 
         What that makes repeats differ by is no sign of a motion that does not repeat itself.
         """
-        shares = [smooth_share(one.values, np.stack([
-            np.fft.irfft(np.fft.rfft(slope[place]), one.values.shape[2]) for place in one.places]))
-            for one in self.repeats]
-        return replace(self, smooth_share=max(shares, default=0.0))
+        shapes = [np.stack([np.fft.irfft(np.fft.rfft(slope[place]), one.values.shape[2]) for place in one.places])
+                  for one in self.repeats]
+        return replace(self, unsteady=any(
+            is_unsteady(x.values, force.values, both) for x, force, both in zip(
+                self.repeats[::2], self.repeats[1::2], zip(shapes[::2], shapes[1::2], strict=True), strict=True)))
 
     def rows(self, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
@@ -151,7 +147,6 @@ class _Stack:
     floor: list[Array]
     pieces: list[Piece]
     shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
-    smooth: list[float]  # share of what repeats differ by, see `Repeatability`
     repeats: list[Repeats]
 
     @property
@@ -180,7 +175,7 @@ def observe(recording: Recording) -> Observation:
         If it holds neither loops with displacement and friction force nor a map of the worn depth, or too few samples.
     """
     check_blocks(recording)
-    stack = _Stack([], [], [], [], [], [], [], [])
+    stack = _Stack([], [], [], [], [], [], [])
     _check_samples(recording)
     sizes = {} if recording.loops is None else _add_loops(stack, recording.loops, None, {})
     if recording.sweep is not None:
@@ -205,7 +200,8 @@ def observe(recording: Recording) -> Observation:
         pieces=tuple(stack.pieces), harmonics=HARMONICS,
         aligned_to="excitation" if recording.loops is None else recording.loops.aligned_to,
         conditions=() if recording.sweep is None else recording.sweep.conditions, points=points,
-        smooth_share=max(stack.smooth, default=0.0), repeats=tuple(stack.repeats))
+        repeats=tuple(stack.repeats), unsteady=any(is_unsteady(x.values, force.values) for x, force in zip(
+            stack.repeats[::2], stack.repeats[1::2], strict=True)))
 
 
 def check_blocks(recording: Recording) -> None:
@@ -325,7 +321,6 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
                                  mean if kind.growing else centred)),
                              (f"{channel} zero", place, np.full(samples, kind.free * found.setdefault(channel, size)))]
         if kind.needed:
-            stack.smooth.append(spread.smooth_share)
             stack.repeats.append(Repeats(values[known], tuple(places)))
     return found
 
@@ -347,10 +342,10 @@ def _size(channel: LoopChannel, means: Array) -> float:
 def _spread(values: Array) -> Repeatability:
     """Return what repeats say; without repeats, the noise is taken from what the samples do from one to the next."""
     there, limited = np.isfinite(values).all(axis=2), band_limited(values, HARMONICS)
-    if np.any(there.sum(axis=1) > 1):  # the floor, and how smooth differences are, go by all that a sample holds
+    if np.any(there.sum(axis=1) > 1):  # the floor goes by all that a sample holds
         whole = repeatability(values)
         floor = np.full(limited.shape[2], np.sqrt(np.mean(whole.repeat_sd**2)))
-        return replace(repeatability(limited), smooth_share=whole.smooth_share, repeat_sd=floor)
+        return replace(repeatability(limited), repeat_sd=floor)
     mean = np.where(there[:, 0, None], limited[:, 0], np.nan)
     noise = CORRELATED * float(np.median(noise_sd(values[there[:, 0], 0])))
     flat, within = np.full(limited.shape[2], noise), np.sqrt(limited.shape[2] / values.shape[2])

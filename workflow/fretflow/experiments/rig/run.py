@@ -48,14 +48,18 @@ from fretflow.inference.posterior import (
     decide,
     detected,
     held_to,
+    largest_odds,
     ruled_out,
+    shared_anew,
     smallest_visible,
 )
 from fretflow.inference.search import FAST, FULL, Pool, Search
 from fretflow.inference.strategy import Progress, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed
+from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
+from fretflow.recordings.repeatability import is_unsteady
 from fretflow.solvers.periodic import PeriodicProblem
 
 
@@ -111,8 +115,8 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     before = _plainly(experiment, hypotheses.baseline)
     detection = detect(experiment.rig.observation, before)
     found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)
-    if not experiment.rig.observation.unsteady:  # else what repeats differ by is motion, and no noise to hide in
-        found = beyond_noise(found, hypotheses)
+    # where what repeats differ by is motion, there is no noise to hide in
+    found = periodic(found, recording) if experiment.rig.observation.unsteady else beyond_noise(found, hypotheses)
     progress(0.85, "held-out loops")
     unseen = held_out(hypotheses, experiment, found.after)
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
@@ -189,6 +193,20 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
         return found
     needed = listed([one.name for one in beyond]) if beyond else "the friction coefficient"
     return ruled_out(found, f"needs {needed} far from what is stated or possible")
+
+
+def periodic(found: Found, recording: Recording) -> Found:
+    """Return a verdict held to repeats of a motion that are no repeats: with a drive that has its own, no model is so.
+
+    What drives the rig may wander itself where it is not recorded.
+    """
+    loops = recording.loops
+    if loops is None or "excitation" not in loops.channels or is_unsteady(
+            loops.channels["excitation"], loops.channels["displacement"]):
+        return found
+    left = found.posterior.none / (1.0 + largest_odds(LEVEL))
+    return ruled_out(shared_anew(found, left, 1.0), "repeats itself with the drive, which the recorded motion does not",
+                     LEVEL)
 
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
