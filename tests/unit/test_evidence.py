@@ -30,7 +30,7 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import by_form_alone, decide, left_out
 from fretflow.inference.search import FAST, Search, Start
-from fretflow.inference.strategy import begin_all, leading, search, start_search
+from fretflow.inference.strategy import begin_all, exchange_laws, leading, search, start_search
 from fretflow.inference.verdict import Verdict
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
@@ -485,3 +485,54 @@ def test_numerical_errors_are_put_right_where_the_fit_has_moved_to() -> None:
     search(found, lambda share, text: None)
     fit = found.fits[frozenset({"viscous"})]
     assert fit.parameters.values(fit.z)["viscous"]["size"] == pytest.approx(0.6, abs=0.006)
+
+
+@dataclass(frozen=True)
+class Springs(Waves):
+    """Loops whose first wave an asperity law adds, growing by `gain` over the test where it evolves."""
+
+    listed: tuple[str, ...] = ("contact-stiffness", "contact-stiffness-evolution", "viscous")
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the size of the cosine, the stiffness and how much that grows."""
+        fields = {"contact-stiffness": ("stiffness",), "contact-stiffness-evolution": ("stiffness", "gain"),
+                  "viscous": ("damping",)}
+        own = tuple(Coordinate.within(name, field, *(0.01, 1.0) if field == "gain" else (1.0, 10.0), True)
+                    for name in sorted(effects) for field in fields[name])
+        return Parameters(tuple(sorted(effects)), (*BASELINE, *own))
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the sum of the waves."""
+        own, share = point.parameters.values(point.z), self.measurement.cycles
+        found = own[""]["friction"] * cosine() + own.get("viscous", {}).get("damping", 0.0) * wave("viscous")
+        for name in ("contact-stiffness", "contact-stiffness-evolution"):
+            if name in point.effects:
+                growth = 1.0 + own[name].get("gain", 0.0) * share
+                found = found + own[name]["stiffness"] * growth * wave("support-nonlinearity")
+        return Prediction(point, found)
+
+
+@pytest.mark.parametrize("beside", [(), ("viscous",)])
+@pytest.mark.parametrize(("known", "stuck"), [
+    ("contact-stiffness", "contact-stiffness-evolution"), ("contact-stiffness-evolution", "contact-stiffness")])
+def test_a_law_is_begun_where_one_that_it_extends_or_that_extends_it_was_fitted(
+        known: str, stuck: str, beside: tuple[str, ...]) -> None:
+    """A fit that stands still far off is no reason not to: alone, or beside another effect."""
+    bare = Springs(measurement(cosine()))
+    there = bare.parameters([known, *beside])
+    wanted = np.array([0.2, *(0.4 for one in there.coordinates[1:])])
+    wanted[[one.field == "gain" for one in there.coordinates]] = -4.0  # 0.1 per cent
+    experiment = Springs(measurement(bare.predict(Point(there, wanted)).values))
+    found = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
+    space = experiment.parameters([stuck, *beside])
+    for point in (Point(experiment.parameters(()), np.zeros(1)), Point(there, wanted),
+                  Point(space, np.full(space.size, 3.0))):
+        fit = found.fitter.at(point, None)
+        found.fits[point.effects] = replace(fit, converged=True)
+    both = [frozenset([one, *beside]) for one in (known, stuck)]
+    assert found.fits[both[1]].chi_squared > 100.0 * found.fits[both[0]].chi_squared + 1e4
+    exchange_laws(found, len(both[0]))
+    assert found.fits[both[1]].chi_squared == pytest.approx(found.fits[both[0]].chi_squared, abs=3.0)
+    before = found.fits[both[1]]
+    exchange_laws(found, len(both[0]))
+    assert found.fits[both[1]] is before

@@ -14,8 +14,8 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.parameters import Array, signed_fields
-from fretflow.inference.search import Names, Search, Start, Task, basis, log_gain
+from fretflow.inference.parameters import HALF, Array, signed_fields
+from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved, log_gain
 from fretflow.recordings.periods import LEVEL
 
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
@@ -211,3 +211,38 @@ def without(found: Search, names: Names, effect: str) -> Task:
     space = found.experiment.parameters(sorted(names - {effect}), signs)
     return Task(found.fitter_of(names - {effect}), Point(space, fit.z[kept]), fit.prediction,
                 found.effort.last_steps // 2)
+
+
+def exchanged(found: Search, names: Names) -> list[Task]:
+    """Return fits with a law that extends one of a fitted set's, or that this extends, from where the set is fitted.
+
+    A wider law does all that a plainer one does, and is begun where it does little more.
+    """
+    fit, tasks = found.fits[names], []
+    for one in sorted(names):
+        for other in found.experiment.candidates():
+            swapped = names - {one} | {other}
+            known = found.fits.get(swapped)
+            if other in names or not (extends(one, other) or extends(other, one)) or (
+                    known is not None and known.objective <= fit.objective) or not (
+                    has_moved(fit, found.exchanged.get((names, swapped))) and found.experiment.together([*swapped])):
+                continue
+            found.exchanged[names, swapped] = fit.z
+            if swapped not in found.settled:
+                found.fitters[swapped] = found.fitter_of(names)
+            tasks.append(Task(found.fitter_of(swapped), _exchanged(found, fit, one, other), fit.prediction,
+                              found.effort.last_steps))
+    return tasks
+
+
+def _exchanged(found: Search, fit: Fit, one: str, other: str) -> Point:
+    """Return the point of a fit with another law in the place of `one`, which does as much as that, or little more."""
+    space = found.experiment.parameters(sorted(fit.effects - {one} | {other}), {
+        f"{other}.{name.removeprefix(f'{one}.')}" if name.startswith(f"{one}.") else name: sign
+        for name, sign in fit.parameters.signs.items()})
+    z = dict(zip((own.name for own in fit.parameters.coordinates), fit.z, strict=True))
+    plainest = catalogue()[other].plainest()
+    values = {name: getattr(plainest, name) for name in plainest.model_fields_set} | fit.parameters.values(fit.z)[one]
+    return Point(space, np.array([
+        float(np.clip(own.place(values[own.field]), -HALF, HALF)) if own.effect == other and own.field in values
+        else z.get(own.name, 0.0) for own in space.coordinates]))

@@ -25,7 +25,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import DRAWS, FORMS
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
-from fretflow.inference.search import Names, Search, Start, basis, log_gain
+from fretflow.inference.search import Names, Search, Start, basis, extends, log_gain
 from fretflow.inference.verdict import FALSE_ALARMS, Candidate, Detection, Estimate, HeldOut, Verdict
 from fretflow.recordings.readings import SEED
 
@@ -250,13 +250,7 @@ def _plainer(fewer: Names, names: Names) -> bool:
     if fewer < names:
         return True
     rest, more = fewer - names, names - fewer
-    return len(rest) == len(more) == 1 and _extends(*more, *rest)
-
-
-def _extends(wider: str, plainer: str) -> bool:
-    """Tell whether the law of one effect holds that of another."""
-    kinds = catalogue()
-    return wider != plainer and issubclass(kinds[wider], kinds[plainer])
+    return len(rest) == len(more) == 1 and extends(*more, *rest)
 
 
 def left_out(starts: list[Start], size: int, candidates: int) -> Array:
@@ -385,7 +379,7 @@ def taken_of_effects(found: Search, names: Names) -> Array:
 
 def _related(one: str, other: str) -> bool:
     """Tell whether two effects are the same, or the law of one holds that of the other."""
-    return one == other or _extends(one, other) or _extends(other, one)
+    return one == other or extends(one, other) or extends(other, one)
 
 
 def estimate(coordinate: Coordinate, z: float, half: float, draws: Array, told: tuple[str, str]) -> Estimate:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import (
     FORMS,
     SIZES,
@@ -122,6 +123,7 @@ class Search:
     starts: list[Start] = field(default_factory=list)
     stated: Fit | None = None  # the baseline as it was stated
     settled: dict[Names, Array] = field(default_factory=dict)  # where numerical errors were put right at own fits
+    exchanged: dict[tuple[Names, Names], Array] = field(default_factory=dict)  # where laws of sets were exchanged
     _signatures: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _chance: dict[Names, tuple[Fit, Array]] = field(default_factory=dict)
     _evidence: dict[tuple[Names, Names], tuple[Fit, Evidence]] = field(default_factory=dict)
@@ -316,6 +318,12 @@ class Search:
             return []
         best = self.log_evidence(sets[0], frozenset())
         return [names for names in sets if self.log_evidence(names, frozenset()) > best - NEGLIGIBLE]
+
+
+def extends(wider: str, plainer: str) -> bool:
+    """Tell whether the law of one effect holds that of another."""
+    kinds = catalogue()
+    return wider != plainer and issubclass(kinds[wider], kinds[plainer])
 
 
 def has_moved(fit: Fit, since: Array | None) -> bool:

@@ -19,6 +19,7 @@ from fretflow.inference.beginnings import (
     beginnings_task,
     beside,
     elsewhere_task,
+    exchanged,
     is_told,
     is_untold,
     is_worth,
@@ -49,6 +50,7 @@ def search(found: Search, progress: Progress) -> None:
     begin_all(found)
     progress(0.35, "fitting the most promising")
     to_rest(found, 1)
+    exchange_laws(found, 1)
     correct(found, [0, 1])
     sought: dict[Names, Array] = {}
     for _ in range(MOST_CORRECTIONS):  # what leads may have moved where its numerical errors were put right
@@ -91,6 +93,7 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
     found.keep(begun)
     go_on(found, [fit for fit in begun if fit is not None], found.effort.last_steps // 2)
     to_rest(found, 2)
+    exchange_laws(found, 2)
     for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
         # one of the two may have brought the other out of a bad start
         found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
@@ -185,6 +188,12 @@ def to_rest(found: Search, size: int) -> None:
         if not open_:
             break
         found.continue_fits(open_, found.effort.last_steps // 2)
+
+
+def exchange_laws(found: Search, size: int) -> None:
+    """Fit the leading sets of a size with laws that extend theirs, or that theirs extend, from where they are."""
+    found.keep(found.pool(fit_task, [
+        task for names in found.best(size)[:found.effort.bases] for task in exchanged(found, names)]))
 
 
 def begin_all(found: Search) -> None:
