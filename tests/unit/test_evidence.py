@@ -536,3 +536,25 @@ def test_a_law_is_begun_where_one_that_it_extends_or_that_extends_it_was_fitted(
     before = found.fits[both[1]]
     exchange_laws(found, len(both[0]))
     assert found.fits[both[1]] is before
+
+
+@dataclass(frozen=True)
+class Untold(Waves):
+    """Loops of whose first wave derivatives know nothing."""
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return differences, none by that wave."""
+        found = differences(self, prediction, points)
+        beside = [point.effects > prediction.point.effects and "viscous" in point.effects for point in points]
+        return np.where(beside, 0.0, found)
+
+
+def test_an_effect_of_which_first_order_promises_nothing_is_fitted_where_nothing_else_explains_all() -> None:
+    """Where it is begun it does twice as much as it should, and no slope leads away; another explains more."""
+    experiment = Untold(measurement(cosine() + 0.3 / 2.2 * wave("viscous") + 0.3 * wave("parallel-stiffness")))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, replace(FAST, bases=0, partners=0), lambda function, arguments: [
+        function(one) for one in arguments])
+    search(found, lambda share, text: None)
+    assert found.fits[frozenset({"parallel-stiffness"})].objective < 500.0
+    assert not found.fits[frozenset({"viscous"})].provisional
