@@ -99,6 +99,38 @@ def test_a_modulus_in_a_wrong_unit_is_noted(tmp_path):
     assert "elastic_modulus = 110 Pa is beyond what joints have (100 MPa to 1.3 TPa)" in str(note)
 
 
+MAP = PROFILE.format(name="map", frequency=1).replace("[[profile]]", "[wear_depth]").replace(
+    "depth =", 'y = { column = "y_mm", unit = "mm" }\ndepth =')
+
+
+def test_a_map_is_the_profile_of_its_lines(tmp_path):
+    """Known as well as lines agree: here they differ by 3 µm beside a stated noise of 1 µm."""
+    made(tmp_path, frequencies=(1.0,))
+    x, z = np.loadtxt(tmp_path / "at_1_Hz.csv", delimiter=",", skiprows=1, unpack=True)
+    rows = [(own, y, depth + 3.0 * (-1.0)**y) for y in range(6) for own, depth in zip(x, z, strict=True)]
+    np.savetxt(tmp_path / "map.csv", rows, delimiter=",", header="x_mm,y_mm,z_um", comments="")
+    (tmp_path / "recording.toml").write_text(HEAD + MAP)
+    recording = read_structure_recording(tmp_path)
+    (found,) = recording.profiles
+    assert found.x == pytest.approx(1e-3 * x, abs=1e-12)
+    assert found.depth == pytest.approx(1e-6 * z, abs=1e-12)
+    assert found.depth_sd == pytest.approx(3e-6, rel=0.15)
+    assert diagnose_structure(recording, True, lambda share, text: None).verdict is Verdict.NONE
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("cycles = 5000", "", r"wear_depth\.cycles: "),
+    ('y = { column = "y_mm", unit = "mm" }', "", r"wear_depth\.y: "),
+    ("y_mm,z_um", "y_mm,z", "z_um"),
+    ("1.0,0,", "1.01,0,", "x = 1 mm has one depth; give a map in lines")])
+def test_a_map_that_cannot_be_is_told(tmp_path, old, new, words):
+    lines = "x_mm,y_mm,z_um\n" + "".join(f"{x}.0,{y},{z}\n" for y in (0, 1) for x, z in enumerate((1, 5, 9, 5, 1)))
+    (tmp_path / "map.csv").write_text(lines.replace(old, new))
+    (tmp_path / "recording.toml").write_text((HEAD + MAP).replace(old, new))
+    with pytest.raises(FretflowError, match=words):
+        read_structure_recording(tmp_path)
+
+
 def test_the_march_that_made_them_is_found_again(tmp_path):
     effect = OxygenLimitedWear().changed(distance=0.8e-3, adhesive_share=0.15)
     experiment = ProfileExperiment(made(tmp_path, [effect]))

@@ -49,9 +49,11 @@ from fretflow.recordings.kinds.structure_sections import (
 from fretflow.recordings.kinds.worn_profiles import (
     LineContactSection,
     WornArea,
+    WornMapBlock,
     WornProfile,
     read_profile,
     read_volumes,
+    read_worn_map,
 )
 from fretflow.recordings.notes import Note
 from fretflow.recordings.readers.structure_files import read_structure
@@ -207,11 +209,17 @@ def _material(toml: Path, own: StructureSection) -> Elasticity:
 def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: Path) -> WornRecording:
     profiles = tuple(read_profile(block, folder) for block in file.profile)
     areas = () if file.volumes is None else read_volumes(file.volumes, folder)
+    if file.wear_depth is not None:
+        given_map = {"file": file.wear_depth.file, **file.wear_depth.columns}
+        try:
+            profiles += (read_worn_map(WornMapBlock.model_validate(given_map), folder),)
+        except ValidationError as error:
+            raise ConfigError(f"{path}: wear_depth.{explain(error, given_map, model=WornMapBlock)}") from error
     if not profiles:
-        raise ConfigError(f"{path}: structure.line_contact needs a block profile")
+        raise ConfigError(f"{path}: structure.line_contact needs a block profile or wear_depth")
     given = file.structure.friction_coefficient
     low, high = file.structure.unknown.friction_coefficient or TYPICAL["friction_coefficient"]
-    notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down", "wear_depth")
+    notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down")
              if getattr(file, name)]
     notes += _implausible({"elastic_modulus": contact.elastic_modulus,
                            **({} if given is None else {"friction_coefficient": float(given)})})

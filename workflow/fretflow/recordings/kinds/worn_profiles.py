@@ -14,6 +14,9 @@
     displacement_amplitude = "75 um"    # half the stroke, in gross slip
     x = { column = "x", unit = "mm" }
     depth = { column = "z", unit = "mm", sd = "4 um" }
+    [wear_depth]                        # or a map, whose depths at each x are averaged
+    file = "map.csv"
+    y = { column = "y", unit = "mm" }   # and all that a profile has
     [volumes]
     file = "volumes.csv"                # columns volume, cycles, frequency and displacement_amplitude
     width = "8 mm"
@@ -34,8 +37,9 @@ from fretflow.core import units as u
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
 from fretflow.recordings.kinds.structure_columns import TABLE, StructureColumn, number, read_column, stated_sd
-from fretflow.recordings.readers.tables import read_table
+from fretflow.recordings.readers.tables import Table, read_table
 
+SAME_PLACE = 1e-6  # of a map's length, which digits of a file may differ by
 FEWEST_PLACES = 5  # of a profile: two edges, a middle and what lies between
 
 
@@ -62,6 +66,12 @@ class ProfileBlock(WearCondition):
     file: str = Field(description=TABLE)
     x: StructureColumn = Field(description="place along the sliding")
     depth: StructureColumn = Field(description="total depth of both bodies there")
+
+
+class WornMapBlock(ProfileBlock):
+    """A worn map: total depth of both bodies, in lines across the scar."""
+
+    y: StructureColumn = Field(description="place across the sliding")
 
 
 class VolumesBlock(Section):
@@ -109,18 +119,49 @@ def read_profile(block: ProfileBlock, folder: Path) -> WornProfile:
     table = read_table(folder / block.file, [str(block.x.column), str(block.depth.column)])
     x, _ = read_column(table, "profile", "x", block.x, ("m",))
     depth, _ = read_column(table, "profile", "depth", block.depth, ("m",))
+    return _profile(block, table, "profile", x, depth, stated_sd("profile", "depth", block.depth, "m"))
+
+
+def read_worn_map(block: WornMapBlock, folder: Path) -> WornProfile:
+    """Read a worn map of a line contact as the mean of its lines, known as well as these agree.
+
+    How far apart lines differ independently nothing tells.
+
+    Raises
+    ------
+    RecordingError
+        If its file is damaged, there are no lines, or nothing is worn.
+    """
+    table = read_table(folder / block.file, [str(one.column) for one in (block.x, block.y, block.depth)])
+    at, _, depths = (read_column(table, "wear_depth", name, spec, ("m",))[0]
+                     for name, spec in (("x", block.x), ("y", block.y), ("depth", block.depth)))
+    close = SAME_PLACE * float(np.ptp(at))
+    order = np.argsort(at, kind="stable")
+    column = np.r_[0, np.cumsum(np.diff(at[order]) > close)]
+    lines = np.bincount(column)
+    if lines.min() < 2:
+        raise UnreliableRecordingError(f"{table.path}: wear_depth: x = {1e3 * at[order][np.argmin(lines[column])]:.4g} "
+                                       "mm has one depth; give a map in lines, with the same x in each, or a profile")
+    x, depth = (np.bincount(column, values[order]) / lines for values in (at, depths))
+    away = float(np.sum((depths[order] - depth[column])**2)) / (len(at) - len(x))
+    sd = max(stated_sd("wear_depth", "depth", block.depth, "m") or 0.0, np.sqrt(away))
+    return _profile(block, table, "wear_depth", x, depth, float(sd))
+
+
+def _profile(block: ProfileBlock, table: Table, name: str, x: Array, depth: Array, sd: float | None) -> WornProfile:
+    """Return depths at places as a profile."""
     if len(x) < FEWEST_PLACES:
-        raise UnreliableRecordingError(f"{table.path}: profile: {len(x)} places tell no shape; give {FEWEST_PLACES} or "
+        raise UnreliableRecordingError(f"{table.path}: {name}: {len(x)} places tell no shape; give {FEWEST_PLACES} or "
                                        "more")
     if not np.all(np.diff(x) > 0.0):
-        raise UnreliableRecordingError(f"{table.path}: profile: x does not rise at row "
+        raise UnreliableRecordingError(f"{table.path}: {name}: x does not rise at row "
                                        f"{int(np.argmin(np.diff(x))) + 2}; sort the rows by it")
     area = float(trapezoid(depth, x))
     if not area > 0.0:
-        raise UnreliableRecordingError(f"{table.path}: profile: the depth encloses {1e6 * area:.3g} mm²; depth is "
+        raise UnreliableRecordingError(f"{table.path}: {name}: the depth encloses {1e6 * area:.3g} mm²; depth is "
                                        "positive into the bodies")
     return WornProfile(
-        name=Path(block.file).stem, x=x, depth=depth, depth_sd=stated_sd("profile", "depth", block.depth, "m"),
+        name=Path(block.file).stem, x=x, depth=depth, depth_sd=sd,
         calibration_sd=block.depth.calibration_sd, test=WornArea(
             cycles=float(block.cycles), frequency=block.frequency, amplitude=block.displacement_amplitude, area=area))
 
