@@ -240,3 +240,42 @@ def guide_problem(stiffness=GUIDE[0], mass=GUIDE[1], contact=(1,), observe=None,
 def test_what_python_is_given_wrongly_is_refused_by_name(wrong, said):
     with pytest.raises(InputError, match=said):
         solve_periodic(guide_problem(**wrong))
+
+
+@pytest.fixture
+def chain():
+    """Return a function that makes three masses in a row whose last one, N/m along z, 80 N press on the ground."""
+    def make(gap, upright=5e6, **loads):
+        row = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+        joint = Joint.from_matrices(np.kron(row, np.diag([5e6, 5e6, 3.0 * upright])),
+                                    np.diag([1.0] * 6 + [1e-3] * 3), contact=[2], observe={"first": 0},
+                                    modal_damping=0.02)
+        face = Interface(np.zeros((1, 2)), np.array([1e-6]), np.array([gap]))
+        return PeriodicProblem(joint, face, Coulomb(0.5), Harmonic(45.0, {"first": 300.0}),
+                               **{"preload": NormalLoad(80.0), **loads})
+
+    return make
+
+
+@pytest.mark.parametrize("gap", [16.01e-6, 17e-6, 20e-6])
+def test_a_contact_that_has_come_apart_moves_as_the_open_joint(chain, gap):
+    """80 N close 16 um of springs of 5 N/um; beyond, a division by zero or a broken law was reported."""
+    free, other = (solve_periodic(chain(gap), method, samples=256) for method in ("quasi-static", "dlft"))
+    assert np.abs(free.force).max() < 1e-6
+    assert free.dissipated_energy == pytest.approx(0.0, abs=1e-12)
+    assert free.output("first") == pytest.approx(other.output("first"), abs=1e-4 * np.ptp(other.output("first")))
+
+
+def test_wear_ends_where_the_springs_carry_the_load(chain):
+    worn = march_wear(chain(0.0), Archard(1e-14), cycles=1_000_000)
+    assert worn.depth[-1, 0] == pytest.approx(80.0 / 5e6, rel=1e-3)  # m
+
+
+def test_nothing_that_moves_is_seen_by_a_contact_of_its_own():
+    """Uncoupled DOF were an error of numpy's."""
+    joint = Joint.from_matrices(1e6 * np.eye(6), np.diag([1.0] * 3 + [1e-3] * 3), contact=[1], observe={"free": 0})
+    face = Interface(np.zeros((1, 2)), np.array([1e-6]), np.zeros(1))
+    found = solve_periodic(PeriodicProblem(joint, face, Coulomb(0.5), Harmonic(100.0, {"free": 1.0}),
+                                           preload=NormalLoad(10.0)))
+    exact = 1.0 / (1e6 - (200.0 * np.pi) ** 2)
+    assert np.abs(found.output("free")).max() == pytest.approx(exact, rel=1e-9)

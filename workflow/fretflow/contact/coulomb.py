@@ -142,7 +142,7 @@ class ContactAudit(NamedTuple):
 
 
 def audit_contact(opening: Array, force: Array, slip: NDArray[np.complex128], limit: Array, length: float = 0.0,
-                  tolerance: float = 1e-9) -> ContactAudit:
+                  tolerance: float = 1e-9, load: float = 0.0) -> ContactAudit:
     """Check unilateral contact and Coulomb's cone at every node and sample.
 
     Parameters
@@ -159,6 +159,8 @@ def audit_contact(opening: Array, force: Array, slip: NDArray[np.complex128], li
         Motion that counts as large in m, if none of the above is; it separates stuck nodes from round-off.
     tolerance
         Violation allowed, relative to the largest force and the largest motion.
+    load
+        Force that counts as large in N, if none of the above is: where nothing touches there is round-off alone.
 
     Raises
     ------
@@ -167,7 +169,7 @@ def audit_contact(opening: Array, force: Array, slip: NDArray[np.complex128], li
         it.
     """
     normal, tangential = force[..., 2], force[..., 0] + 1j * force[..., 1]
-    newton = float(np.abs(force).max()) or 1.0
+    newton = max(float(np.abs(force).max()), load) or 1.0
     metre = float(max(np.abs(slip).max(), np.abs(opening).max(), length)) or 1.0
     moves = np.abs(slip) > tolerance * metre
     # sliding is against the force, which then lies on the cone: f |s| + limit s = 0

@@ -34,7 +34,8 @@ def audit_period(problem: PeriodicProblem, solution: PeriodicSolution, tolerance
     limit = problem.nodal_law.directed_limit(f, friction_factor(problem, solution)[:, None])
     stiffest = float(problem.boundary.stiffness.diagonal().max())
     return audit_contact(problem.interface.gap + u[..., 2], f, moved - np.roll(moved, 1, axis=0), limit,
-                         float(np.abs(f).max()) / stiffest, tolerance)
+                         float(np.abs(f).max()) / stiffest, tolerance,
+                         (problem.normal_load or problem.excitation.amplitude) / len(problem.interface.gap))
 
 
 @record

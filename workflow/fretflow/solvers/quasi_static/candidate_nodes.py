@@ -62,7 +62,8 @@ def candidate_nodes(problem: PeriodicProblem, start: PeriodicSolution | None) ->
     rest = Rest.of(problem)
     pressed = rest.settled(gap)
     bent = rest.flexibility[2::3, 2::3] @ pressed.force[2::3]
-    near: NDArray[np.bool_] = closed | (gap + pressed.displacement[2::3] <= MARGIN * bent.max(initial=0.0))
+    opening = gap + pressed.displacement[2::3]
+    near: NDArray[np.bool_] = closed | (opening <= max(MARGIN * bent.max(initial=0.0), opening.min()))  # one at least
     return near
 
 

@@ -140,7 +140,7 @@ class InternalEquations:
 
     def free_other(self, seen: Array) -> Array:
         """Return the coefficients of b that follow those of a, without further forces."""
-        amplitudes = to_complex(seen.reshape(-1, len(self.seen)))
+        amplitudes = to_complex(seen.reshape(len(self.synthesis.T), -1))
         return to_real((self.following[0] @ amplitudes[:, :, None])[:, :, 0] + self.following[1]).ravel()
 
     def balance(self, seen: Array, other: Array | None = None) -> InternalBalance:
