@@ -340,3 +340,11 @@ def test_effects_that_the_solver_does_not_know_are_refused_before_the_mesh(tmp_p
     assert not pipeline.calls
     pipeline.run(with_effect(**{"friction-run-in": {}}))
     assert pipeline.calls
+
+
+def test_an_effect_that_does_nothing_in_the_rig_is_refused_before_the_mesh(tmp_path):
+    """Its run was that of the baseline, and nothing said so."""
+    pipeline = Pipeline(tmp_path)
+    with pytest.raises(InputError, match=r"effects\.joint-damping: does nothing in a run of the rig"):
+        pipeline.run(a_case().model_copy(update={"effects": {"joint-damping": {}}}))
+    assert not pipeline.calls

@@ -11,12 +11,16 @@ from fretflow.case import config
 from fretflow.case.config import Case, PeriodicMethod, PreloadContact
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
+from fretflow.core.errors import ConfigError
 from fretflow.effects.catalogue import parse_effects
+from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.run_records import RunRecords
 from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem, refuse_unknown
 from fretflow.structure.two_mass_rig.joint import JointModel, QuasiStaticJoint, RigJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
+
+ACTS_IN_RIG = ("period", "evolve", "wear_factor", "opening_share", "sense")
 
 
 def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
@@ -59,8 +63,12 @@ def check_effects(case: Case) -> None:
     InputError
         Naming what it does not.
     ConfigError
-        If an effect is not known, or two do not work together.
+        If an effect is not known, does nothing in the rig, or two do not work together.
     """
+    for effect in parse_effects(case.effects, case.name):
+        if all(getattr(type(effect), act) is getattr(Effect, act) for act in ACTS_IN_RIG):
+            raise ConfigError(f"effects.{effect.id}: does nothing in a run of the rig, as it overrides none of "
+                              f"{', '.join(ACTS_IN_RIG)}; leave it out, or override one")
     if case.solver.method is not PeriodicMethod.DLFT or not case.effects:
         return
     side = 0.5 * case.specimen.upper.contact_width
