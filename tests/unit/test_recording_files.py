@@ -255,6 +255,7 @@ def test_a_single_loop_may_start_anywhere(tmp_path, spring_slider, start):
     np.savetxt(tmp_path / "a.csv", np.column_stack([1e6 * x, force]), delimiter=",", comments="", header="x_um,F_N")
     loops, _ = loops_of_series(read_bare(tmp_path / "a.csv", Wanted()).series)
     assert loops.cycles.tolist() == [1]
+    assert "normal_force" not in loops.channels
     assert np.argmax(loops.displacement[0, 0]) in (0, 1, 59)
 
 
@@ -267,6 +268,8 @@ def test_a_single_loop_may_start_anywhere(tmp_path, spring_slider, start):
     ("time_s,x_um,force_N", {"displacement": "y [um]"}, "--displacement: .* has no column 'y'"),
     ("time_s,x_um,force_N", {"displacement": "x_um [mm]"}, r"displacement\.unit: is 'mm', but the file .* says 'um'"),
     ("time_s,x_um,force_N", {"friction_force": "force_N [um]"}, "--force: .* wrong dimension"),
+    ("time_s,x,y", {"displacement": "x [um]", "friction_force": "x [N]"},
+     "column x is named as displacement and as friction_force of series; name a column for each"),
 ])
 def test_bare_file_that_cannot_be_told(tmp_path, header, options, message):
     path = write(tmp_path / "a.csv", as_text(",", head=header.split(",")))
@@ -288,6 +291,7 @@ def test_bare_file_that_cannot_be_told(tmp_path, header, options, message):
     (('"contact-faces"', '"somewhere"'), r"loops\.displacement_of: 'somewhere' is none of"),
     (('displacement_of = "contact-faces"\n', ""), r"loops\.displacement_of: is required"),
     (('"fretting-rig"', '"other"'), r"test\.kind: .*imposed-displacement"),
+    (('"fretting-rig"', '"imposed"'), r"did you mean imposed-displacement\?"),
     (("recording/1", "recording/9"), "format"),
     (('file = "loops.csv"', 'file = "none.csv"'), r"none\.csv: there is no such file"),
     (("cycles = 100000", "cycles = 500"), "goes up to 1000, but test.cycles is 500"),

@@ -4,6 +4,7 @@ What carries the weight: of 200 recordings made with the same noise, the interva
 in nine of ten does so in 84 to 96 of a hundred, for every reading; and gains enter with their exact powers.
 """
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -244,3 +245,11 @@ def test_repeats_that_differ_as_a_motion_does_are_told_from_noise():
     assert is_unsteady(*(each + beat * np.sin(2.0 * phase) for each in both), shapes)
     assert not is_unsteady(*(each[:, :1] for each in both))
     assert smooth_share(deviations(one())) == pytest.approx(10.0 / 160.0, rel=0.2)
+
+
+def test_cycles_in_which_nothing_slides_scatter_by_nothing():
+    """Division by a sliding distance of zero was a warning of numpy's on the terminal."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = readings._scatter_of_neighbours(np.arange(3), {"peak_to_peak": np.ones(3), "sliding_distance": np.zeros(3)})
+    assert not found["sliding_distance"].any()

@@ -84,11 +84,14 @@ def columns_of(table: Table, name: str, block: FileBlock) -> Columns:
     Raises
     ------
     RecordingError
-        If the table lacks a column, or states another unit than the block.
+        If the table lacks a column, one stands for two channels, or it states another unit than the block.
     """
-    values, units, notes = {}, {}, table.notes
+    values, units, notes, taken = {}, {}, table.notes, dict[str, str]()
     for channel, spec in block.channels.items():
         heading, column = _column(table, name, channel, spec.column)
+        if (other := taken.setdefault(heading, channel)) != channel:
+            raise UnsupportedRecordingError(f"{table.path}: column {heading} is named as {other} and as {channel} of "
+                                            f"{name}; name a column for each")
         check_heading(table.path, name, channel, heading)
         _agree(table, name, channel, heading, spec.unit)
         size, units[channel] = unit_size(channel, spec.unit)

@@ -82,6 +82,9 @@ def columns_told(table: Table, taken: tuple[str, ...] = ()) -> dict[str, tuple[s
     unnamed = [heading for heading in left if not any(heading in columns for columns in found.values())]
     for channel in NEEDED:
         found[channel] = found[channel] or tuple(one for one in unnamed if unit_told(table, channel, one))
+    needed = [found[channel] for channel in NEEDED]  # F_N is a force in N where there is no other, else the normal one
+    found = {channel: tuple(one for one in columns if channel in NEEDED or (one,) not in needed)
+             for channel, columns in found.items()}
     return {channel: columns for channel, columns in found.items() if columns}
 
 

@@ -243,7 +243,8 @@ def _scatter_of_neighbours(cycles: NDArray[np.int64], values: dict[str, Array]) 
     alike = np.flatnonzero((np.diff(cycles) == 1) & (np.abs(np.diff(reach)) < SAME_REACH * reach[:-1]))
     found = {}
     for name, column in values.items():
-        change = 2.0 * (column[alike + 1] - column[alike]) / np.abs(column[alike + 1] + column[alike])
+        with np.errstate(invalid="ignore"):  # where it sticks nothing slides in either
+            change = 2.0 * (column[alike + 1] - column[alike]) / np.abs(column[alike + 1] + column[alike])
         change = change[np.isfinite(change)]
         found[name] = np.abs(column) * float(np.sqrt(np.mean(change**2) / 2.0) if change.size else 0.0)
     return found
