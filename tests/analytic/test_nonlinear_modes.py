@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
@@ -320,3 +322,11 @@ def test_what_moved_before_changes_nothing_but_round_off(structures):
         assert np.array_equal(other.states, curves[0].states)
         assert np.allclose(other.frequency, curves[0].frequency, rtol=1e-11)
         assert np.allclose(other.friction_damping, curves[0].friction_damping, rtol=0.0, atol=1e-11)
+
+
+def test_damping_that_the_matrices_tell_is_the_joint_s(structures):
+    """It was left out without a word, where it was not told again."""
+    told = replace(structures.sliders(np.array([4e4]), np.array([50.0]), MASS, GROUND), modal_damping=0.02)
+    for joint, ratio in ((joint_of(told), 0.02), (joint_of(told, modal_damping=0.01), 0.01)):
+        curve = quasi_static_backbone(joint, joint.linear_modes(1)[0], np.array([1e-9]))
+        assert curve.damping == pytest.approx(ratio, rel=1e-9)

@@ -103,6 +103,11 @@ def test_damping_in_the_matrices_is_known_and_what_nothing_is_said_of_is_noted(f
     assert any("bolt_load is neither known nor given a range" in str(note) for note in found.notes)
 
 
+def test_a_damping_matrix_is_told_not_to_be_used(folder):
+    found = read_structure_recording(folder(C=np.eye(len(np.load(folder() / "structure.npz")["M"]))))
+    assert any("C is not used" in str(note) for note in found.notes)
+
+
 @pytest.mark.parametrize(("change", "words"), [
     ({"backbone": "a,f,zeta\n0,80,0.1\n2,79.9,0.2\n3,79.8,0.4\n"}, "amplitude must be positive, row 1 has 0"),
     ({"backbone": "a,f,zeta\n1,80,0.1\n3,79.9,0.2\n2,79.8,0.4\n"}, "the amplitude falls at row 3"),

@@ -159,6 +159,8 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     known = {name: float(value) for name in TYPICAL if (value := getattr(own, name)) is not None}
     if matrices.modal_damping is not None and own.unknown.modal_damping is None:
         known.setdefault("modal_damping", matrices.modal_damping)
+    if matrices.damping is not None:
+        notes.append(Note("structure", "C is not used: damping without the joint is modal_damping, one ratio"))
     unknown = {}
     for name, typical in TYPICAL.items():
         if name in known:

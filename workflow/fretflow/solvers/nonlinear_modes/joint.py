@@ -124,7 +124,7 @@ class BoltedJoint:
     gap: Array | None = quantity("m", "(m,), instead of the structure's", default=None)
     springs: Array | None = quantity("m/N", "(3 m,), compliance; rigid by default", default=None)
     bolt_shares: Array | None = quantity("1", "(m,), factor on the bolts' force at each contact point", default=None)
-    modal_damping: float = quantity("1", default=0.0)
+    modal_damping: float = quantity("1", "ratio; by default the structure's", default=None)
     damping_slope: float = quantity("1/(m*kg^0.5)", "damping ratio over modal amplitude", default=0.0)
 
     @property
@@ -162,6 +162,8 @@ class BoltedJoint:
         InputError
             If the structure says nothing of its preload, or the bolt load is not positive.
         """
+        if self.modal_damping is None:
+            object.__setattr__(self, "modal_damping", self.structure.modal_damping or 0.0)
         if self.structure.preload is None:
             raise InputError("preload: is required, the force (n,) on every DOF per unit of bolt load; without it "
                              "nothing presses the joint together")
