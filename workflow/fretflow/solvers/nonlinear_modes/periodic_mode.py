@@ -137,7 +137,8 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
             return _found(massless, amplitude, y, path, found, (square, loss), history)
         y = solve.send(after)
     raise NonConvergenceError(f"nonlinear mode: its motion still changes by {history[-1]:.1e} of the amplitude after "
-                              f"{MOST_ITERATIONS} iterations; take smaller steps of amplitude", history)
+                              f"{MOST_ITERATIONS} iterations; take smaller steps of amplitude, or static loads alone "
+                              "(periodic = 0)", history)
 
 
 def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmonics: int = HARMONICS,

@@ -64,7 +64,9 @@ def respond_to_force(curve: ModalBackbone, shape: float, force: float) -> ModalR
     square = _width(curve, dense, shape * force)[1]
     reached = np.flatnonzero(square > 0.0)
     if not len(reached) or reached[-1] == FINE - 1:
-        raise InputError(f"force: the resonance of {force:g} N lies outside the amplitudes of the backbone; widen them")
+        end, way = ("largest", "raise") if len(reached) else ("smallest", "lower")
+        raise InputError(f"force: the resonance of {force:g} N lies outside the amplitudes of the backbone, beyond the "
+                         f"{end}; {way} it, in files backbone.{end}, or give another force")
     last = int(reached[-1])
     top = float(np.interp(0.0, -square[last:last + 2], dense[last:last + 2]**-2.0))**-0.5
     amplitude = np.append(dense[reached], top)
