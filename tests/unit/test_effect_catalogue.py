@@ -10,9 +10,14 @@ from pathlib import Path
 import fretflow
 import fretflow_meshes
 import fretflow_post
+import numpy as np
 import pytest
+from fretflow.cli.terminal import describe
 from fretflow.core.errors import ConfigError, InputError
 from fretflow.effects.catalogue import catalogue, parse_effects, tables
+from fretflow.effects.effect import Effect
+from fretflow.structure.driven import Sliders, driven_force
+from fretflow.structure.motion import Motion
 
 OWN = '''
 from dataclasses import replace
@@ -105,8 +110,41 @@ def test_a_sheet_that_lacks_something_is_named(folder):
 
 
 def test_an_empty_folder_is_named(folder):
-    with pytest.raises(InputError, match=r"FRETFLOW_EFFECTS: no \.py file in"):
+    with pytest.raises(InputError, match=r"FRETFLOW_EFFECTS: no \.py file in .*; name the folder of an effect's file"):
         catalogue()
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('    id: ', '    kinds = ("imposed-displacement",)\n    id: ', "effect 'heavier': kinds must be a set of kinds"),
+    ("1.0, 20.0", "20.0, 1.0", r"'W: the weight': its range, 20\.0 to 1\.0, must rise")])
+def test_a_sheet_that_says_what_cannot_be_is_named(folder, old, new, words):
+    """No recording was of such kinds, so that the effect was never looked for; a range that falls fits nothing."""
+    (folder / "heavier.py").write_text(OWN.format(id="heavier").replace(old, new))
+    with pytest.raises(InputError, match=rf"heavier\.py: .*{words}"):
+        catalogue()
+
+
+def test_a_fault_in_a_user_s_file_is_told_with_its_line(folder):
+    (folder / "heavier.py").write_text(OWN.format(id="heavier").replace("problem.vary", "problem.vari"))
+    with pytest.raises(AttributeError) as caught:
+        catalogue()["heavier"]().period(object(), None)
+    assert re.match(r".*heavier\.py, line 22: AttributeError: ", describe(caught.value)[0])
+
+
+@pytest.mark.parametrize("limits", [1.0, (1.0,), (np.ones(3), 1.0), (np.nan, 1.0)])
+def test_limits_of_another_shape_than_two_factors_are_told(limits):
+    class Odd(Effect):
+        """Nothing."""
+
+        id = "odd"
+
+        def limit(self, motion):
+            return limits
+
+    moving = dict.fromkeys(("displacement", "velocity", "acceleration"), np.sin(np.arange(100.0)))
+    motion = Motion(step=1e-3, **moving)
+    with pytest.raises(InputError, match="effect odd: limit "):
+        driven_force(motion, Sliders.one(1e6, 1.0), 0.0, (Odd(),))
 
 
 @pytest.mark.parametrize(("table", "words"), [

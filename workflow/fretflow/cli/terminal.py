@@ -304,7 +304,8 @@ def describe(error: BaseException) -> tuple[str, int]:
         return f"{error.filename}: cannot be used ({error.strerror}); name another", InputError.exit_code
     if isinstance(error, MemoryError):
         return f"out of memory ({error}); give less at a time, or more memory", InputError.exit_code
-    return f"unexpected {type(error).__name__}: {shortened(str(error))}{_keep_traceback(error)}", UNEXPECTED
+    where = f"{own}: " if (own := _place_in_own_effect(error)) else "unexpected "
+    return f"{where}{type(error).__name__}: {shortened(str(error))}{_keep_traceback(error)}", UNEXPECTED
 
 
 def say(message: str, code: int) -> int:
@@ -312,6 +313,15 @@ def say(message: str, code: int) -> int:
     if started_rank() == 0 or code == UNEXPECTED:
         sys.stderr.write(f"fretflow: {printable(' '.join(message.split()))}\n")
     return code
+
+
+def _place_in_own_effect(error: BaseException) -> str:
+    """Return file and line of a user's effect that an error passed through, the innermost; nothing if there is none."""
+    from fretflow.effects.catalogue import MODULES
+
+    return next((f"{frame.f_code.co_filename}, line {line}" for frame, line in
+                 reversed(list(traceback.walk_tb(error.__traceback__)))
+                 if str(frame.f_globals.get("__name__", "")).startswith(MODULES)), "")
 
 
 def _keep_traceback(error: BaseException) -> str:

@@ -26,9 +26,11 @@ from fretflow.case.config import explain
 from fretflow.core.errors import ConfigError, InputError, did_you_mean
 from fretflow.core.units import exact_quantity
 from fretflow.effects.effect import Effect
+from fretflow.recordings.kinds import RecordingKind
 
 GROUP = "fretflow.effects"
 FOLDERS = "FRETFLOW_EFFECTS"
+MODULES = "fretflow_user_effects_"  # begins the names of the modules that users' files are
 REQUIRED = ("id", "title", "block", "equation", "source", "observables")
 
 
@@ -153,6 +155,9 @@ def _collect(folders: str) -> Mapping[str, type[Effect]]:
         lacking = [name for name in REQUIRED if not hasattr(kind, name)]
         if lacking:
             raise InputError(f"{where}: effect {kind.__name__} lacks {', '.join(lacking)}")
+        if not all(isinstance(one, RecordingKind) for one in kind.kinds):
+            raise InputError(f"{where}: effect {kind.id!r}: kinds must be a set of kinds of recordings, such as "
+                             f"ff.ALL_KINDS, got {kind.kinds!r}")
         if kind.id in found:
             raise InputError(f"{where}: effect {kind.id!r} is already that of {origin[kind.id]}; give it another id")
         found[kind.id], origin[kind.id] = kind, where
@@ -187,14 +192,14 @@ def _of_folders(folders: str) -> Iterator[tuple[type[Effect], str]]:
     for folder in filter(None, folders.split(os.pathsep)):
         files = sorted(Path(folder).glob("*.py"))
         if not files:
-            raise InputError(f"{FOLDERS}: no .py file in {folder}")
+            raise InputError(f"{FOLDERS}: no .py file in {folder}; name the folder of an effect's file")
         for file in files:
             yield from ((kind, str(file)) for kind in _effects_of(_load(file)))
 
 
 def _load(file: Path) -> ModuleType:
     # Of two folders' files of one name each is a module; other processes import both under the same names.
-    name = f"fretflow_user_effects_{file.stem}_{crc32(str(file.resolve()).encode()):x}"
+    name = f"{MODULES}{file.stem}_{crc32(str(file.resolve()).encode()):x}"
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise InputError(f"{file}: cannot be loaded as Python")

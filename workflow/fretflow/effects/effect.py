@@ -115,6 +115,8 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     >>> Grip().strength, Grip.priors()["strength"].high, Grip.neutral().strength
     (0.2, 0.5, 0.0)
     """
+    if not low < high:
+        raise InputError(f"parameter {meaning!r}: its range, {low} to {high}, must rise")
     decades = low > 0.0 and high / low >= 10.0
     prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held, neutral)
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]

@@ -80,6 +80,17 @@ class Sliders:
         return np.asarray((stretch - np.clip(stretch, -half, half)) @ self.stiffness)
 
 
+def _two(effect: str, factors: tuple[Array | float, Array | float], motion: Motion) -> tuple[Array | float, ...]:
+    """Return the factors on the friction limit, refused where there are not two of the motion's length or none."""
+    shapes = (), motion.displacement.shape
+    if not isinstance(factors, tuple) or len(factors) != 2 or any(np.shape(one) not in shapes for one in factors):
+        raise InputError(f"effect {effect}: limit must return two factors, a number or {len(motion.displacement)} of "
+                         "them each: for sliding to positive x and to negative x")
+    if not all(np.isfinite(one).all() for one in factors):
+        raise InputError(f"effect {effect}: limit returns factors that are not finite")
+    return factors
+
+
 def clipped_march(steps: Array, low: Array, high: Array, begin: Array | float) -> Array:
     """Return z with ``z_i = clip(z_i-1 + steps_i, low_i, high_i)``, from ``z_-1 = begin``; all (N, ...)."""
     n = len(steps)
@@ -132,7 +143,7 @@ def driven_force(motion: Motion, sliders: Sliders, force: Array | float, effects
     up: Array | float = 1.0
     down: Array | float = 1.0
     for effect in effects:
-        more, less = effect.limit(moved)
+        more, less = _two(effect.id, effect.limit(moved), moved)
         up, down, force = up * more, down * less, force + effect.force(moved)
     signals = Signals(step=motion.step, displacement=motion.displacement,
                       friction_force=sliders.force(moved, up, down) + force, arm=motion.displacement,
