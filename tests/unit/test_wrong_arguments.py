@@ -12,6 +12,7 @@ from types import FunctionType
 import fretflow as ff
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 WRONG = (None, 5, -1.0, float("nan"), float("inf"), True, "x", "", b"x", [], {}, ["a", "b"], {"a": None}, (1, "b"),
          object(), 1j, np.zeros(0), np.zeros((2, 2, 2)), np.array(["a"]), np.full(3, np.nan))
@@ -108,11 +109,21 @@ def test_wrong_arguments_are_an_error_of_the_project_or_none(name, right, monkey
      "read_loop: normal_load must be a finite number or None, got nan"),
     (lambda: ff.HysteresisLoop(displacement="x", force=WAVE[1]),
      "HysteresisLoop: displacement must be an array of finite numbers, got 'x'"),
+    (lambda: ff.Joint.from_matrices(csr_matrix(np.eye(3)), np.eye(3), contact=[0]),
+     "Joint.from_matrices: stiffness must be an array of finite numbers, got a sparse csr_matrix; give its toarray()"),
 ])
 def test_what_is_wrong_is_named(call, said):
     with pytest.raises(ff.InputError) as caught:
         call()
     assert str(caught.value) == said
+
+
+@pytest.mark.parametrize(("settings", "said"), [
+    ({"method": "DLFT"}, "solve_periodic: method: must be 'quasi-static' or 'dlft', got 'DLFT'"),
+    ({"harmonic": 3}, "solve_periodic: harmonic: unknown key; .*; did you mean harmonics?")])
+def test_a_wrong_setting_is_named(right, settings, said):
+    with pytest.raises(ff.InputError, match=said):
+        ff.solve_periodic(**right["solve_periodic"], **settings)
 
 
 def test_numbers_as_arrays_without_dimensions_are_numbers():

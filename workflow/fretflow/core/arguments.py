@@ -168,6 +168,8 @@ def _group_of(origin: Any, inner: tuple[Any, ...], strict: bool) -> Like:
 
 
 def _shown(value: Any) -> str:
+    if hasattr(value, "toarray"):
+        return f"a sparse {type(value).__name__}; give its toarray()"
     text = " ".join(repr(value).split())
     text = text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
     return text if isinstance(value, str | int | float | None) else f"{text}, a {type(value).__name__}"

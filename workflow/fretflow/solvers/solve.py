@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from fretflow.case.config import PeriodicMethod, Solver
+from pydantic import ValidationError
+
+from fretflow.case.config import PeriodicMethod, Solver, explain
 from fretflow.core.errors import InputError
 from fretflow.solvers.dlft.solver import DlftSolver
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
@@ -80,9 +82,8 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
     """
     try:
         chosen = Solver(**{"method": method, "estimate_error": False, **settings})
-    except ValueError as error:
-        reasons = "; ".join(str(one["msg"]) for one in getattr(error, "errors", list)())
-        raise InputError(f"solve_periodic: {reasons or error}") from error
+    except ValidationError as error:
+        raise InputError(f"solve_periodic: {explain(error, {}, model=Solver)}") from error
     found = make_solver(chosen, estimate_error=True).solve(problem, start)
     if chosen.method is PeriodicMethod.QUASI_STATIC:
         warn_of_instability(problem, found)
