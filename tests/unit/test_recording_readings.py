@@ -248,8 +248,9 @@ def test_repeats_that_differ_as_a_motion_does_are_told_from_noise():
 
 
 def test_cycles_in_which_nothing_slides_scatter_by_nothing():
-    """Division by a sliding distance of zero was a warning of numpy's on the terminal."""
+    """Dividing by no sliding was a warning of numpy on the terminal."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = readings._scatter_of_neighbours(np.arange(3), {"peak_to_peak": np.ones(3), "sliding_distance": np.zeros(3)})
+        found = readings._scatter_of_neighbours(
+            np.arange(3), {"peak_to_peak": np.ones(3), "sliding_distance": np.zeros(3)})
     assert not found["sliding_distance"].any()
