@@ -273,6 +273,16 @@ def test_series_is_cut_at_the_middle_of_its_displacement(tmp_path, make, exact):
     assert any("no whole cycle" in note.text for note in notes)
 
 
+@pytest.mark.parametrize(("stated", "told"), [("100 Hz", 0), ("120 Hz", 0), ("0.1 Hz", 1), ("100 kHz", 1)])
+def test_a_series_at_quite_another_frequency_than_stated_is_told(tmp_path, make, stated, told):
+    made = make(cycles=(0,), repeats=1, periods=6.2, excitation=False)
+    del made.columns["cycle"], made.columns["repeat"]
+    folder = made.write(tmp_path, block="series")
+    toml = folder / "recording.toml"
+    toml.write_text(toml.read_text().replace('"100 Hz"', f'"{stated}"'))
+    assert len(notes_about(read_joint_recording(folder), "cycles come at 100 Hz where")) == told
+
+
 def test_series_cycle_with_a_long_hole_is_left_out(tmp_path, make):
     made = make(cycles=(0,), repeats=1, periods=6.2, excitation=False)
     del made.columns["cycle"], made.columns["repeat"]

@@ -278,7 +278,7 @@ def test_bare_file_that_cannot_be_told(tmp_path, header, options, message):
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    (("[loops]", "[loop]"), r"recording\.toml: loop: unknown key"),
+    (("[loops]", "[loop]"), r"recording\.toml: loop: unknown key where test\.kind is 'fretting-rig'; docs"),
     (("displacement = {", "displacment = {"), r"loops\.displacment: unknown key; channels are time, displacement"),
     (("displacement_of", "displacment_of"), r"loops\.displacment_of: unknown key; .*; did you mean displacement_of\?"),
     (('unit = "um"', 'unit = "N"'), r"loops\.displacement\.unit: .* wrong dimension"),

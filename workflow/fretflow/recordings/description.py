@@ -63,6 +63,8 @@ def validated(model: type[M], raw: dict[str, Any], toml: Path) -> M:
         first, *rest = missing_last(error)
         field = ".".join(str(part) for part in first["loc"] if part != "channels")
         text = reason(first, CLEARER, model)
+        if len(first["loc"]) == 1 and isinstance(test := raw.get("test"), dict) and "kind" in test:
+            text = text.replace("unknown key", f"unknown key where test.kind is {test['kind']!r}")
         # A message about a key of this table begins with the key's name.
         joint = "." if text.partition(":")[0].replace(".", "").replace("_", "").isalnum() and ":" in text else ": "
         more = f" (and {len(rest)} more)" if rest else ""

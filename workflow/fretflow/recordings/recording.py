@@ -18,6 +18,7 @@ from fretflow.recordings.description import file_at
 from fretflow.recordings.kinds import RecordingKind
 from fretflow.recordings.loopset import LoopSet, Series, frozen_arrays
 from fretflow.recordings.notes import Note, row_ranges
+from fretflow.recordings.periods import cycle_cuts
 from fretflow.recordings.plausibility import check_file, check_loops, check_motion, check_wear
 from fretflow.recordings.schema import (
     FILE,
@@ -153,7 +154,20 @@ def series_of(columns: Columns, test: RecordedTest) -> tuple[Series, tuple[Note,
     series, notes = clean_series(columns)
     if "displacement" in series.channels:
         check_motion(columns.path, columns.block, test.kind, float(np.ptp(series.channels["displacement"])))
+        notes += _other_frequency(series, test.excitation_frequency)
     return series, notes
+
+
+def _other_frequency(series: Series, stated: float | None) -> tuple[Note, ...]:
+    """Return a note where the displacement comes back at quite another frequency than that stated, Hz."""
+    cuts = cycle_cuts(series.channels["displacement"])
+    if stated is None or not series.sampling_interval or len(cuts) < 3:
+        return ()
+    found = 1.0 / (float(np.median(np.diff(cuts))) * series.sampling_interval)
+    if abs(np.log2(found / stated)) < 1.0:
+        return ()
+    return (Note("series", f"cycles come at {found:.4g} Hz where {stated:.4g} Hz are stated; correct "
+                 "excitation_frequency or the unit of time", "time"),)
 
 
 def _sweep(columns: Columns, file: RecordingFile) -> tuple[LoopSweep, tuple[Note, ...]]:
