@@ -149,6 +149,10 @@ def test_a_full_disk_is_named_where_gmsh_only_fails_to_read_back(tmp_path, monke
 
 
 def test_a_folder_without_a_run_or_with_a_truncated_result_is_refused(tmp_path):
+    (tmp_path / "beam").mkdir()
+    (tmp_path / "beam" / "backbone.csv").write_text("")
+    with pytest.raises(StoreError, match=r"beam: is of a bolted structure, whose curves are backbone\.csv"):
+        pipeline_stages.complete_stages(tmp_path / "beam")
     with pytest.raises(StoreError, match=r"holds no run \(run\.json"):
         pipeline_stages.complete_stages(tmp_path)
     stage = tmp_path / "mesh-1"

@@ -272,6 +272,9 @@ def complete_stages(home: Path) -> dict[str, Path]:
         folders = {stage: home / Path(folder).name for stage, folder in content["stages"].items()}
         same = "case_sum" not in content or content["case_sum"] == sum_of(home / CASE_FILE)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        if (home / "backbone.csv").is_file():
+            raise StoreError(f"{home}: is of a bolted structure, whose curves are backbone.csv and responses.csv; "
+                             "run its case with other forces for others") from error
         raise StoreError(
             f"{home}: holds no run ({RUN_FILE} is missing or damaged); give a folder such as runs/test1, "
             "made by `fretflow run`"
