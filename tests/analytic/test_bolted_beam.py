@@ -134,6 +134,8 @@ def test_what_cannot_be_is_one_line(meshed, tmp_path):
         structure_from_mesh(path, steel, [("upper lap", "lower lap")], sensors={"tip": ((1.0, 0, 0), (0, 0, 1))})
     with pytest.raises(InputError, match=r"in one place"):
         structure_from_mesh(path, steel, [("upper lap", "lower lap")], [Bolt(head="nut 1", nut="nut 1")])
+    with pytest.raises(InputError, match=r"bolts: 'lower lap' is a face of an interface; name the faces under head"):
+        structure_from_mesh(path, steel, [("upper lap", "lower lap")], [Bolt(head="head 1", nut="lower lap")])
     with pytest.raises(InputError, match=r"degree: 3"):
         structure_from_mesh(path, steel, [("upper lap", "lower lap")], degree=3)
     with pytest.raises(MeshError, match=r"washer: .* must be wider than the hole"):

@@ -95,6 +95,9 @@ def structure_from_mesh(path: str | Path, material: Material, interfaces: Sequen
         raise InputError(f"unit: {unit} m is no length that a mesh counts in; give 1e-3 for millimetres")
     if not interfaces:
         raise InputError("interfaces: give at least one pair of groups that touch")
+    rubbing = {name for pair in interfaces for name in pair}
+    if wrong := sorted(rubbing.intersection(name for bolt in bolts for name in (bolt.head, bolt.nut))):
+        raise InputError(f"bolts: {wrong[0]!r} is a face of an interface; name the faces under head and nut")
     faces = _Faces.of(Path(path), degree, unit)
     moduli = faces.moduli(material, materials or {})
     stiffness, mass = (_scipy(compat.assemble_matrix(form))
