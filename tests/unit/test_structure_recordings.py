@@ -115,6 +115,7 @@ def test_a_damping_matrix_is_told_not_to_be_used(folder):
     ({"backbone": "a,f,zeta\n1,80,0.1\n2,79.9,0.2\n"}, "2 points tell no trend"),
     ({"backbone": "a,f,zeta\n2,80,0.1\n2,79.9,0.2\n2,79.8,0.4\n"}, "1 points tell no trend"),
     ({"backbone": "a,f,zeta\n1,80,1\n2,79.9,200\n3,79,3\n"}, "damping must be a ratio from 0 to 1"),
+    ({"backbone": "a,f,zeta\n1,80,0.1\n2,79.9,-0.2\n3,79,3\n"}, "damping must not be negative, row 2 has -0.002"),
     ({"backbone": "a,g,zeta\n1,80,0.1\n2,79.9,0.2\n3,79.8,0.4\n"}, "has no column 'f'"),
     ({"backbone": "a,f,zeta\n1,80,0\n2,79.9,0\n3,79.8,0\n"}, "damping holds only zeros; leave it out"),
     ({"of": "nose"}, "'nose' is no output of the structure; it has tip, end"),

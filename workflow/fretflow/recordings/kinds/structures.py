@@ -260,7 +260,10 @@ def _backbone(block: BackboneBlock, folder: Path, matrices: StructureMatrices) -
     falls = np.flatnonzero(np.diff(amplitude) < 0.0)
     if falls.size:
         raise UnreliableRecordingError(f"{where}: the amplitude falls at row {falls[0] + 2}; sort the rows by it")
-    if damping is not None and not np.all((damping >= 0.0) & (damping < 1.0)):
+    if damping is not None and (below := np.flatnonzero(damping < 0.0)).size:
+        raise UnreliableRecordingError(f"{where}: damping must not be negative, row {below[0] + 1} has "
+                                       f"{damping[below[0]]:g}; leave out such rows, or their damping all over")
+    if damping is not None and not np.all(damping < 1.0):
         raise UnreliableRecordingError(f"{where}: damping must be a ratio from 0 to 1, it goes from {damping.min():g} "
                                        f"to {damping.max():g}; name its unit, for example \"%\"")
     if damping is not None and not damping.any():
