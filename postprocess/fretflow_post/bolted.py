@@ -128,8 +128,8 @@ def _contact(study: JointStudy) -> Figure:
             ("slip path of that cycle", path, "m", style.DEPTH_MAP)]
     if study.worn is not None and study.worn_preload is not None:
         when = style.when_words(int(study.worn.cycles[-1]))
-        maps += [(f"depth worn {when}", study.worn.depth[-1], "m", style.DEPTH_MAP),
-                 (f"pressure, tightened anew {when}", study.worn_preload.force[0, 2::3] / joint.structure.areas, "Pa",
+        maps += [(f"worn depth, {when}", study.worn.depth[-1], "m", style.DEPTH_MAP),
+                 (f"pressure, tightened anew, {when}", study.worn_preload.force[0, 2::3] / joint.structure.areas, "Pa",
                   style.PRESSURE_MAP)]
     tip = 1e6 * abs(float(study.curve.outputs[-1, 0])) if study.curve.outputs.size else 0.0
     words = f"{study.curve.output_names[0]} at {tip:.3g} µm" if tip else "the largest amplitude"

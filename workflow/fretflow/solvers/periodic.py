@@ -57,7 +57,7 @@ class Harmonic:
             if not (isinstance(force, Number) and np.isfinite(force)):
                 raise InputError(f"excitation: {name} = {force!r} is no finite number; give it in N, without quotes")
         if not (isinstance(self.frequency, Real) and 0.0 < self.frequency < np.inf):
-            raise InputError(f"excitation: frequency {self.frequency} Hz must be positive and finite, a number "
+            raise InputError(f"excitation: frequency {self.frequency!r} must be positive and finite, Hz as a number "
                              "without quotes")
 
     @property
