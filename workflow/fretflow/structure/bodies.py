@@ -10,6 +10,9 @@ from fretflow.core.records import quantity, record
 SHEAR_SHAPE = 0.9  # of a round section: G. R. Cowper, J. Appl. Mech. 33 (1966) 335
 
 
+LIGHTEST = 0.1  # kg/m^3, aerogels
+
+
 @record
 class Material:
     """Isotropic elasticity.
@@ -35,6 +38,9 @@ class Material:
         for name in ("youngs_modulus", "density"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name}: must be positive, got {getattr(self, name)}")
+        if self.density < LIGHTEST:
+            raise InputError(f"density: {self.density:g} kg/m^3 is below that of any solid; all is in SI, also where a "
+                             "mesh counts in millimetres")
         if not -1.0 < self.poissons_ratio < 0.5:
             raise InputError(f"poissons_ratio: must lie between -1 and 0.5, got {self.poissons_ratio}")
 
