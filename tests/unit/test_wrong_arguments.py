@@ -12,6 +12,8 @@ from types import FunctionType
 import fretflow as ff
 import numpy as np
 import pytest
+from fretflow.case.config import WearScheme
+from fretflow.wear.history import WearSettings
 from scipy.sparse import csr_matrix
 
 WRONG = (None, 5, -1.0, float("nan"), float("inf"), True, "x", "", b"x", [], {}, ["a", "b"], {"a": None}, (1, "b"),
@@ -109,6 +111,8 @@ def test_wrong_arguments_are_an_error_of_the_project_or_none(name, right, monkey
      "read_loop: normal_load must be a finite number or None, got nan"),
     (lambda: ff.HysteresisLoop(displacement="x", force=WAVE[1]),
      "HysteresisLoop: displacement must be an array of finite numbers, got 'x'"),
+    (lambda: ff.Material(youngs_modulus=2.05e5, poissons_ratio=0.3, density=7.85e-9),
+     "density: 7.85e-09 kg/m^3 is below that of any solid; all is in SI, also where a mesh counts in millimetres"),
     (lambda: ff.Joint.from_matrices(csr_matrix(np.eye(3)), np.eye(3), contact=[0]),
      "Joint.from_matrices: stiffness must be an array of finite numbers, got a sparse csr_matrix; give its toarray()"),
 ])
@@ -116,6 +120,20 @@ def test_what_is_wrong_is_named(call, said):
     with pytest.raises(ff.InputError) as caught:
         call()
     assert str(caught.value) == said
+
+
+@pytest.mark.parametrize(("settings", "said"), [
+    ({"scheme": "implict"}, "wear.scheme: must be explicit or implicit, got 'implict'"),
+    ({"stop": [5]}, "march_wear: there is no setting stop; .*; did you mean stops?"),
+    ({"cycles": -5}, "cycles: must not be negative, got -5")])
+def test_a_wrong_setting_of_wear_is_named(right, settings, said):
+    with pytest.raises(ff.InputError, match=said):
+        ff.march_wear(**{**right["march_wear"], **settings})
+
+
+def test_a_scheme_named_by_text_is_taken():
+    """Explicit steps that were asked for by name were implicit ones."""
+    assert WearSettings(coefficient=1e-14, cycles=10, scheme="explicit").scheme is WearScheme.EXPLICIT
 
 
 @pytest.mark.parametrize(("settings", "said"), [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fretflow.case.config import Solver, Wear
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
+from fretflow.core.errors import InputError, did_you_mean
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.solvers.fourier import time_derivative
@@ -115,7 +116,7 @@ def march_wear(problem: PeriodicProblem | CycleModel[Any], law: Archard, cycles:
     Raises
     ------
     InputError
-        If a setting is out of range.
+        If there is no such setting, or one is out of range.
     NonConvergenceError
         If a period is not found.
 
@@ -131,6 +132,10 @@ def march_wear(problem: PeriodicProblem | CycleModel[Any], law: Archard, cycles:
     """
     from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 
+    known = sorted({one.name for one in fields(WearSettings)} - {"coefficient", "upper_share", "cycles"})
+    for name in set(settings).difference(known):
+        raise InputError(f"march_wear: there is no setting {name}; there are {', '.join(known)}"
+                         f"{did_you_mean(name, known)}")
     asked = WearSettings(coefficient=law.coefficient, upper_share=law.upper_share, cycles=cycles,
                          **{"scheme": Wear().scheme, **settings})
     model: CycleModel[Any] = problem if not isinstance(problem, PeriodicProblem) else PeriodicCycle(

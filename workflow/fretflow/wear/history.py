@@ -40,9 +40,14 @@ class WearSettings:
         InputError
             Naming the field.
         """
+        if self.scheme not in [*WearScheme]:
+            raise InputError(f"wear.scheme: must be {' or '.join(WearScheme)}, got {self.scheme!r}")
+        object.__setattr__(self, "scheme", WearScheme(self.scheme))  # of text too
         if not self.coefficient >= 0.0:
             raise InputError(f"wear.coefficient: must not be negative, got {self.coefficient}")
-        if self.cycles < 0 or any(not 0 <= stop <= self.cycles for stop in self.stops):
+        if self.cycles < 0:
+            raise InputError(f"cycles: must not be negative, got {self.cycles}")
+        if any(not 0 <= stop <= self.cycles for stop in self.stops):
             raise InputError(f"cycles: asked {self.stops} must lie between 0 and the test's {self.cycles}")
         if self.max_depth_per_jump is not None and not self.max_depth_per_jump > 0.0:
             raise InputError(f"wear.max_depth_per_jump: must be positive, got {self.max_depth_per_jump}")
