@@ -29,7 +29,7 @@ PLAUSIBLE = {
 
 def warnings(case: Case) -> tuple[str, ...]:
     """Return what is remarkable about the values of `case`: those beyond what joints have, and those without effect."""
-    return (*dict.fromkeys(implausible(case)), *_without_effect(case))
+    return (*(tuple(dict.fromkeys(implausible(case))) or _crushed(case)), *_without_effect(case))
 
 
 def implausible(case: Case | BoltedCase) -> Iterator[str]:
@@ -46,6 +46,15 @@ def beyond(name: str, value: float, unit: str, key: str) -> Iterator[str]:
     if not low <= value <= high:
         shown, *ends = (pretty_quantity(number, unit, 4) for number in (value, low, high))
         yield f"{name} = {shown} is beyond what joints have ({ends[0]} to {ends[1]}); check the number and its unit"
+
+
+def _crushed(case: Case) -> Iterator[str]:
+    """Yield what is said of a mean pressure beyond a tenth of Young's modulus, the strength of a perfect crystal."""
+    own = case.specimen
+    pressure = case.test.normal_load / (own.upper.contact_width * own.lower.contact_width)
+    if case.mesh.upper is None and pressure > 0.1 * min(own.upper.youngs_modulus, own.lower.youngs_modulus):
+        yield (f"test.normal_load on the square of specimen.contact_width is {pretty_quantity(pressure, 'Pa', 4)}, "
+               "beyond what any solid bears; check both and their units")
 
 
 def _without_effect(case: Case) -> Iterator[str]:
