@@ -52,6 +52,7 @@ BAD = [
     ({"test__duration": "1 h"}, "test: give exactly one of cycles and duration"),
     ({"test__cycles": -1}, "test.cycles"),
     ({"test__cycles": 1.5}, "test.cycles"),
+    ({"output__loop_cycles": 100}, "output.loop_cycles: must be several in brackets, got 100"),
     ({"test__cycles": 10**15 + 1}, "test.cycles"),
     ({"test__cycles": None, "test__duration": "1e20 s"}, "test: duration makes 1e+22 cycles; 1e+15 are the most"),
     ({"tset": {}}, "tset"),
@@ -103,7 +104,8 @@ def test_bad_input_is_one_line_that_names_the_field(changes, field):
 
 @pytest.mark.parametrize(("changes", "line"), [
     ({"contact__friction_coefficient": -0.1}, "contact.friction_coefficient: must be greater than 0, got -0.1"),
-    ({"test__cycles": 1.5}, "test.cycles: must be a valid integer, got 1.5"),
+    ({"test__cycles": 1.5}, "test.cycles: must be a whole number, got 1.5"),
+    ({"output__loop_cycles": 100}, "output.loop_cycles: must be several in brackets, got 100"),
     ({"test__cycles": "many"}, "test.cycles: must be a number without quotes, got 'many'"),
     ({"specimen__face": "bumpy"}, "specimen.face: must be 'flat', 'crowned' or 'cylindrical', got 'bumpy'"),
     ({"measured__sliding_distance": "-5 um"}, "measured.sliding_distance: must be positive, got '-5 um'"),

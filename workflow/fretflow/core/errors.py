@@ -24,6 +24,9 @@ LONGEST = 1000  # characters of a message
 _CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 _LINES = re.compile(r"\s*\n\s*")
 _QUOTED = re.compile(r"'([^']*)'")  # what may be chosen from, in words of pydantic
+_PLAINER = {"a valid tuple": "several in brackets", "a valid string": "text in quotes",
+            "a valid integer": "a whole number", "a valid number": "a number", "a valid boolean": "true or false",
+            "a valid dictionary": "a table of keys"}
 _OWN_WORDS = re.compile(r", (got a|unable to) .*")  # of pydantic, on what was given
 
 
@@ -167,6 +170,8 @@ def reason(error: ErrorDetails, clearer: Mapping[str, str], model: type[Any]) ->
     if not text.startswith("Input should"):
         return text
     wanted, given = text.replace("Input should", "must", 1), error["input"]
+    for theirs, ours in _PLAINER.items():
+        wanted = wanted.replace(theirs, ours)
     if not isinstance(given, bool | int | float | str):
         return wanted
     meant = did_you_mean(given, _QUOTED.findall(wanted)) if isinstance(given, str) else ""
