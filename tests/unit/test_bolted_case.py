@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.case.bolted import load_bolted_case
+from fretflow.case.bolted import Elasticity, load_bolted_case
 from fretflow.case.config import load_case
 from fretflow.case.plausibility import implausible
 from fretflow.cli.run import _figure
@@ -54,6 +54,10 @@ def test_what_no_joint_has_is_named(tmp_path):
     assert not list(implausible(load_bolted_case(EXAMPLES / "bolted_beam.toml")))
     (found,) = implausible(load_bolted_case(changed(tmp_path, '"205 GPa"', '"205 Pa"')))
     assert found.startswith("structure.material.youngs_modulus = 205 Pa is beyond what joints have")
+    case = load_bolted_case(EXAMPLES / "bolted_beam.toml")
+    padded = case.structure.model_copy(update={"materials": {"pad": Elasticity(density="1 kg/m^3")}})
+    (found,) = implausible(case.model_copy(update={"structure": padded}))
+    assert found.startswith("structure.materials.pad.density = 1 kg/m³ is beyond what joints have")
 
 
 def test_a_lap_beam_of_unknown_keys_is_refused():

@@ -38,6 +38,10 @@ def implausible(case: Case | BoltedCase) -> Iterator[str]:
         name = ".".join((*(part for part in entry.table if part not in ("upper", "lower")), entry.key))
         if entry.value and name in PLAUSIBLE:
             yield from beyond(name, entry.value, entry.unit, name)
+    for body, material in case.structure.materials.items() if isinstance(case, BoltedCase) else ():
+        for entry in entries(material):
+            if (key := f"structure.material.{entry.key}") in PLAUSIBLE:
+                yield from beyond(f"structure.materials.{body}.{entry.key}", entry.value, entry.unit, key)
 
 
 def beyond(name: str, value: float, unit: str, key: str) -> Iterator[str]:
