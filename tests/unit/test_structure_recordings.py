@@ -103,9 +103,18 @@ def test_damping_in_the_matrices_is_known_and_what_nothing_is_said_of_is_noted(f
     assert any("bolt_load is neither known nor given a range" in str(note) for note in found.notes)
 
 
-def test_a_damping_matrix_is_told_not_to_be_used(folder):
-    found = read_structure_recording(folder(C=np.eye(len(np.load(folder() / "structure.npz")["M"]))))
-    assert any("C is not used" in str(note) for note in found.notes)
+def test_a_damping_matrix_tells_the_ratio_of_the_recorded_mode(folder):
+    """Of C = a M it is a / (2 w), w that of the mode; where a range is stated, that holds."""
+    text = TOML.format(of="tip", unit="m/s^2").replace(
+        'modal_damping = { low = 1e-4, high = "1 %" }', "")
+    experiment = StructureExperiment.of(read_structure_recording(folder(text, C=3.0 * np.load(
+        folder() / "structure.npz")["M"])))
+    (mode,) = experiment._bare[0].linear_modes(1)
+    assert experiment.recording.known["modal_damping"] == pytest.approx(
+        3.0 / (4.0 * np.pi * mode.frequency), rel=1e-3)  # mid-range, where bolts close most of the faces
+    assert experiment.mode == 0
+    stated = StructureExperiment.of(read_structure_recording(folder(C=np.load(folder() / "structure.npz")["M"])))
+    assert "modal_damping" not in stated.recording.known
 
 
 @pytest.mark.parametrize(("change", "words"), [

@@ -53,7 +53,7 @@ class StructureMatrices:
     points: Array = quantity("m", "(m, 3)")
     preload: Array | None = quantity("1", "(n,), force per unit of bolt load", default=None)
     gap: Array | None = quantity("m", "(m,), without any load; zero by default", default=None)
-    damping: Matrix = quantity("N*s/m", "(n, n); its modes have modal_damping in place of it", default=None)
+    damping: Matrix = quantity("N*s/m", "(n, n); nonlinear modes have a ratio in place of it", default=None)
     modal_damping: float | None = quantity("1", "ratio, of every mode", default=None)
     inputs: Mapping[str, Array] = quantity("1", "(n,) each", default_factory=dict)
     outputs: Mapping[str, Array] = quantity("1", "(n,) each", default_factory=dict)

@@ -82,7 +82,10 @@ class StructureExperiment(Experiment):
             bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
             space = bare.parameters(())
             modes = bare.joint(Point(space, np.zeros(space.size))).linear_modes(RIGID_MOTIONS + COMPARED)
-            found = replace(bare, mode=bare.observation.number(modes))
+            found = replace(bare, mode=(number := bare.observation.number(modes)))
+            if "modal_damping" not in {*recording.known, *recording.unknown} and bare.structure.damping is not None:
+                ratio = modes[number].damping_ratio(bare.structure.damping)
+                found = replace(found, recording=replace(recording, known={**recording.known, "modal_damping": ratio}))
         except InputError as error:
             raise InputError(f"{recording.path}: {error}") from error
         highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
@@ -191,7 +194,7 @@ class StructureExperiment(Experiment):
         for name in ("bolt_load", "friction_coefficient", "modal_damping"):
             if name in self.recording.unknown:
                 baseline.append(Coordinate.within("", name, *self.recording.unknown[name], True))
-            elif self.recording.known[name] > 0.0:
+            elif self.recording.known.get(name, 0.0) > 0.0:
                 baseline.append(Coordinate("", name, log(self.recording.known[name]), STATED, True))
         return Parameters.of(baseline, effects, signs, self._scaled)
 

@@ -116,7 +116,7 @@ class StructureRecording:
     path: Path
     title: str
     matrices: StructureMatrices
-    known: Mapping[str, float]  # bolt_load N, modal_damping, friction_coefficient: those that are given
+    known: Mapping[str, float]  # bolt_load N, modal_damping unless C tells it, friction_coefficient: what is given
     unknown: Mapping[str, tuple[float, float]]  # and the ranges of the others
     backbone: MeasuredBackbone | None
     responses: tuple[ControlledResponse, ...]
@@ -159,11 +159,9 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     known = {name: float(value) for name in TYPICAL if (value := getattr(own, name)) is not None}
     if matrices.modal_damping is not None and own.unknown.modal_damping is None:
         known.setdefault("modal_damping", matrices.modal_damping)
-    if matrices.damping is not None:
-        notes.append(Note("structure", "C is not used: damping without the joint is modal_damping, one ratio"))
     unknown = {}
     for name, typical in TYPICAL.items():
-        if name in known:
+        if name in known or (name == "modal_damping" and _is_in_matrices(matrices, own)):
             continue
         stated = getattr(own.unknown, name)
         unknown[name] = stated or typical
@@ -184,6 +182,11 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
     return StructureRecording(path=path, title=file.title or name_of(path), matrices=matrices, known=known,
                               unknown=unknown, backbone=backbone, responses=responses, ring_down=ring_down,
                               notes=tuple(notes))
+
+
+def _is_in_matrices(matrices: StructureMatrices, own: StructureSection) -> bool:
+    """Tell whether C tells the damping ratio of each mode: where none is stated."""
+    return matrices.damping is not None and own.unknown.modal_damping is None
 
 
 def _implausible(known: Mapping[str, float]) -> list[Note]:

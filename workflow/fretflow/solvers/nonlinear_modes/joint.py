@@ -35,6 +35,11 @@ class LinearMode:
     contact: Array = quantity("1/kg^0.5", "(3 m,), relative displacement of the contact")
     modes: Array = quantity("1", "(N,), share of each mode of the closed joint, eta")
 
+    def damping_ratio(self, damping: Array) -> float:
+        """Return the ratio that a matrix (3 m + N, 3 m + N) on u and eta gives it, N s/m; others it may couple."""
+        shape = np.r_[self.contact, self.modes]
+        return float(shape @ damping @ shape) / (4.0 * np.pi * self.frequency)
+
 
 @record
 class StaticHistory:

@@ -53,8 +53,9 @@ def condensed(structure: ReducedStructure, modes: int) -> ReducedStructure:
     def cut(rows: dict[str, tuple[Array, Array]]) -> dict[str, tuple[Array, Array]]:
         return {name: (on_contact, on_modes[:modes]) for name, (on_contact, on_modes) in rows.items()}
 
-    preload = structure.preload
-    return replace(structure, eigenvalues=structure.eigenvalues[:modes], coupling=structure.coupling[:modes],
+    preload, kept = structure.preload, slice(3 * structure.contacts + modes)
+    return replace(structure, damping=None if structure.damping is None else structure.damping[kept, kept],
+                   eigenvalues=structure.eigenvalues[:modes], coupling=structure.coupling[:modes],
                    preload=None if preload is None else (preload[0], preload[1][:modes]),
                    inputs=cut(dict(structure.inputs)), outputs=cut(dict(structure.outputs)))
 

@@ -50,6 +50,8 @@ class ReducedStructure:
     inputs: Mapping[str, tuple[Array, Array]]  # on u and on eta
     outputs: Mapping[str, tuple[Array, Array]]
     modal_damping: float | None = quantity("1", default=None)
+    damping: Array | None = quantity("N*s/m", "(3 m + N, 3 m + N), on u and eta, of which modes have a ratio each",
+                                     default=None)
     rigid_motions: int = quantity("1", default=0)
     error: float = quantity("1", "largest relative error of the first frequencies with the joint open", default=0.0)
 
@@ -111,12 +113,14 @@ def reduce_structure(matrices: StructureMatrices, modes: int | None = None) -> R
         if out > UNBALANCED * float(np.abs(preload).max()):
             raise InputError("preload: the bolts' forces push the whole structure away, which nothing holds; each bolt "
                              "pulls both of its ends alike")
+    both = np.hstack([psi, phi])
     found = ReducedStructure(
         stiffness=stiffness, boundary_mass=psi.T @ weighed, eigenvalues=basis.eigenvalues,
         coupling=phi.T @ weighed, areas=matrices.areas, points=matrices.points,
         gap=np.zeros(matrices.contacts) if matrices.gap is None else matrices.gap,
         preload=None if preload is None else (preload @ psi, preload @ phi), inputs=seen(matrices.inputs),
-        outputs=seen(matrices.outputs), modal_damping=matrices.modal_damping, rigid_motions=basis.rigid.shape[1])
+        outputs=seen(matrices.outputs), modal_damping=matrices.modal_damping, rigid_motions=basis.rigid.shape[1],
+        damping=None if matrices.damping is None else np.asarray(both.T @ (matrices.damping @ both)))
     return found if wanted == free else _with_error(found, matrices)
 
 
