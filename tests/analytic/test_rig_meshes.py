@@ -6,7 +6,7 @@ The trial's specimens come from a code of their own: third order, nodes of Gauss
 import numpy as np
 import pytest
 from fretflow.case.config import Reduction, validate_case
-from fretflow.experiments.rig.setup import DEGREE, GROWTH, meshes
+from fretflow.experiments.rig.setup import DEGREE, ELEMENTS, GROWTH
 from fretflow.pipeline.diagnose import reduced_problem
 from fretflow_trial.joint import specimens
 
@@ -30,9 +30,8 @@ def compliance(folder, mesh):
 def test_coarse_mesh_has_the_specimens_compliance(tmp_path):
     joint = specimens()
     exact = np.array([joint.share @ block @ joint.share for block in (joint.sliding, joint.normal)])
-    coarse, _ = meshes(fast=True)
-    quadratic = compliance(tmp_path, {"contact_elements": coarse, "degree": DEGREE, "growth": GROWTH})
-    linear = compliance(tmp_path, {"contact_elements": DEGREE * coarse})
+    quadratic = compliance(tmp_path, {"contact_elements": ELEMENTS, "degree": DEGREE, "growth": GROWTH})
+    linear = compliance(tmp_path, {"contact_elements": DEGREE * ELEMENTS})
     assert quadratic == pytest.approx(exact, rel=0.03)
     assert np.all(linear < 0.95 * exact)
 

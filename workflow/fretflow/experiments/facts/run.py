@@ -15,7 +15,7 @@ from fretflow.experiments.independent import IndependentSearch, estimates
 from fretflow.experiments.rig.model import SAMPLES, RigModel
 from fretflow.experiments.rig.observation import Observation
 from fretflow.experiments.rig.run import RigTools
-from fretflow.experiments.rig.setup import CONFIRMING, bare_case, meshes
+from fretflow.experiments.rig.setup import CONFIRMING, ELEMENTS, bare_case
 from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
@@ -45,9 +45,9 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
         If no rig within the ranges shows what the facts are of.
     """
     progress(0.01, "specimens on two meshes")
-    case = case_of(recording.file)
+    case, first = case_of(recording.file), ELEMENTS if fast else ELEMENTS + 1
     coarse, fine = (model_of(recording.file, tools.statics(case_of(recording.file, elements)))
-                    for elements in meshes(fast))
+                    for elements in range(first, first + 2))
     progress(0.1, "refitting the baseline")
     hypotheses = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
     search(hypotheses, lambda share, text: progress(0.2 + 0.7 * share, text))

@@ -22,6 +22,7 @@ from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.observation import Array, measured_loops, observe
 from fretflow.experiments.rig.setup import (
+    ELEMENTS,
     FRICTION,
     Reduce,
     case_of,
@@ -32,7 +33,6 @@ from fretflow.experiments.rig.setup import (
     first_wear,
     friction_from_energy,
     is_seen,
-    meshes,
     model_of,
     worn_as_much,
 )
@@ -108,7 +108,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     doubted = doubts(recording, case)
     for one in doubted:
         progress(0.02, f"{stage}: {one}")
-    experiment, first = experiment_of(recording, meshes(fast), tools, progress)
+    experiment, first = experiment_of(recording, (ELEMENTS, ELEMENTS + 1), tools, progress)
     progress(0.15, "refitting the baseline")
     hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
     search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
