@@ -558,3 +558,22 @@ def test_an_effect_of_which_first_order_promises_nothing_is_fitted_where_nothing
     search(found, lambda share, text: None)
     assert found.fits[frozenset({"parallel-stiffness"})].objective < 500.0
     assert not found.fits[frozenset({"viscous"})].provisional
+
+
+def test_a_law_of_another_form_may_change_levels_that_are_measured() -> None:
+    """An approach that follows the test is off in single loops and smoothly over them; what is not a level is not."""
+    bare = measurement()
+    told, rows = replace(bare, levels=frozenset({"force"})), bare.group == 3
+    signature = wave("viscous") + 5.0 * bare.cycles
+    level = 5.0 * (bare.cycles - bare.cycles.mean())
+
+    def left(own: Measurement, change: Array) -> float:
+        """Return the share of a change that no form of the law makes."""
+        space = np.linalg.qr(modulations(own, signature))[0]
+        return float(np.linalg.norm(change - space @ (space.T @ change)) / np.linalg.norm(change))
+
+    for change in (np.where(rows, level, 0.0), level * bare.cycles):
+        assert left(told, change) < 1e-6
+        assert left(bare, change) > 0.5
+    assert modulations(told, signature)[:, :modulations(bare, signature).shape[1]] == pytest.approx(
+        modulations(bare, signature))

@@ -168,14 +168,20 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
     phases, by one of the cycles; at other conditions both may differ, and loops of a few counts are off each by itself,
     so that an error in one of them needs no larger size than it has. What a law's form is off by is a share of all
     that the law does: it may be as large where the law happens to do little, as late in a run-in, so that no loop of a
-    channel counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature.
+    channel counts for less than the rms of all. A loop's zero, which no sensor knows, is none of a signature; a level
+    that is measured, such as an approach over the test, is off by itself, from the mean of all loops.
     """
-    seen = np.array(signature, dtype=float)
+    seen, level = np.array(signature, dtype=float), np.zeros(len(signature))
     for own in loops_of(measurement):
-        seen[own] -= seen[own].mean()
+        level[own] = seen[own].mean()
+    seen -= level
+    for k, name in enumerate(measurement.channels):
+        rows = (measurement.channel == k) & np.isfinite(measurement.phase)
+        level[rows] = level[rows] - level[rows].mean() if name in measurement.levels else 0.0
     single = np.column_stack([measurement.group == one for one in range(len(measurement.groups))]).astype(float)
-    shapes = _unit(np.hstack([waves(measurement, MODULATING), _courses(measurement), single]))
-    return np.asarray(_levelled(measurement, seen)[:, None] * shapes)
+    beside = [_courses(measurement), single]
+    found = _levelled(measurement, seen)[:, None] * _unit(np.hstack([waves(measurement, MODULATING), *beside]))
+    return np.hstack([found, level[:, None] * _unit(np.hstack(beside))]) if level.any() else np.asarray(found)
 
 
 def _levelled(measurement: Measurement, signature: Array) -> Array:

@@ -12,7 +12,7 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
-from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.experiments.rig.observation import CHANNELS, Array, Observation
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.setup import errors_of
 from fretflow.experiments.rig.tangent import neighbours
@@ -155,4 +155,6 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
         condition=rows["condition"],
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
         channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded, held_out=np.isin(
-            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)))
+            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)),
+        levels=frozenset(name for name in channels if name in CHANNELS and (
+            CHANNELS[name].absolute or CHANNELS[name].growing)))
