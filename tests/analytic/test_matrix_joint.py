@@ -233,7 +233,7 @@ def guide_problem(stiffness=GUIDE[0], mass=GUIDE[1], contact=(1,), observe=None,
 @pytest.mark.parametrize(("wrong", "said"), [
     ({"stiffness": GUIDE[0] * (1.0 + 0.01j)}, "must be real"), ({"mass": -GUIDE[1]}, "M: is not positive definite"),
     ({"contact": (1.5,)}, "contact: .* must be whole numbers"), ({"observe": ["tip"]}, "observe: .* names no places"),
-    ({"frequency": "100 Hz"}, "frequency 100 Hz .* without quotes"), ({"force": "80 N"}, "excitation: tip = '80 N'"),
+    ({"frequency": "100 Hz"}, "frequency '100 Hz' .* without quotes"), ({"force": "80 N"}, "excitation: tip = '80 N'"),
     ({"force": np.nan}, "excitation: tip = nan"), ({"load": -60}, "preload: -60"),
     ({"load": "60 N"}, "preload: '60 N'"),
     ({"mu": "0.6"}, "friction_coefficient: must be"), ({"nodes": 2}, "interface: has 2 nodes, but")])
