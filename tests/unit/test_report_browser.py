@@ -102,7 +102,7 @@ def visit(tmp_path):
             [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
              "--disable-background-networking", f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900",
              "--enable-logging=stderr", "--virtual-time-budget=8000", "--dump-dom", page.as_uri()],
-            capture_output=True, text=True, timeout=60, check=True, env={**os.environ, "HOME": str(tmp_path)})
+            capture_output=True, text=True, timeout=300, check=True, env={**os.environ, "HOME": str(tmp_path)})
         return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
     return run
