@@ -17,13 +17,13 @@ from fretflow.experiments.facts.model import worn_test
 from fretflow.experiments.facts.quantities import quantity_of
 from fretflow.experiments.facts.run import case_of, model_of
 from fretflow.experiments.rig.model import Hypothesis
-from fretflow.experiments.rig.setup import meshes
+from fretflow.experiments.rig.setup import ELEMENTS
 from fretflow.pipeline.diagnose import kept_models, reduced_problem
 from scipy.stats import norm
 
 FARTHEST = 12.0  # standard deviations that are drawn
 file = ff.read_recording("../../examples/paper.toml").file
-coarse = case_of(file, meshes(fast=True)[0])
+coarse = case_of(file, ELEMENTS)
 rig = model_of(file, reduced_problem(coarse, kept_models(Path("runs"))))
 tests = FactsExperiment.of(file, rig).conditions
 
