@@ -8,8 +8,6 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import quantity, record
 
 SHEAR_SHAPE = 0.9  # of a round section: G. R. Cowper, J. Appl. Mech. 33 (1966) 335
-
-
 LIGHTEST = 0.1  # kg/m^3, aerogels
 
 

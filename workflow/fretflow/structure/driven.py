@@ -82,13 +82,13 @@ class Sliders:
 
 def _two(effect: str, factors: tuple[Array | float, Array | float], motion: Motion) -> tuple[Array | float, ...]:
     """Return the factors on the friction limit, refused where there are not two of the motion's length or none."""
-    shapes = (), motion.displacement.shape
-    if not isinstance(factors, tuple) or len(factors) != 2 or any(np.shape(one) not in shapes for one in factors):
+    shapes = {(), motion.displacement.shape}
+    if not isinstance(factors, tuple | list) or len(factors) != 2 or not {*map(np.shape, factors)} <= shapes:
         raise InputError(f"effect {effect}: limit must return two factors, a number or {len(motion.displacement)} of "
                          "them each: for sliding to positive x and to negative x")
     if not all(np.isfinite(one).all() for one in factors):
         raise InputError(f"effect {effect}: limit returns factors that are not finite")
-    return factors
+    return tuple(factors)
 
 
 def clipped_march(steps: Array, low: Array, high: Array, begin: Array | float) -> Array:

@@ -113,14 +113,17 @@ def reduce_structure(matrices: StructureMatrices, modes: int | None = None) -> R
         if out > UNBALANCED * float(np.abs(preload).max()):
             raise InputError("preload: the bolts' forces push the whole structure away, which nothing holds; each bolt "
                              "pulls both of its ends alike")
-    both = np.hstack([psi, phi])
+    damping = None
+    if matrices.damping is not None:  # large bases are not copied for nothing
+        both = np.hstack([psi, phi])
+        damping = np.asarray(both.T @ (matrices.damping @ both))
     found = ReducedStructure(
         stiffness=stiffness, boundary_mass=psi.T @ weighed, eigenvalues=basis.eigenvalues,
         coupling=phi.T @ weighed, areas=matrices.areas, points=matrices.points,
         gap=np.zeros(matrices.contacts) if matrices.gap is None else matrices.gap,
         preload=None if preload is None else (preload @ psi, preload @ phi), inputs=seen(matrices.inputs),
         outputs=seen(matrices.outputs), modal_damping=matrices.modal_damping, rigid_motions=basis.rigid.shape[1],
-        damping=None if matrices.damping is None else np.asarray(both.T @ (matrices.damping @ both)))
+        damping=damping)
     return found if wanted == free else _with_error(found, matrices)
 
 
