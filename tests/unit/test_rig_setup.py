@@ -12,7 +12,7 @@ import pytest
 from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig import run
-from fretflow.experiments.rig.experiment import BASELINE
+from fretflow.experiments.rig.experiment import BASELINE, measured
 from fretflow.experiments.rig.model import DENSER, Hypothesis
 from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
 from fretflow.experiments.rig.setup import (
@@ -228,6 +228,19 @@ def test_a_force_beyond_what_a_sensor_s_zero_may_be_off_is_seen(force: float, is
     change = moved.values - plain.values
     assert np.max(np.abs(change)) == pytest.approx(abs(force), rel=1e-6)
     assert (float(np.linalg.norm(Covariance(moved.variance, moved.modes).whiten(change))) > 3.0) == is_seen
+
+
+def test_levels_are_those_of_the_approach_and_of_the_normal_force() -> None:
+    """A displacement's and a friction force's mean is the zero of their sensors; a drive has no law."""
+    plain = noisy(0.0)
+    assert plain.loops is not None
+    force = plain.loops.channels["friction_force"]
+    channels = {**plain.loops.channels, "excitation": 2.0 * force, "normal_force": LOAD + 1e-2 * force,
+                "approach": 1e-8 * force}
+    seen = observe(replace(plain, loops=replace(plain.loops, channels=channels)))
+    found = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], frozenset(), None)
+    assert found.levels == {"approach", "normal_force"}
+    assert found.inputs == {"excitation"}
 
 
 def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> None:
