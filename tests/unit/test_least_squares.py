@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.search import Search
@@ -85,6 +86,26 @@ def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     fitter = Fitter(experiment, covariance)
     start = fitter.at(Point(plane, np.array([0.5, 0.5])), None)
     assert fitter.fit(Point(plane, np.array([0.5, 0.5])), None, 1).objective == pytest.approx(start.promise)
+
+
+def test_where_a_step_has_no_solution_half_of_it_is_tried_next() -> None:
+    """Nearly all of it would have none either."""
+    tried: list[float] = []
+
+    class Cliff(Valley):
+        def predict(self, point: Point, near: Any = None) -> Prediction:
+            tried.append(float(point.z[0]))
+            if point.z[0] > 0.6:
+                raise NonConvergenceError("beyond the cliff")
+            return super().predict(point, near)
+
+    covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    experiment: Any = Cliff(bend=0.0)
+    fit = Fitter(experiment, covariance).fit(Point(plane, np.array([0.0, 0.0])), None, 1)
+    assert tried[1] > 0.6
+    assert len(tried) == 3
+    assert fit.z[0] == pytest.approx(0.5 * tried[1], rel=0.01)
 
 
 def test_a_fit_that_goes_on_makes_no_derivatives_anew_where_it_stands() -> None:

@@ -134,15 +134,18 @@ class Fitter:
 
     def _improved(self, now: Fit) -> tuple[Fit, int]:
         """Return the first better fit by the dampings from its own on, and that one's place; `now` if none is."""
-        for place in range(now.damping, len(DAMPINGS)):
+        place = now.damping
+        while place < len(DAMPINGS):
             z = np.clip(now.z + _step(now, DAMPINGS[place]), -FARTHEST, FARTHEST)
             try:
                 found = self.experiment.predict(Point(now.parameters, z), now.prediction)
-            except NonConvergenceError:
+            except NonConvergenceError:  # half of the way may have a solution, and nearly all of it has none either
+                place = max(place + 1, DAMPINGS.index(1.0))
                 continue
             residual = self.covariance.whiten(self.experiment.measurement.values - found.values)
             if float(residual @ residual + z @ z) < now.objective:
                 return self._carried(now, replace(found, point=found.point.turned())), place
+            place += 1
         return now, len(DAMPINGS)
 
     def _carried(self, now: Fit, found: Prediction) -> Fit:

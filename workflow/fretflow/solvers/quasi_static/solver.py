@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, replace
-from itertools import chain
+from itertools import chain, islice
 from operator import is_not
 from typing import Any, Protocol
 
@@ -169,21 +169,31 @@ class QuasiStaticSolver:
         """Return the period of any structure: near `start`, of a contact that sticks, or where it settles in time."""
         equations, march, newton = self._equations(problem, samples, PATIENCE)
         contact, first = _beginning(problem, equations, march, start, samples)
-        error, settled = NonConvergenceError("the contact does not stick"), None
+        error = NonConvergenceError("the contact does not stick")
         try:
             at = newton.best(chain(first, [stuck_start(equations, march)]), contact)
             if start is not None or at.norm <= CLOSE:
                 return _solution(problem, equations, *newton.refine(at, self.settings.max_iterations))
         except NonConvergenceError as failure:
             error = failure
-        near = None if start is None else at_phase_zero(problem, start)
-        for settled in settled_starts(problem, equations, march, near):
+        return _solution(problem, equations, *self._where_it_settles(problem, equations, newton, start, error))
+
+    def _where_it_settles(self, problem: PeriodicProblem, equations: InternalEquations, newton: InternalNewton,
+                          start: PeriodicSolution | None, error: NonConvergenceError, most: int | None = None
+                          ) -> tuple[Iterate, tuple[float, ...]]:
+        """Return the root by the motion in time from phase zero of `start`; `error` came of what was tried before.
+
+        Raises
+        ------
+        NonConvergenceError
+            With what that motion tells of the reason.
+        """
+        near, settled = None if start is None else at_phase_zero(problem, start), None
+        for settled in islice(settled_starts(problem, equations, newton.march, near), most):
             try:
-                found = newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
+                return newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
             except NonConvergenceError as failure:
                 error = min(error, failure, key=lambda one: min(one.history, default=np.inf))
-                continue
-            return _solution(problem, equations, *found)
         raise _not_found(error, settled)
 
     def _equations(self, problem: PeriodicProblem, samples: int, patience: int | None = None
@@ -206,11 +216,15 @@ class QuasiStaticSolver:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
         first = tuple(with_tangent(problem, equations, march, one) for one in first)
-        with suppress(NonConvergenceError):
+        try:
             near = newton.best(iter(first), contact) if first else None
             if near is not None and near.norm < 1.0:  # closer to balance than rest is
                 first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
+        except NonConvergenceError as error:
+            with suppress(NonConvergenceError):  # once: what one motion in time does not lead to, its next does not
+                return self._kept(problem, equations, self._where_it_settles(
+                    problem, equations, newton, start, error, most=1))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
