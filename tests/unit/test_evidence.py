@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fretflow.inference import strategy
 from fretflow.inference.evidence import (
     FORMS,
     SIZES,
@@ -485,6 +486,24 @@ def test_numerical_errors_are_put_right_where_the_fit_has_moved_to() -> None:
     search(found, lambda share, text: None)
     fit = found.fits[frozenset({"viscous"})]
     assert fit.parameters.values(fit.z)["viscous"]["size"] == pytest.approx(0.6, abs=0.006)
+
+
+def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under what its law might be off by, friction that falls with speed went to a rig ten times as damped."""
+    experiment: Any = Coarse(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    search(found, lambda share, text: None)
+    names = frozenset({"viscous"})
+    best = found.fits[names]
+    away = found.fitter_of(names).at(replace(best.prediction.point, z=best.z + np.array([0.0, 8.0])), None)
+    found.settled.clear()
+    monkeypatch.setattr(strategy, "fit_task", lambda task: away)
+    strategy.correct(found, [1])
+    assert found.fits[names].z == pytest.approx(best.z, abs=0.1)
+    found.fits[names] = away
+    found.keep_more_probable(best)
+    assert found.fits[names] is best
 
 
 @dataclass(frozen=True)

@@ -301,6 +301,20 @@ class Search:
             if known is None or fit.objective < known.objective or (fit.converged and same):
                 self.fits[fit.effects] = fit
 
+    def keep_more_probable(self, fit: Fit, known_by: float = 0.0) -> None:
+        """Keep a fit made under other errors in the place of the known one, unless that is the more probable one.
+
+        Errors in proportion to what laws do at one fit are not those at another: the evidence of the set tells, where
+        it is higher at the known fit by more than `known_by`.
+        """
+        names = fit.effects
+        known, before, signed = self.fits[names], self.log_evidence(names), self._signatures.get(names)
+        self.fits[names] = fit
+        if self.log_evidence(names) < before - known_by:
+            self.fits[names] = known
+            if signed is not None:
+                self._signatures[names] = signed
+
     def continue_fits(self, sets: Iterable[Names], steps: int) -> None:
         """Fit the sets that have not come to rest further."""
         self.keep(self.pool(fit_task, [

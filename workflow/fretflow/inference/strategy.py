@@ -27,7 +27,7 @@ from fretflow.inference.beginnings import (
     without,
 )
 from fretflow.inference.experiment import Covariance, Experiment, Prediction
-from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.least_squares import ENOUGH, Fit, Fitter
 from fretflow.inference.parameters import Array, is_bent
 from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
 
@@ -116,10 +116,7 @@ def allow_for_chance(found: Search) -> None:
                        found.effort.last_steps // 2) for z in (point.z, middle)[:3 - len(names)]]
     for fit in found.pool(chance_task, tasks):
         if fit is not None:
-            known, before = found.fits[fit.effects], found.log_evidence(fit.effects)
-            found.fits[fit.effects] = fit
-            if found.log_evidence(fit.effects) < before:
-                found.fits[fit.effects] = known
+            found.keep_more_probable(fit)
 
 
 def chance_task(task: Task) -> Fit | None:
@@ -165,8 +162,8 @@ def correct(found: Search, of: Sequence[int]) -> None:
             found.log_evidence(one) for one in put_right if len(one) == len(names))]
         for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
             if fit is not None:
-                found.fits[names] = replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
-                                            converged=fit.converged, secant=fit.secant)
+                found.keep_more_probable(replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
+                                                 converged=fit.converged, secant=fit.secant), known_by=0.5 * ENOUGH)
 
 
 def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
