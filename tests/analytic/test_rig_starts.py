@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.backlash import Backlash
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.effects.extra_mode import ExtraMode
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
-from fretflow.experiments.rig.experiment import RigExperiment, resensed
+from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, resensed
 from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.setup import first_simulation
 from fretflow.inference.beginnings import beginnings_task
@@ -36,8 +37,8 @@ def recorded(monkeypatch):
 
     model = small_rig.rig(small_rig.observed(SD, (0, 4000), (), 2e-15, 3e-9))
 
-    def fit(*effects):
-        true = model.predict(model.simulate(Hypothesis(effects=effects)))
+    def fit(*effects, **baseline):
+        true = model.predict(model.simulate(Hypothesis(effects=effects, **baseline)))
         seen = replace(model, observation=replace(model.observation, values=true))
         experiment = RigExperiment(seen, np.zeros(len(true)), np.zeros((len(true), 0)))
         fitter, space = Fitter(experiment, experiment.measurement.covariance()), experiment.parameters(())
@@ -158,6 +159,30 @@ def test_of_motions_that_coexist_the_measured_one_is_predicted(monkeypatch):
         assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.02)
         spans.append(np.ptp(moved))
     assert spans[1] > 1.8 * spans[0]
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.5])
+def test_a_damping_ratio_that_is_not_the_stated_one_is_fitted(recorded, factor):
+    """Damping of another code's steps, or a guess in the file, was named friction that falls with speed."""
+    fitter, fit = recorded(damping=factor)
+    assert fit.chi_squared > 20.0
+    after = fitter.fit(fit.prediction.point, fit.prediction)
+    assert after.chi_squared < 2.0
+    assert hypothesis(after.prediction.point).damping == pytest.approx(factor, rel=0.1)
+
+
+def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatch):
+    """Across a play more than twice as wide at once; in time, which chatters there, what was found all but stays."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    rig = replace(small_rig.rig(small_rig.observed(SD, (0, 4000), (), 2e-15, 3e-9)), samples=128)
+    narrow, wide = (Hypothesis(effects=(Backlash().changed(play=play),)) for play in (0.2e-6, 0.5e-6))
+    period = rig.simulate(wide, rig.simulate(narrow)).loops[0]
+    moved = period.solution.displacement[:, :, 0].mean(axis=1)
+    marched = integrate(period.problem, period.solution, 20, 512)
+    assert marched.change[-1] < 0.01
+    assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.01)
 
 
 def test_a_condition_too_far_for_newton_is_followed(monkeypatch):

@@ -146,9 +146,9 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     by a random walk over the cycles, and each condition has its own; what has no phase is off in proportion to its
     size. A loop may be early or late as well, by angles in radians that are as smooth: of a sine that is a change of
     the same relative size, and corners, which are not smooth, move. Of an input the whole loop alone is early or late.
-    Single loops may also be those of slightly other forces, masses or springs, as `Measurement.embedded` has them: near
-    the onset of motion small ones make large differences (errors embedded in the model: K. Sargsyan, H. N. Najm,
-    R. Ghanem, Int. J. Chem. Kinet. 47 (2015) 246-276).
+    Single loops may also be those of slightly other forces, masses, springs or dampers, as `Measurement.embedded` has
+    them: near the onset of motion small ones make large differences (errors embedded in the model: K. Sargsyan,
+    H. N. Najm, R. Ghanem, Int. J. Chem. Kinet. 47 (2015) 246-276).
     """
     size, early = discrepancy_sizes(measurement), harmonics(measurement.phase, MODULATING)
     early[size == 0.0, 1:] = 0.0

@@ -52,8 +52,8 @@ class Measurement:
     held_out: NDArray[np.bool_] = quantity("1", "(M,), rows that judge a prediction; fits for it leave them out")
     inputs: frozenset[str] = frozenset()  # channels of what drives the joint, which no code and no law gets wrong
     levels: frozenset[str] = frozenset()  # channels whose means over a loop are measured, beside a zero of all loops
-    embedded: Array | None = quantity("SI", "(M, K), what relative errors of one in the model's own forces, masses and "
-                                      "springs would change", default=None)
+    embedded: Array | None = quantity("SI", "(M, K), what relative errors of one in the model's own forces, masses, "
+                                      "springs and dampers would change", default=None)
     place: Array | None = quantity("1", "(M, 2), shares of the extent of a map; nan where a row is of no place",
                                    default=None)
 

@@ -22,9 +22,11 @@ from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.wear.history import WearSettings
 
-# sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens
+# sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens.
+# Damping ratios of like structures scatter by 40 % (A. G. Davenport, P. Hill-Carroll, Damping in tall buildings: its
+# variability and treatment in design, in Building Motion in Wind (ASCE, 1986) 42-57).
 BASELINE = tuple(Coordinate("", name, 0.0, sd, True) for name, sd in (
-    ("friction", 0.3), ("wear", 0.7), ("mass", 0.1), ("compliance", 0.05)))
+    ("friction", 0.3), ("wear", 0.7), ("mass", 0.1), ("compliance", 0.05), ("damping", 0.4)))
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class RigExperiment(Experiment):
         return rig_effects()
 
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
-        """Return the coordinates of friction, wear coefficient, mass and compliance, and of `effects`."""
+        """Return the coordinates of the baseline (friction, wear coefficient, ...) and of `effects`."""
         return Parameters.of(BASELINE, effects, signs)
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:

@@ -245,7 +245,8 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
         first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
         plainly = model.predict(first)
     slopes = np.nan_to_num(neighbours(model, first, [
-        Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP)]))
+        Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP),
+        Hypothesis(damping=1.0 + STEP)]))
     observation = observation.less_sure(*depth_error(observation, predicted[0], plainly)).scattering(slopes[:, 0])
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly,
                                   denser.samples / model.samples)

@@ -95,7 +95,7 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
 
 def _baseline_of(hypothesis: Hypothesis) -> tuple[float, ...]:
     """Return what a hypothesis changes in the unworn problem without effects."""
-    return hypothesis.friction, hypothesis.mass, hypothesis.compliance
+    return hypothesis.friction, hypothesis.mass, hypothesis.compliance, hypothesis.damping
 
 
 def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis,

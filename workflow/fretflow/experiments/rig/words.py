@@ -29,7 +29,8 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
             "wear": ("wear.coefficient", "m^2/N", "Archard wear coefficient"),
             "mass": ("rig.moving_mass", "kg", "mass of the driven block"),
             "compliance": ("specimen.lower.youngs_modulus", "Pa",
-                           "modulus of the lower specimen; that of the upper goes with it, as loops tell their sum")}
+                           "modulus of the lower specimen; that of the upper goes with it, as loops tell their sum"),
+            "damping": ("rig.damping_ratio", "1", "damping ratio of the rig's modes")}
 
 
 def assumed(recording: Recording) -> tuple[str, ...]:
@@ -162,7 +163,8 @@ def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half:
     value, draws = coordinate.value(z), coordinate.values(draws)
     name, unit, meaning = BASELINE[coordinate.field]
     size = {"friction": float(np.mean(rig.problem.friction_coefficient)), "wear": rig.wear_coefficient,
-            "mass": case.rig.moving_mass, "compliance": case.specimen.lower.youngs_modulus}[coordinate.field]
+            "mass": case.rig.moving_mass, "compliance": case.specimen.lower.youngs_modulus,
+            "damping": case.rig.damping_ratio}[coordinate.field]
     if coordinate.field == "compliance":
         value, draws, ends = 1.0 / value, 1.0 / draws, [1.0 / end for end in reversed(ends)]
     return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning,
@@ -179,5 +181,6 @@ def case_text(case: Case, fitted: Hypothesis, friction: float, wear: float) -> s
     return dump_case(case.model_copy(update={
         "contact": case.contact.model_copy(update={"friction_coefficient": fitted.friction * friction}),
         "wear": case.wear.model_copy(update={"coefficient": fitted.wear * wear}),
-        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * fitted.mass}),
+        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * fitted.mass,
+                                           "damping_ratio": case.rig.damping_ratio * fitted.damping}),
         "specimen": case.specimen.model_copy(update=sides), "effects": tables(fitted.effects)}))
