@@ -88,7 +88,7 @@ def test_what_chance_decides_is_told_by_what_each_node_may_do(rig):
     """Another face with the same limits is this one with every node so many standard deviations off its own."""
     size = len(rig.observation.values)
     experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)))
-    point = Point(Parameters.of(BASELINE, ["distributed-micro-slip"]), np.array([0.0, 0.0, 0.0, 0.0, -1.3, 0.0]))
+    point = Point(Parameters.of(BASELINE, ["distributed-micro-slip"]), np.r_[np.zeros(len(BASELINE)), -1.3, 0.0])
     base = experiment.predict(point)
     (even,) = hypothesis(point).effects
     limits = even.period(rig.problem, None).friction_coefficient
@@ -100,7 +100,7 @@ def test_what_chance_decides_is_told_by_what_each_node_may_do(rig):
         rows = np.hstack([np.arange(size)[one.place] for one in rig.observation.pieces if one.channel == channel])
         missed = np.linalg.norm(told[rows] - simulated[rows])
         assert missed < 0.3 * np.linalg.norm(simulated[rows]), channel  # limits are a seventh apart, and shift pressure
-    without = experiment.predict(Point(Parameters.of(BASELINE, ()), np.zeros(4)))
+    without = experiment.predict(Point(Parameters.of(BASELINE, ()), np.zeros(len(BASELINE))))
     assert experiment.by_chance(without).shape == (size, 0)
 
 
