@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.core.errors import HeavyContactWarning, InputError
+from fretflow.core.errors import FretflowWarning, HeavyContactWarning, InputError
 from fretflow.effects.cycle import march_wear
 from fretflow.solvers.audit import energy_balance
 from fretflow.solvers.continuation.follow import continue_response
@@ -72,6 +72,14 @@ def test_both_solvers_and_time_integration_agree_on_a_bolted_pair(frequency, for
     for period in (found, other):
         assert np.ptp(period.output("tip")) == pytest.approx(swing, rel=0.01)
         assert period.dissipated_energy == pytest.approx(history.dissipated_energy[-1], rel=0.03)
+
+
+@pytest.mark.parametrize("method", ["quasi-static", "dlft"])
+def test_faces_that_never_touch_are_told(method):
+    """A joint that nothing presses is a linear one, of which one would think that it has no friction to show."""
+    with pytest.warns(FretflowWarning, match="touch at no time"):
+        solve_periodic(replace(problem(60.0, 60.0), interface=Interface(
+            np.zeros((FACES, 2)), np.full(FACES, 1e-4), np.full(FACES, 1e-3)), preload=NormalLoad(0.0)), method)
 
 
 def test_the_work_of_the_excitation_is_what_contact_and_dashpots_take():
@@ -260,7 +268,8 @@ def chain():
 @pytest.mark.parametrize("gap", [16.01e-6, 17e-6, 20e-6])
 def test_a_contact_that_has_come_apart_moves_as_the_open_joint(chain, gap):
     """80 N close 16 um of springs of 5 N/um; beyond, a division by zero or a broken law was reported."""
-    free, other = (solve_periodic(chain(gap), method, samples=256) for method in ("quasi-static", "dlft"))
+    with pytest.warns(FretflowWarning, match="touch at no time"):
+        free, other = (solve_periodic(chain(gap), method, samples=256) for method in ("quasi-static", "dlft"))
     assert np.abs(free.force).max() < 1e-6
     assert free.dissipated_energy == pytest.approx(0.0, abs=1e-12)
     assert free.output("first") == pytest.approx(other.output("first"), abs=1e-4 * np.ptp(other.output("first")))

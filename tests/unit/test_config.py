@@ -216,6 +216,10 @@ def test_own_meshes_count_from_the_case_file(tmp_path):
     (tmp_path / "u.msh").touch()
     with pytest.raises(ConfigError, match=r"mesh\.lower: there is no .*l\.msh"):
         load_case(path)
+    (tmp_path / "l.msh").mkdir()
+    with pytest.raises(ConfigError, match=r"mesh\.lower: .*l\.msh is a folder; name a file"):
+        load_case(path)
+    (tmp_path / "l.msh").rmdir()
     (tmp_path / "l.msh").touch()
     assert load_case(path).mesh.lower == tmp_path / "l.msh"
 

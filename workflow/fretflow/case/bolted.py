@@ -11,7 +11,7 @@ from fretflow.case.config import WAY_OUT, explain
 from fretflow.case.sections import Section, Title
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
-from fretflow.core.files import CASE, STRUCTURE, read_toml
+from fretflow.core.files import CASE, STRUCTURE, no_file, read_toml
 
 
 class Elasticity(Section):
@@ -155,7 +155,7 @@ def load_bolted_case(path: Path) -> BoltedCase | None:
         if file is not None:
             whole = (path.parent / file).resolve()
             if not whole.is_file():
-                raise ConfigError(f"{path}: {table}.{key}: there is no {whole}; it counts from the case file's folder")
+                raise ConfigError(f"{path}: {table}.{key}: {no_file(whole)}; it counts from the case file's folder")
             own = getattr(case, table).model_copy(update={key: whole})
             case = case.model_copy(update={table: own})
     return case

@@ -34,7 +34,7 @@ from fretflow.case.sections import (
     WearScheme,
 )
 from fretflow.core.errors import ConfigError, missing_last, reason
-from fretflow.core.files import CASE, read_toml
+from fretflow.core.files import CASE, no_file, read_toml
 
 __all__ = [
     "BodyShape", "Case", "ContactSection", "FaceShape", "FrequencyResponse", "Measured", "Mesh", "Output",
@@ -114,9 +114,7 @@ def load_case(path: Path | str) -> Case:
     meshes = {side: (path.parent / file).resolve() for side, file in given.items()}
     for side, mesh in meshes.items():
         if not mesh.is_file():
-            raise ConfigError(
-                f"{path}: mesh.{side}: there is no {mesh}; the path counts from the case file's folder"
-            )
+            raise ConfigError(f"{path}: mesh.{side}: {no_file(mesh)}; the path counts from the case file's folder")
     return case.model_copy(update={"mesh": case.mesh.model_copy(update=meshes)}) if meshes else case
 
 

@@ -51,6 +51,11 @@ def _parsed(path: Path, refusal: type[InputError], way_out: str) -> dict[str, An
         raise refusal(f"{path}: not valid TOML: {str(error).partition(';')[0]}; {way_out}") from error
 
 
+def no_file(path: Path) -> str:
+    """Say why a path is no file: there is nothing, or a folder."""
+    return f"{path} is a folder; name a file" if path.is_dir() else f"there is no {path}"
+
+
 def _inside(path: Path) -> str:
     """Return which files a folder holds one of which may be meant by it."""
     inside = sorted(file.name for file in path.glob("*.toml"))[:MOST_NAMED]

@@ -10,7 +10,7 @@ from fretflow.case.config import PeriodicMethod, Solver, explain
 from fretflow.core.errors import InputError
 from fretflow.solvers.dlft.solver import DlftSolver
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
-from fretflow.solvers.quasi_static.cautions import warn_of_instability
+from fretflow.solvers.quasi_static.cautions import warn_of_instability, warn_of_no_contact
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 
 
@@ -53,6 +53,8 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
 
     Warns
     -----
+    FretflowWarning
+        If the faces touch at no time, so that there is no friction.
     UnstablePeriodWarning
         If a Floquet multiplier of the quasi-static period lies outside the unit circle.
     HeavyContactWarning
@@ -85,6 +87,7 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
     except ValidationError as error:
         raise InputError(f"solve_periodic: {explain(error, {}, model=Solver)}") from error
     found = make_solver(chosen, estimate_error=True).solve(problem, start)
+    warn_of_no_contact(found)
     if chosen.method is PeriodicMethod.QUASI_STATIC:
         warn_of_instability(problem, found)
     return found

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from fretflow.core.errors import HeavyContactWarning, UnstablePeriodWarning
+from fretflow.core.errors import FretflowWarning, HeavyContactWarning, UnstablePeriodWarning
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.candidate_nodes import restrict, restrict_solution
@@ -25,6 +25,13 @@ def warn_of_heavy_contact(problem: PeriodicProblem, found: PeriodicSolution) -> 
             f"contact: its own inertia, which the quasi-static solver leaves out, holds {share:.1g} of the kinetic "
             f'energy, so that frequencies are off by about {share / 2.0:.0%}; use method="dlft", which keeps all mass, '
             "or give contact_compliance", HeavyContactWarning, stacklevel=3)
+
+
+def warn_of_no_contact(found: PeriodicSolution) -> None:
+    """Warn (FretflowWarning) of faces that never touch, as those of a joint that nothing presses do not."""
+    if not np.any(found.state != SEPARATION):
+        warnings.warn("contact: the faces touch at no time, so that there is no friction; press them, as with "
+                      "preload=ff.NormalLoad(60), or close their gap", FretflowWarning, stacklevel=3)
 
 
 def warn_of_instability(problem: PeriodicProblem, found: PeriodicSolution) -> None:
