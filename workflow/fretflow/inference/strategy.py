@@ -66,7 +66,8 @@ def search(found: Search, progress: Progress) -> None:
         seek_partners(found, bases)
         progress(0.85, "what the model's numbers leave out at the best")
         correct(found, [1, 2])
-    allow_for_chance(found)
+    if not found.leaves_noise(frozenset()):
+        allow_for_chance(found)
 
 
 def leading(found: Search) -> list[Names]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, replace
-from itertools import chain, islice
+from itertools import chain
 from operator import is_not
 from typing import Any, Protocol
 
@@ -43,6 +43,7 @@ from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InitialGuess, In
 from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState, plain
 from fretflow.solvers.quasi_static.starts import (
     REPEATING,
+    SETTLING,
     Settled,
     cold_starts,
     settled_starts,
@@ -179,8 +180,8 @@ class QuasiStaticSolver:
         return _solution(problem, equations, *self._where_it_settles(problem, equations, newton, start, error))
 
     def _where_it_settles(self, problem: PeriodicProblem, equations: InternalEquations, newton: InternalNewton,
-                          start: PeriodicSolution | None, error: NonConvergenceError, most: int | None = None
-                          ) -> tuple[Iterate, tuple[float, ...]]:
+                          start: PeriodicSolution | None, error: NonConvergenceError,
+                          periods: int = SETTLING[-1]) -> tuple[Iterate, tuple[float, ...]]:
         """Return the root by the motion in time from phase zero of `start`; `error` came of what was tried before.
 
         Raises
@@ -189,7 +190,7 @@ class QuasiStaticSolver:
             With what that motion tells of the reason.
         """
         near, settled = None if start is None else at_phase_zero(problem, start), None
-        for settled in islice(settled_starts(problem, equations, newton.march, near), most):
+        for settled in settled_starts(problem, equations, newton.march, near, periods):
             try:
                 return newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
             except NonConvergenceError as failure:
@@ -222,9 +223,9 @@ class QuasiStaticSolver:
                 first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
         except NonConvergenceError as error:
-            with suppress(NonConvergenceError):  # once: what one motion in time does not lead to, its next does not
+            with suppress(NonConvergenceError):  # what does not all but repeat itself at once is not near a period
                 return self._kept(problem, equations, self._where_it_settles(
-                    problem, equations, newton, start, error, most=1))
+                    problem, equations, newton, start, error, periods=SETTLING[0]))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 

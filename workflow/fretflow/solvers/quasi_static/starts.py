@@ -50,8 +50,10 @@ class Settled(NamedTuple):
 
 
 def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
-                   near: AtInstant | None) -> Iterator[Settled]:
+                   near: AtInstant | None, periods: int = SETTLING[-1]) -> Iterator[Settled]:
     """March the joint in time from phase zero `near` by, else from its motion on a contact that sticks; yield at times.
+
+    Nothing is marched beyond so many `periods`.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
             found[:len(analysis)] = analysis @ internal
             guess = InitialGuess(found[:, equations.seen].ravel(), found[:, equations.other].ravel())
             yield Settled(guess, contact, count, change)
-        if count >= SETTLING[-1]:
+        if count >= periods:
             return
         last = internal
 
