@@ -23,6 +23,13 @@ def test_modal_damping_of_the_in_phase_mode_is_the_ratio_asked_for():
     assert ratio[1] == pytest.approx(0.01 * np.sqrt(1.05), rel=5e-3)
 
 
+def test_the_hinge_may_have_a_ratio_of_its_own():
+    rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01, 0.03)
+    lam, phi = eigh(rig.stiffness, rig.mass)
+    ratio = np.diag(phi.T @ rig.damping @ phi) / (2 * np.sqrt(lam))
+    assert ratio == pytest.approx([0.01, 0.03 * np.sqrt(1.05)], rel=5e-3)
+
+
 def test_impedance_is_that_of_harmonic_motion():
     """Accelerations and velocities differenced in time give the force that the impedance gives."""
     rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)

@@ -34,7 +34,7 @@ def test_refitted_compliance_is_told_as_a_modulus_with_its_interval():
     """Softer by 10 % is a modulus of 200/1.1 GPa; it had stood in the case file alone."""
     soft = next(one for one in BASELINE if one.field == "compliance")
     case = SimpleNamespace(specimen=SimpleNamespace(lower=SimpleNamespace(youngs_modulus=200e9)),
-                           rig=SimpleNamespace(moving_mass=10.0))
+                           rig=SimpleNamespace(moving_mass=10.0, damping_ratio=0.01, hinge_damping_ratio=None))
     rig = SimpleNamespace(problem=SimpleNamespace(friction_coefficient=np.array([0.5])),
                           wear_coefficient=1e-14)
     z = np.log(1.1) / soft.size

@@ -114,6 +114,8 @@ class Rig(Section):
     in_phase_frequency: u.Frequency = Field(40.0, description="in-phase sliding mode")
     out_of_phase_frequency: u.Frequency = Field(2500.0, description="out-of-phase sliding mode")
     damping_ratio: float = Field(0.01, ge=0.0, lt=1.0, description="damping ratio of each spring")
+    hinge_damping_ratio: float | None = Field(None, ge=0.0, lt=1.0,
+                                              description="damping ratio of the hinge, if another than that")
 
     @model_validator(mode="after")
     def _modes_apart(self) -> Rig:

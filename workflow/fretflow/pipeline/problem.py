@@ -86,5 +86,6 @@ def check_effects(case: Case) -> None:
 def make_rig(rig: config.Rig) -> LumpedRig:
     """Return the rig whose springs follow from its modes."""
     return LumpedRig.from_modes(
-        rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency, rig.damping_ratio
+        rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency, rig.damping_ratio,
+        rig.hinge_damping_ratio,
     )

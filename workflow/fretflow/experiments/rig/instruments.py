@@ -159,7 +159,8 @@ def _rig(case: Case) -> LumpedRig:
     """Return the rig that the file states."""
     return LumpedRig.from_modes(**{name: getattr(case.rig, key) for name, key in (
         ("moving_mass", "moving_mass"), ("arm_mass", "arm_mass"), ("in_phase", "in_phase_frequency"),
-        ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"))})
+        ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"),
+        ("hinge_damping_ratio", "hinge_damping_ratio"))})
 
 
 def _humming(recording: Recording, case: Case) -> list[str]:

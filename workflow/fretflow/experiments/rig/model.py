@@ -50,7 +50,7 @@ def harmonics_of(samples: int) -> int:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Factors on friction, wear coefficient, moving mass, the specimens' compliance and the rig's damping ratio.
+    """Factors on friction, wear coefficient, moving mass, the specimens' compliance and the hinge's damping.
 
     Effects are sorted by id.
     """
@@ -108,7 +108,8 @@ class RigModel:
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
         joint = rig_of(self.problem.structure).quasi_static()
-        rig = damped(heavier(joint.rig, hypothesis.mass), hypothesis.damping)
+        rig = heavier(joint.rig, hypothesis.mass)
+        rig = replace(rig, hinge_damping=rig.hinge_damping * hypothesis.damping)
         soft = hypothesis.compliance
         scaled = replace(joint, rig=rig, stiffness=joint.stiffness / soft, flexibility=joint.flexibility * soft,
                          upper_compliance=joint.upper_compliance * soft, lower_compliance=joint.lower_compliance * soft)
@@ -366,11 +367,6 @@ def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
     total = (rig.moving_mass * factor + rig.arm_mass) / (rig.moving_mass + rig.arm_mass)
     return replace(rig, moving_mass=rig.moving_mass * factor, ground_stiffness=rig.ground_stiffness * total,
                    ground_damping=rig.ground_damping * total)
-
-
-def damped(rig: LumpedRig, factor: float) -> LumpedRig:
-    """Return the rig with another damping ratio of both of its modes."""
-    return replace(rig, ground_damping=rig.ground_damping * factor, hinge_damping=rig.hinge_damping * factor)
 
 
 def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:

@@ -30,7 +30,7 @@ BASELINE = {"friction": ("contact.friction_coefficient", "1", "friction coeffici
             "mass": ("rig.moving_mass", "kg", "mass of the driven block"),
             "compliance": ("specimen.lower.youngs_modulus", "Pa",
                            "modulus of the lower specimen; that of the upper goes with it, as loops tell their sum"),
-            "damping": ("rig.damping_ratio", "1", "damping ratio of the rig's modes")}
+            "damping": ("rig.hinge_damping_ratio", "1", "damping ratio of the hinge")}
 
 
 def assumed(recording: Recording) -> tuple[str, ...]:
@@ -164,11 +164,17 @@ def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half:
     name, unit, meaning = BASELINE[coordinate.field]
     size = {"friction": float(np.mean(rig.problem.friction_coefficient)), "wear": rig.wear_coefficient,
             "mass": case.rig.moving_mass, "compliance": case.specimen.lower.youngs_modulus,
-            "damping": case.rig.damping_ratio}[coordinate.field]
+            "damping": hinge_ratio(case)}[coordinate.field]
     if coordinate.field == "compliance":
         value, draws, ends = 1.0 / value, 1.0 / draws, [1.0 / end for end in reversed(ends)]
     return Estimate(name=name, value=size * value, low=size * ends[0], high=size * ends[1], unit=unit, meaning=meaning,
                     draws=size * draws)
+
+
+def hinge_ratio(case: Case) -> float:
+    """Return the damping ratio of the hinge of a case."""
+    own = case.rig.hinge_damping_ratio
+    return case.rig.damping_ratio if own is None else own
 
 
 def case_text(case: Case, fitted: Hypothesis, friction: float, wear: float) -> str:
@@ -182,5 +188,5 @@ def case_text(case: Case, fitted: Hypothesis, friction: float, wear: float) -> s
         "contact": case.contact.model_copy(update={"friction_coefficient": fitted.friction * friction}),
         "wear": case.wear.model_copy(update={"coefficient": fitted.wear * wear}),
         "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * fitted.mass,
-                                           "damping_ratio": case.rig.damping_ratio * fitted.damping}),
+                                           "hinge_damping_ratio": hinge_ratio(case) * fitted.damping}),
         "specimen": case.specimen.model_copy(update=sides), "effects": tables(fitted.effects)}))

@@ -40,21 +40,22 @@ class LumpedRig:
 
     @classmethod
     def from_modes(cls, moving_mass: float, arm_mass: float, in_phase: float, out_of_phase: float,
-                   damping_ratio: float) -> LumpedRig:
+                   damping_ratio: float, hinge_damping_ratio: float | None = None) -> LumpedRig:
         """Identify the springs from the two sliding modes (Hz).
 
         The modes are three decades of stiffness apart, so each is taken by itself: the total mass on the
         ground spring, the reduced mass on the hinge. The error of either frequency is of the order of
         ``(in_phase / out_of_phase)^2``, below 0.03 % for 40 and 2500 Hz. Damping: ``2 zeta sqrt(k m)``
-        with the total mass for the ground spring and the arm's mass for the hinge.
+        with the total mass for the ground spring and the arm's mass for the hinge, of its own ratio where it has one.
         """
         total = moving_mass + arm_mass
         ground = total * (2.0 * np.pi * in_phase) ** 2
         hinge = moving_mass * arm_mass / total * (2.0 * np.pi * out_of_phase) ** 2
+        hinge_ratio = damping_ratio if hinge_damping_ratio is None else hinge_damping_ratio
         return cls(
             moving_mass=moving_mass, arm_mass=arm_mass, ground_stiffness=ground, hinge_stiffness=hinge,
             ground_damping=2.0 * damping_ratio * float(np.sqrt(ground * total)),
-            hinge_damping=2.0 * damping_ratio * float(np.sqrt(hinge * arm_mass)))
+            hinge_damping=2.0 * hinge_ratio * float(np.sqrt(hinge * arm_mass)))
 
     @property
     def mass(self) -> NDArray[np.float64]:
