@@ -267,3 +267,10 @@ def test_cases_of_different_joints_are_not_calibrated_together():
     other = other.model_copy(update={"contact": other.contact.model_copy(update={"friction_coefficient": 0.5})})
     with pytest.raises(InputError, match=r"other: \[contact\] differs"):
         calibrate.calibrate_rig([a_case(sliding_distance="1 um"), other], {})
+
+
+def test_a_hinge_with_a_damping_ratio_of_its_own_is_not_calibrated_as_if_it_had_none():
+    own = a_case(sliding_distance="1 um")
+    own = own.model_copy(update={"rig": own.rig.model_copy(update={"hinge_damping_ratio": 0.03})})
+    with pytest.raises(InputError, match=r"rig\.hinge_damping_ratio: one damping ratio is identified"):
+        calibrate.calibrate_rig([own], {})

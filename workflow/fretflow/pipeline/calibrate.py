@@ -107,12 +107,15 @@ def calibrate_rig(cases: Sequence[Case], reduced: Mapping[str, Path]) -> Identif
     Raises
     ------
     InputError
-        If the cases differ, or no sliding distance was measured.
+        If the cases differ, no sliding distance was measured, or the hinge has a damping ratio of its own.
     NonConvergenceError
         If a period is not found.
     """
     _check_alike(cases)
     first = cases[0]
+    if first.rig.hinge_damping_ratio is not None:
+        raise InputError(f"{first.name}: rig.hinge_damping_ratio: one damping ratio is identified, of both springs; "
+                         "leave it out")
     conditions = [_condition(case, reduced[case.name]) for case in cases if case.measured.sliding_distance]
     if not conditions:
         raise InputError("measured.sliding_distance: no case has it, so that nothing tells the rig's masses")
