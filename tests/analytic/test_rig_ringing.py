@@ -12,8 +12,12 @@ import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.backlash import Backlash
+from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
 from fretflow.experiments.rig.model import Hypothesis, RigModel
 from fretflow.experiments.rig.setup import is_seen
+from fretflow.inference.experiment import Point
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.strategy import correct_task
 from fretflow.solvers.time_integration import settle
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -72,6 +76,36 @@ def test_an_arm_that_sounds_where_harmonics_end_asks_for_more_samples(arm, doubl
     assert not is_seen(seen, 10.0 * (many - more))
 
 
+def test_a_play_that_rings_is_fitted_with_more_samples_and_keeps_no_derivative_of_fewer(monkeypatch):
+    """What few harmonics leave out of impacts changes with damping and play: put right at one fit it is not beside it.
+
+    The reference is the model with four times the samples, where the play is another and the hinge damps otherwise.
+    """
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    seen = small_rig.observed({"displacement": 3e-7, "friction_force": 1.2}, (0,), (), 2e-15, 3e-9)
+    rig = replace(small_rig.rig(seen), samples=64)
+    blank = np.zeros(len(seen.values))
+    coarse = RigExperiment(rig, blank, np.zeros((len(blank), 0)), checks=(rig, rig.denser()))
+    assert coarse.corrected(coarse.predict(at(coarse))).rig.samples == 64
+
+    fitter = Fitter(coarse, coarse.measurement.covariance())
+    fit = fitter.at(at(coarse, "backlash", play=2.5e-6), None)
+    own, anew = correct_task((fitter, fit))
+    assert (coarse.rig.samples, own.experiment.rig.samples, own.experiment.checks[0].samples) == (64, 128, 128)
+    assert own.experiment.has_made(anew.prediction)
+    assert not own.experiment.has_made(fit.prediction)
+    assert np.abs(anew.jacobian - fit.jacobian).max() > 0.1 * np.abs(fit.jacobian).max()
+    beside = at(coarse, "backlash", damping=3.0, play=2.3e-6)
+    wanted = rig.denser().predict(rig.denser().simulate(hypothesis(beside)))
+    once = replace(coarse, correction=own.experiment.checks[1].predict(
+        own.experiment.checks[1].simulate(hypothesis(fit.prediction.point))) - fit.predicted)
+    left = [np.linalg.norm((one.predict(beside, fit.prediction).values - wanted) / seen.floor)
+            for one in (once, own.experiment)]
+    assert left[1] < 0.5 * left[0]
+
+
 def test_an_error_is_seen_where_one_channel_is_less_noisy():
     pieces = [SimpleNamespace(block=block, channel=name, place=slice(4 * at, 4 * at + 4))
               for at, (block, name) in enumerate([("loops", "x"), ("sweep", "f"), ("map", "depth")])]
@@ -83,3 +117,10 @@ def test_an_error_is_seen_where_one_channel_is_less_noisy():
 def lines(force):
     """Return the compared harmonics of a period of the force, N."""
     return np.fft.rfft(force)[1:11] / len(force)
+
+
+def at(experiment, *effects, **values):
+    """Return the point in the middle of all ranges, but for some fields' values in SI."""
+    space = experiment.parameters(effects)
+    return Point(space, np.array([one.place(values[one.field]) if one.field in values else 0.0
+                                  for one in space.coordinates]))

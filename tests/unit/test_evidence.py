@@ -96,6 +96,10 @@ class Waves:
         """Return that nothing is left to chance."""
         return np.zeros((len(prediction.values), 0))
 
+    def has_made(self, prediction: Prediction) -> bool:
+        """Return that every prediction is of the model."""
+        return True
+
     def finer(self) -> None:
         """Return nothing."""
 

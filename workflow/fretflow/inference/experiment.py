@@ -143,6 +143,10 @@ class Experiment(Protocol):
         """
         ...
 
+    def has_made(self, prediction: Prediction) -> bool:
+        """Tell whether a prediction is of this very model, and not of a coarser or finer one; it is, by default."""
+        return True
+
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V) from a prediction to hypotheses beside it; each predicted, by default.
 

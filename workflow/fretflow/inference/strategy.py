@@ -153,11 +153,7 @@ def correct(found: Search, of: Sequence[int]) -> None:
         put_right = {names: own for names, own in zip(leading, found.pool(correct_task, asked), strict=True)
                      if own is not None}
         for names, own in put_right.items():
-            now = found.fits[names]
-            anew = own.experiment.predict(now.prediction.point, now.prediction)
-            found.fits[names] = replace(own.linearised(anew, now.jacobian), converged=now.converged,
-                                        provisional=now.provisional, secant=now.secant)
-        found.fitters.update(put_right)
+            found.fitters[names], found.fits[names] = own
         found.sign(put_right)
         again = [names for names in put_right if found.log_evidence(names) > -NEGLIGIBLE + max(
             found.log_evidence(one) for one in put_right if len(one) == len(names))]
@@ -167,11 +163,21 @@ def correct(found: Search, of: Sequence[int]) -> None:
                                                  converged=fit.converged, secant=fit.secant), known_by=0.5 * ENOUGH)
 
 
-def correct_task(asked: tuple[Fitter, Fit]) -> Fitter | None:
-    """Return a fitter with the numerical errors put right at a fit; None where nothing finer tells them."""
+def correct_task(asked: tuple[Fitter, Fit]) -> tuple[Fitter, Fit] | None:
+    """Return a fitter with the numerical errors put right at a fit, and that; None where nothing finer tells them."""
     fitter, fit = asked
     experiment = fitter.experiment.corrected(fit.prediction)
-    return None if experiment is None else replace(fitter, experiment=experiment)
+    if experiment is None:
+        return None
+    own = replace(fitter, experiment=experiment)
+    try:
+        anew = experiment.predict(fit.prediction.point, fit.prediction)
+    except NonConvergenceError:
+        return None
+    if not experiment.has_made(fit.prediction):  # derivatives are of another model as well
+        return own, own.linearised(anew)
+    return own, replace(own.linearised(anew, fit.jacobian), converged=fit.converged, provisional=fit.provisional,
+                        secant=fit.secant)
 
 
 def to_rest(found: Search, size: int) -> None:

@@ -14,7 +14,7 @@ from fretflow.effects.effect import in_sensors_alone
 from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import CHANNELS, Array, Observation
 from fretflow.experiments.rig.phases import Strokes
-from fretflow.experiments.rig.setup import errors_of
+from fretflow.experiments.rig.setup import errors_of, is_seen
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
@@ -61,9 +61,13 @@ class RigExperiment(Experiment):
         NonConvergenceError
             If a period is not found, or numbers are beyond all bounds.
         """
-        known = None if near is None else resensed(near, point)
+        known = None if near is None or not self.has_made(near) else resensed(near, point)
         simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
         return Prediction(point, self.rig.predict(simulation) + self.correction, simulation)
+
+    def has_made(self, prediction: Prediction) -> bool:
+        """Tell whether a prediction has this resolution."""
+        return simulation_of(prediction).resolution == self.rig.resolution
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""
@@ -91,16 +95,24 @@ class RigExperiment(Experiment):
         return replace(self, rig=replace(self.rig, wear_tolerance=WearSettings.tolerance))
 
     def corrected(self, prediction: Prediction) -> Experiment | None:
-        """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail."""
+        """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail.
+
+        Where that is seen in the recording the model has twice the samples: what is left out changes with the fit.
+        """
         if self.checks is None:
             return None
+        (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
+        asked, observation = hypothesis(prediction.point), self.rig.observation
         try:
-            finer, denser = (one.predict(one.simulate(hypothesis(prediction.point))) for one in self.checks)
+            denser = dense.predict(dense.simulate(asked))
+            if 2 * rig.samples < dense.samples and is_seen(observation, denser - coarse):
+                rig, fine = rig.twice_as_dense(), fine.twice_as_dense()
+                coarse = rig.predict(rig.simulate(asked, simulation_of(prediction)))
+            finer = fine.predict(fine.simulate(asked))
         except NonConvergenceError:
             return None
-        coarse = prediction.values - self.correction
-        times = self.checks[1].samples / self.rig.samples
-        return replace(self, correction=errors_of(self.rig.observation, finer, denser, coarse, times)[0])
+        correction, _ = errors_of(observation, finer, denser, coarse, dense.samples / rig.samples)
+        return replace(self, rig=rig, correction=correction, checks=(fine, dense))
 
 
 def hypothesis(point: Point) -> Hypothesis:

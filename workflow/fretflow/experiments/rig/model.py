@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
@@ -63,6 +63,14 @@ class Hypothesis:
     damping: float = 1.0
 
 
+class Resolution(NamedTuple):
+    """How finely a simulation is made: a simulation of another one is a start, and not the same prediction."""
+
+    nodes: int
+    samples: int
+    wear_tolerance: float
+
+
 @dataclass(frozen=True)
 class Period:
     """One solved period of a simulation, and the joint it is of."""
@@ -84,6 +92,7 @@ class Simulation:
     loops: tuple[Period, ...]
     sweep: tuple[Period, ...]
     steps: tuple[WearStep, ...]
+    resolution: Resolution
 
     @property
     def depth(self) -> Array:
@@ -104,6 +113,11 @@ class RigModel:
     wear_tolerance: float = WEAR_TOLERANCE
     harmonics: int | None = None  # of the masses' motion; by default all that the samples hold
     most_periods: int = MOST_PERIODS
+
+    @property
+    def resolution(self) -> Resolution:
+        """Return how finely it simulates."""
+        return Resolution(self.problem.interface.size, self.samples, self.wear_tolerance)
 
     def case_problem(self, hypothesis: Hypothesis) -> PeriodicProblem:
         """Return the unworn problem with the baseline's parameters as `hypothesis` has them, without its effects."""
@@ -126,6 +140,10 @@ class RigModel:
         """Return the same with `DENSER * SAMPLES` samples of a period, however many its own are, and harmonics."""
         return replace(self, samples=DENSER * SAMPLES)
 
+    def twice_as_dense(self) -> RigModel:
+        """Return the same with twice as many samples and harmonics."""
+        return replace(self, samples=2 * self.samples)
+
     def solver(self) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
@@ -145,7 +163,7 @@ class RigModel:
         """
         if near is None and self.harmonics is None and self.samples > SAMPLES:  # all at once are not found with a play
             try:
-                return self.simulate(hypothesis, replace(self, harmonics=harmonics_of(SAMPLES)).simulate(hypothesis))
+                return self._from_fewer(hypothesis)
             except NonConvergenceError:
                 if hypothesis.effects:  # seeking them from nothing takes long, and in vain
                     raise
@@ -185,7 +203,15 @@ class RigModel:
         sweep = tuple(self._at(cycle, end, condition, start, not known) for condition, start in
                       zip(self.observation.conditions, others, strict=True))
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
-                          tuple(steps))
+                          tuple(steps), self.resolution)
+
+    def _from_fewer(self, hypothesis: Hypothesis) -> Simulation:
+        """Return a simulation that begins with half the samples, and where these do not lead there few harmonics."""
+        half = replace(self, samples=max(SAMPLES, self.samples // 2))
+        try:
+            return self.simulate(hypothesis, half.simulate(hypothesis))
+        except NonConvergenceError:
+            return self.simulate(hypothesis, replace(self, harmonics=harmonics_of(SAMPLES)).simulate(hypothesis))
 
     def _at(self, cycle: PeriodicCycle, end: Period, condition: SweepCondition, start: Period, anew: bool) -> Period:
         """Return the period at another condition, at the end of the test."""

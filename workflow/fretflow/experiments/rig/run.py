@@ -241,7 +241,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
     predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
     plainly = model.predict(first)
     if is_seen(observation, predicted[1] - plainly):  # at other parameters kinks fall otherwise between the samples
-        model, finer = (replace(one, samples=2 * one.samples) for one in (model, finer))
+        model, finer = model.twice_as_dense(), finer.twice_as_dense()
         first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
         plainly = model.predict(first)
     slopes = np.nan_to_num(neighbours(model, first, [
