@@ -27,7 +27,7 @@ from fretflow.inference.evidence import (
 )
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences
 from fretflow.inference.law_forms import density, law_form_errors
-from fretflow.inference.least_squares import Fitter
+from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import by_form_alone, decide, left_out
 from fretflow.inference.search import FAST, Search, Start
@@ -192,6 +192,25 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     fit = found.fits[frozenset({"viscous"})]
     assert fit.z[1] == pytest.approx(1.3247, abs=0.005)  # the real root of t^3 - t = 1
     assert fit.chi_squared < 0.01 * found.baseline.chi_squared
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_beside_a_bent_baseline_effects_are_begun_as_it_was_stated_first(bent: bool, monkeypatch: pytest.MonkeyPatch
+                                                                         ) -> None:
+    """What explains all from there needs no other start; a hundred fits from a bent one came before it."""
+    experiment = Waves(measurement((50.0 if bent else 1.0) * cosine()), ("viscous",))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    origins: list[Fit] = []
+    monkeypatch.setattr(strategy, "is_explained", lambda found: len(origins) > 0)
+
+    def begin(found: Search, origin: Fit) -> list[Any]:
+        origins.append(origin)
+        return []
+
+    monkeypatch.setattr(strategy, "begin_beside", begin)
+    begin_all(found)
+    assert origins == [found.stated if bent else found.baseline]
 
 
 @pytest.mark.parametrize("hidden", [(), ("viscous",), ("viscous", "support-nonlinearity")])

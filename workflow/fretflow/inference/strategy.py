@@ -206,12 +206,13 @@ def begin_all(found: Search) -> None:
     """Fit every effect from the best of its starts, and keep what it changes there."""
     origins = [found.baseline]
     if found.stated is not None and is_bent(found.baseline.z).any():
-        origins.append(found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
+        origins.insert(0, found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
     untold: list[Beginning] = []
     for origin in origins:
-        untold = begin_beside(found, origin)
+        left = begin_beside(found, origin)
         if is_explained(found):
             return  # what may be left to tell is small, and of first order
+        untold = untold or left
     laid = found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
     fits = sorted((fit for own in laid for fit in own), key=lambda fit: fit.objective)
     more = [fit for place, fit in enumerate(fits)
