@@ -1,7 +1,7 @@
 """Which effects could explain a measurement: every effect alone, then pairs, each fitted to rest.
 
-Every effect of the catalogue is begun at several points of its ranges, beside the fitted baseline and beside the
-baseline as it was stated, and fitted. Work stops where it cannot matter: a set whose evidence, linear about where it
+Every effect of the catalogue is begun at several points of its ranges, beside the fitted baseline, or beside the stated
+one before a bent one, and fitted. Work stops where it cannot matter: a set whose evidence, linear about where it
 stands, is below the best one's by `NEGLIGIBLE` holds no share of the posterior that would be told.
 """
 
