@@ -108,7 +108,8 @@ def allow_for_chance(found: Search) -> None:
 
     They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline.
     """
-    sets = [names for names in (*found.best(1), *found.best(2)[:found.effort.bases]) if found.by_chance(names).shape[1]]
+    sets = [names for names in may_hold(found, [*found.best(1), *found.best(2)[:found.effort.bases]])
+            if found.by_chance(names).shape[1]]
     tasks = []
     for names in sets:
         point = found.fits[names].prediction.point
@@ -187,9 +188,7 @@ def to_rest(found: Search, size: int) -> None:
     only.
     """
     for _ in range(2):
-        sets = found.best(size)
-        if size > 1 or is_explained(found):
-            sets = found.promising(sets)
+        sets = found.promising(found.best(size)) if size > 1 else may_hold(found, found.best(size))
         open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
         if not open_:
             break
@@ -199,7 +198,7 @@ def to_rest(found: Search, size: int) -> None:
 def exchange_laws(found: Search, size: int) -> None:
     """Fit the leading sets of a size with laws that extend theirs, or that theirs extend, from where they are."""
     found.keep(found.pool(fit_task, [
-        task for names in found.best(size)[:found.effort.bases] for task in exchanged(found, names)]))
+        task for names in may_hold(found, found.best(size)[:found.effort.bases]) for task in exchanged(found, names)]))
 
 
 def begin_all(found: Search) -> None:
@@ -241,6 +240,14 @@ def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
             found.keep([fit])
     go_on(found, sorted(going, key=lambda one: one.promise)[:found.effort.going], found.effort.last_steps)
     return [one for one, fit in zip(laid, first_fits, strict=True) if is_untold(found, one, fit)]
+
+
+def may_hold(found: Search, sets: Sequence[Names]) -> Sequence[Names]:
+    """Return the sets that may hold a share of the posterior: all of them, as long as none explains all."""
+    if not is_explained(found):
+        return sets
+    held = found.promising([*found.best(1)[:1], *sets])
+    return [names for names in sets if names in held]
 
 
 def is_explained(found: Search) -> bool:
