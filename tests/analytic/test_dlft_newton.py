@@ -179,3 +179,23 @@ def test_samples_must_tell_the_harmonics_apart(problem):
 
 def test_default_penalty_is_the_largest_eigenvalue(equations):
     assert equations.penalty == pytest.approx(np.linalg.eigvalsh(equations.stiffness.real_part(0))[-1], rel=1e-10)
+
+
+@pytest.mark.parametrize(("most", "way"), [(2, "after 2 iterations.*raise max_iterations"),
+                                           (100, "not fallen for 15 iterations; start from a neighbour")])
+def test_a_system_without_a_root_says_what_may_help(most, way):
+    """u^2 + 1 has none: more iterations are offered where they ran out, another start where they go in circles."""
+    class At(NamedTuple):
+        u: np.ndarray
+        residual: np.ndarray
+
+    class Above:
+        def evaluate(self, u):
+            return At(u, u**2 + 1.0)
+
+        def linearise(self, at, before=None):
+            return lambda v: 2.0 * at.u * v, lambda v: v / (2.0 * at.u)
+
+    with pytest.raises(NonConvergenceError, match=way) as raised:
+        solve_newton(Above(), np.array([0.7]), 1.0, 1e-12, most)
+    assert min(raised.value.history) > 1.0 - 1e-12

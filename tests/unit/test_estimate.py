@@ -153,6 +153,7 @@ def test_a_penalty_that_is_none_and_damping_without_effect_are_named():
     raw = {**CASE, "reduction": {"rayleigh_stiffness": "1e-5 s"}}
     assert warnings(validate_case(raw))[0].startswith("reduction.rayleigh_stiffness changes nothing with solver.method")
     assert not warnings(validate_case({**raw, "solver": {"method": "dlft"}}))
+    assert warnings(changed("mesh.unit", "1 mm")) == ("mesh.unit changes nothing without a mesh of your own",)
 
 
 @pytest.mark.parametrize("file", [file for file in sorted((ROOT / "examples").glob("*.toml"))
