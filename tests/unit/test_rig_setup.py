@@ -329,6 +329,7 @@ def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
     names = frozenset({"viscous"})
     space = Parameters.of(BASELINE, ("viscous",))
     z = np.where([one.field == "compliance" for one in space.coordinates], compliance, 0.0)
+    z[[one.field == "damping" for one in space.coordinates]] = 3.5  # of the hinge, and of the dashpot
     z[-1] = 5.0  # an effect's own range may be too narrow
     fit = SimpleNamespace(prediction=SimpleNamespace(point=None), parameters=space, z=z)
     found = Found(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))

@@ -183,12 +183,13 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
 
     That is a friction coefficient that no dry contact has, or a parameter of the baseline that one in a thousand of
     what the file states is beyond: an effect that is right needs no such help (prior-data conflict: M. Evans,
-    H. Moshonov, Bayesian Anal. 1 (2006) 893-914).
+    H. Moshonov, Bayesian Anal. 1 (2006) 893-914). Damping is no such parameter: it is seldom measured, and the steps of
+    another code damp the arm several times as much as its file states.
     """
     fit = hypotheses.fits[found.after]
     friction = hypothesis(fit.prediction.point).friction * float(np.mean(experiment.rig.problem.friction_coefficient))
     beyond = [one for one, far in zip(fit.parameters.coordinates, is_bent(fit.z), strict=True)
-              if far and not one.effect]
+              if far and not one.effect and one.field != "damping"]
     if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not beyond):
         return found
     needed = listed([one.name for one in beyond]) if beyond else "the friction coefficient"
