@@ -58,6 +58,31 @@ def test_a_baseline_that_few_harmonics_do_not_lead_to_is_sought_from_nothing(mon
         model.simulate(Hypothesis(effects=(Backlash(play="2.5 um"),)))
 
 
+def test_half_the_samples_lead_to_periods_across_a_play_that_few_harmonics_do_not(monkeypatch):
+    """Which ones is up to the last digit, and so to the machine; those that both lead to are the same."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    dense = small_rig.rig(small_rig.observed({"displacement": 3e-7}, (0,), (), 2e-15, 3e-9)).denser()
+
+    def led(one, *start):
+        try:
+            return one.simulate(asked, *start).loops[0].solution.friction_force
+        except NonConvergenceError:
+            return None
+
+    found, lost = 0, 0
+    for play in ("1.9 um", "2.3 um", "2.5 um"):
+        asked = Hypothesis(effects=(Backlash(play=play),), damping=0.5)
+        own = led(dense)
+        few = led(dense, replace(dense, harmonics=16).simulate(asked))
+        found, lost = found + (own is not None), lost + (few is None)
+        if own is not None and few is not None:
+            assert lines(own) == pytest.approx(lines(few), abs=0.05)  # N, of 50
+    assert found == 3
+    assert lost > 0
+
+
 @pytest.mark.parametrize(("arm", "doubled"), [(1600.0, True), (2500.0, False)])
 def test_an_arm_that_sounds_where_harmonics_end_asks_for_more_samples(arm, doubled, monkeypatch):
     """At 113 Hz its mode on the faces is near the 16th harmonic, the last that 64 samples hold, or far beyond it."""

@@ -31,7 +31,7 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import by_form_alone, decide, left_out
 from fretflow.inference.search import FAST, Search, Start
-from fretflow.inference.strategy import begin_all, exchange_laws, leading, search, start_search
+from fretflow.inference.strategy import begin_all, exchange_laws, leading, may_hold, search, start_search
 from fretflow.inference.verdict import Verdict
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
@@ -220,6 +220,17 @@ def test_pairs_are_sought_where_something_is_left_to_explain(hidden: tuple[str, 
     found = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
     assert all(names & set(hidden) for names in (*leading(found), *found.best(2)))
     assert decide(found).effects == tuple(sorted(hidden))
+
+
+@pytest.mark.parametrize("hidden", [("viscous",), ("viscous", "support-nonlinearity")])
+def test_where_one_explains_all_the_hopeless_are_spared(hidden: tuple[str, ...]) -> None:
+    """Of two effects neither alone explains all, and nobody knows of any yet what it may do with another."""
+    noise = SD * np.random.default_rng(11).standard_normal(LOOPS * SAMPLES)
+    found = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
+    found.fits = {names: fit for names, fit in found.fits.items() if len(names) < 2}
+    alone = found.best(1)
+    assert len(alone) > 1
+    assert list(may_hold(found, alone)) == ([frozenset(hidden)] if len(hidden) == 1 else alone)
 
 
 def test_an_input_is_off_by_nothing_but_its_time() -> None:
