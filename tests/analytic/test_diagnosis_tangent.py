@@ -104,6 +104,26 @@ def test_what_chance_decides_is_told_by_what_each_node_may_do(rig):
     assert experiment.by_chance(without).shape == (size, 0)
 
 
+def test_what_sensors_alone_change_is_exact_of_a_prediction_with_finer_wear_steps(rig, monkeypatch):
+    """What the steps change is not the sensor's, and no motion is sought for it."""
+    size = len(rig.observation.values)
+    coarse = replace(rig, wear_tolerance=0.1)
+    experiment = RigExperiment(coarse, np.zeros(size), np.zeros((size, 0)), checks=(coarse, coarse.denser()))
+    point = Point(experiment.parameters(()), np.zeros(len(BASELINE)))
+    delayed = experiment.parameters(("channel-delay",))
+    there = Point(delayed, np.r_[np.zeros(len(BASELINE)), np.ones(delayed.size - len(BASELINE))])
+    finer = experiment.finer()
+    fine = finer.predict(point)
+    wanted = finer.predict(there, fine).values - fine.values
+    assert not experiment.has_made(fine)
+    assert [one.wear_tolerance for one in finer.checks] == [finer.rig.wear_tolerance] * 2
+    assert np.abs(experiment.predict(point).values - fine.values).max() > 1e-4 * np.abs(wanted).max()
+    monkeypatch.setattr(rig_model.RigModel, "simulate", None)
+    (found,) = experiment.changes(fine, [there]).T
+    assert found == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
+    assert np.abs(wanted).max() > 0.0
+
+
 def test_numbers_beyond_all_bounds_are_no_prediction(rig):
     """A worn depth that overflows is refused, and a correction by such a model is none."""
     base = rig.simulate(Hypothesis())

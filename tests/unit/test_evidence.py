@@ -541,6 +541,34 @@ def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkey
 
 
 @dataclass(frozen=True)
+class Halting(Waves):
+    """Waves whose predictions are of the model with finer steps alone, as those of a fit that came to a halt."""
+
+    fine: bool = False
+
+    def has_made(self, prediction: Prediction) -> bool:
+        """Tell whether it is the finer model."""
+        return self.fine
+
+    def finer(self) -> Any:
+        """Return the finer model; None of that itself."""
+        return None if self.fine else replace(self, fine=True)
+
+
+def test_a_fit_that_came_to_a_halt_stays_with_the_finer_steps_that_went_on() -> None:
+    """Else what an effect does would be told by the difference of two models, and each further step be made twice."""
+    experiment: Any = Halting(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    own: Any = found.fitter_of(frozenset()).experiment
+    assert own.fine
+    again: Any = found.further(found.baseline, 1).fitter.experiment
+    assert again.fine
+    missing: Any = found.fitter_of(frozenset({"viscous"})).experiment
+    assert not missing.fine
+
+
+@dataclass(frozen=True)
 class Springs(Waves):
     """Loops whose first wave an asperity law adds, growing by `gain` over the test where it evolves."""
 

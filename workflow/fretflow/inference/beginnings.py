@@ -169,19 +169,22 @@ def started(found: Search, origin: Fit, fit: Fit) -> Start:
 def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list[Task]:
     """Return where the fits of a set with the effects beside it begin that promise most of what it leaves.
 
-    What each changes is known to first order at the set's own fit, or where it was begun beside the baseline.
+    What each changes is known to first order at the set's own fit, or where it was begun beside the baseline. Pairs
+    that promise no more than one effect alone reaches are not begun.
     """
     fit, white = found.fits[names], found.fitter.covariance.whiten
-    rest, free = found.explicable(names), np.array([one.name for one in fit.parameters.coordinates])
-    left = white(found.experiment.measurement.values - fit.predicted)
-    left -= rest @ (rest.T @ left)
-    known = dict(zip(free, fit.z, strict=True))
+    reached = min(one.objective for effects, one in found.fits.items() if len(effects) == len(names))
+    residual = white(found.experiment.measurement.values - fit.predicted)
+    known = dict(zip((one.name for one in fit.parameters.coordinates), fit.z, strict=True))
+    spaces = found.explicable(names), basis(fit.whitened_jacobian)
     promised: dict[str, tuple[float, Point]] = {}
 
     def weigh(effect: str, columns: Array, point: Point) -> None:
-        gain = log_gain(columns - rest @ (rest.T @ columns), left)
-        if gain > promised.get(effect, (log(len(found.experiment.candidates())), point))[0]:  # what the choice costs
-            promised[effect] = (gain, point)
+        beyond_forms, gain = (log_gain(columns - own @ (own.T @ columns), residual - own @ (own.T @ residual))
+                              for own in spaces)
+        least = log(len(found.experiment.candidates()))  # what the choice costs
+        if fit.objective - 2.0 * gain < reached and beyond_forms > promised.get(effect, (least, point))[0]:
+            promised[effect] = (beyond_forms, point)
 
     told = set(names)
     for one in beginnings:

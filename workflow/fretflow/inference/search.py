@@ -269,8 +269,14 @@ class Search:
         return found
 
     def fitter_of(self, names: Names) -> Fitter:
-        """Return the fitter of a set."""
-        return self.fitters.get(names, self.fitter)
+        """Return the fitter of a set: that of its fit where it has one, whose numerical steps may be finer."""
+        return self.maker(self.fits[names]) if names in self.fits else self.fitters.get(names, self.fitter)
+
+    def maker(self, fit: Fit) -> Fitter:
+        """Return the fitter that a fit was made by: a finer one, where the set's own came to a halt."""
+        own = self.fitters.get(fit.effects, self.fitter)
+        finer = None if own.experiment.has_made(fit.prediction) else own.experiment.finer()
+        return replace(own, experiment=finer) if finer is not None and finer.has_made(fit.prediction) else own
 
     def is_settled(self, names: Names) -> bool:
         """Tell whether a set's numerical errors were put right about where it is fitted now."""
@@ -288,7 +294,7 @@ class Search:
 
     def further(self, fit: Fit, steps: int) -> Task:
         """Return that a fit goes on from where it stands."""
-        return Task(self.fitter_of(fit.effects), fit.prediction.point, fit.prediction, steps,
+        return Task(self.maker(fit), fit.prediction.point, fit.prediction, steps,
                     None if fit.provisional else fit.jacobian, fit.secant, fit.damping)
 
     def keep(self, found: Iterable[Fit | None]) -> None:
@@ -326,12 +332,15 @@ class Search:
         own = [names for names in self.fits if len(names) == size and containing <= names]
         return sorted(own, key=lambda names: -self.log_evidence(names, frozenset()))
 
-    def promising(self, sets: Sequence[Names]) -> list[Names]:
-        """Return the sets that may hold a share of the posterior, the most probable of `sets` first among them."""
+    def promising(self, sets: Sequence[Names], unsure: float = 0.0) -> list[Names]:
+        """Return the sets that may hold a share of the posterior, the most probable of `sets` first among them.
+
+        That is as `unsure` as is told, of its log evidence.
+        """
         if not sets:
             return []
         best = self.log_evidence(sets[0], frozenset())
-        return [names for names in sets if self.log_evidence(names, frozenset()) > best - NEGLIGIBLE]
+        return [names for names in sets if self.log_evidence(names, frozenset()) > best - NEGLIGIBLE - unsure]
 
 
 def extends(wider: str, plainer: str) -> bool:

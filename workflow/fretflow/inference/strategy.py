@@ -138,17 +138,20 @@ def chance_task(task: Task) -> Fit | None:
 def correct(found: Search, of: Sequence[int]) -> None:
     """Put the numerical errors of the leading sets of some sizes right at their own fits, and of those that lead then.
 
-    What a set explains by the errors of a coarse model is no longer explained, and another leads. Sets that are less
-    probable than smaller ones need none, nor are sets fitted on that are then hopeless beside the best of their size.
-    Where a fit moves far, its errors are put right once more.
+    What a set explains by the errors of a coarse model is no longer explained, and another leads: one that is less
+    probable by no more than what errors put right have changed until then. Sets that are less probable than smaller
+    ones need none, nor are sets fitted on that are then hopeless beside the best of their size. Where a fit moves far,
+    its errors are put right once more.
     """
+    changed = 0.0  # of log evidence
     for _ in range(MOST_CORRECTIONS):
-        leading = [names for size in of for names in found.best(size)[:found.effort.bases]
+        leading = [names for size in of for names in found.promising(found.best(size)[:found.effort.bases], changed)
                    if not found.is_settled(names) and all(
                        found.log_evidence(names, frozenset()) > found.log_evidence(one, frozenset())
                        for less in range(size) for one in found.best(less)[:1])]
         if not leading:
             break
+        before = {names: found.log_evidence(names, frozenset()) for names in leading}
         asked = [(found.fitter_of(names), found.fits[names]) for names in leading]
         found.settled.update({names: found.fits[names].z for names in leading})
         put_right = {names: own for names, own in zip(leading, found.pool(correct_task, asked), strict=True)
@@ -162,6 +165,7 @@ def correct(found: Search, of: Sequence[int]) -> None:
             if fit is not None:
                 found.keep_more_probable(replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
                                                  converged=fit.converged, secant=fit.secant), known_by=0.5 * ENOUGH)
+        changed = max(changed, *(abs(found.log_evidence(names, frozenset()) - own) for names, own in before.items()))
 
 
 def correct_task(asked: tuple[Fitter, Fit]) -> tuple[Fitter, Fit] | None:

@@ -71,12 +71,13 @@ class RigExperiment(Experiment):
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""
-        found = np.empty((len(prediction.values), len(points)))
-        sensed = np.array([resensed(prediction, point) is not None for point in points], dtype=bool)
-        near = [hypothesis(point) for point, alone in zip(points, sensed, strict=True) if not alone]
-        found[:, ~sensed] = neighbours(self.rig, simulation_of(prediction), near)
-        for k in np.flatnonzero(sensed):
-            found[:, k] = self.predict(points[k], prediction).values - prediction.values
+        found, before = np.empty((len(prediction.values), len(points))), simulation_of(prediction)
+        alike = {place: one for place, point in enumerate(points) if (one := resensed(prediction, point)) is not None}
+        moved = [place for place in range(len(points)) if place not in alike]
+        found[:, moved] = neighbours(self.rig, before, [hypothesis(points[place]) for place in moved])
+        shown = self.rig.predict(before) if alike else prediction.values
+        for place, one in alike.items():
+            found[:, place] = self.rig.predict(one) - shown
         return found
 
     def by_chance(self, prediction: Prediction) -> Array:
@@ -92,7 +93,8 @@ class RigExperiment(Experiment):
         """Return the same with finer steps of wear."""
         if self.rig.wear_tolerance <= WearSettings.tolerance:
             return None
-        return replace(self, rig=replace(self.rig, wear_tolerance=WearSettings.tolerance))
+        rig, *checks = (replace(one, wear_tolerance=WearSettings.tolerance) for one in (self.rig, *(self.checks or ())))
+        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)
 
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail.
