@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -194,23 +195,37 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     assert fit.chi_squared < 0.01 * found.baseline.chi_squared
 
 
-@pytest.mark.parametrize("bent", [False, True])
-def test_beside_a_bent_baseline_effects_are_begun_as_it_was_stated_first(bent: bool, monkeypatch: pytest.MonkeyPatch
-                                                                         ) -> None:
-    """What explains all from there needs no other start; a hundred fits from a bent one came before it."""
-    experiment = Waves(measurement((50.0 if bent else 1.0) * cosine()), ("viscous",))
+@pytest.mark.parametrize(("height", "left", "begun"), [
+    (1.0, 1.0, "baseline"), (50.0, 1.0, "stated, baseline"), (50.0, 0.5, "stated")])
+def test_effects_are_begun_beside_a_bent_baseline_where_the_stated_one_led_to_none_that_explains_more(
+        height: float, left: float, begun: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No truth is near it where one does; a hundred fits from a bent one came before those from the stated one."""
+    experiment = Waves(measurement(height * cosine()), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    found: Any = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
     origins: list[Fit] = []
-    monkeypatch.setattr(strategy, "is_explained", lambda found: len(origins) > 0)
 
-    def begin(found: Search, origin: Fit) -> list[Any]:
+    def begin(found: Any, origin: Fit) -> list[Any]:
         origins.append(origin)
+        found.fits[frozenset({"viscous"})] = SimpleNamespace(objective=left * found.baseline.objective, chi_squared=1e9)
         return []
 
     monkeypatch.setattr(strategy, "begin_beside", begin)
+    monkeypatch.setattr(strategy, "is_explained", lambda found: False)
     begin_all(found)
-    assert origins == [found.stated if bent else found.baseline]
+    assert origins == [found.stated if name == "stated" else found.baseline for name in begun.split(", ")]
+
+
+def test_what_explains_all_beside_the_stated_baseline_needs_no_other_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a bent one, where it leads."""
+    experiment = Waves(measurement(50.0 * cosine()), ("viscous",))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    origins: list[Fit] = []
+    monkeypatch.setattr(strategy, "begin_beside", lambda found, origin: origins.append(origin) or [])
+    monkeypatch.setattr(strategy, "is_explained", lambda found: True)
+    begin_all(found)
+    assert origins == [found.stated]
 
 
 @pytest.mark.parametrize("hidden", [(), ("viscous",), ("viscous", "support-nonlinearity")])

@@ -298,14 +298,17 @@ class Search:
                     None if fit.provisional else fit.jacobian, fit.secant, fit.damping)
 
     def keep(self, found: Iterable[Fit | None]) -> None:
-        """Keep fits that are better than those that are known."""
+        """Keep fits that are better than those that are known, or went on from these with finer steps."""
         for fit in found:
             if fit is None:
                 continue
-            known = self.fits.get(fit.effects)
-            same = known is not None and np.array_equal(fit.z, known.z)
-            if known is None or fit.objective < known.objective or (fit.converged and same):
-                self.fits[fit.effects] = fit
+            known, own = self.fits.get(fit.effects), self.fitters.get(fit.effects, self.fitter).experiment
+            if known is not None and fit.objective >= known.objective:
+                finer = own.has_made(known.prediction) and not own.has_made(fit.prediction)
+                if not (fit.converged and np.array_equal(fit.z, known.z)) and not (
+                        finer and not has_moved(fit, known.z)):
+                    continue
+            self.fits[fit.effects] = fit
 
     def keep_more_probable(self, fit: Fit, known_by: float = 0.0) -> None:
         """Keep a fit made under other errors in the place of the known one, unless that is the more probable one.

@@ -206,16 +206,22 @@ def exchange_laws(found: Search, size: int) -> None:
 
 
 def begin_all(found: Search) -> None:
-    """Fit every effect from the best of its starts, and keep what it changes there."""
+    """Fit every effect from the best of its starts, and keep what it changes there.
+
+    A baseline outside of its ranges is bent to explain what it cannot: effects are begun as it was stated, first, and
+    beside it only where that leads to none that explains more.
+    """
     origins = [found.baseline]
     if found.stated is not None and is_bent(found.baseline.z).any():
-        origins.insert(0, found.stated)  # a baseline outside of its ranges is bent to explain what it cannot
+        origins.insert(0, found.stated)
     untold: list[Beginning] = []
     for origin in origins:
         left = begin_beside(found, origin)
         if is_explained(found):
             return  # what may be left to tell is small, and of first order
         untold = untold or left
+        if min(fit.objective for fit in found.fits.values()) < found.baseline.objective - 2.0 * NEGLIGIBLE:
+            break
     laid = found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
     fits = sorted((fit for own in laid for fit in own), key=lambda fit: fit.objective)
     more = [fit for place, fit in enumerate(fits)
@@ -262,8 +268,8 @@ def is_explained(found: Search) -> bool:
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
     """Fit some sets of a size on step by step, those that may become the best of that size.
 
-    They fall by factors that would bring them there in the steps that are left, or still move through their ranges, so
-    that nobody knows where they will end, and nothing else explains all.
+    They fall by factors that would bring them there in the steps that are left, or are better than nothing and still
+    move through their ranges, so that nobody knows where they will end, and nothing else explains all.
     """
     for left in reversed(range(steps)):
         fits = found.pool(fit_task, [found.further(one, 1) for one in going])
@@ -271,5 +277,5 @@ def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
         best = {size: min(one.objective for names, one in found.fits.items() if len(names) == size)
                 for size in {len(fit.effects) for fit in going}}
         going = [fit for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged and (
-            (has_moved(fit, before.z) and not is_explained(found))
+            (fit.objective < found.baseline.objective and has_moved(fit, before.z) and not is_explained(found))
             or fit.objective * (fit.objective / before.objective)**left <= best[len(fit.effects)])]
