@@ -20,9 +20,10 @@ from fretflow.experiments.structure.points import (
     with_backbone,
 )
 from fretflow.experiments.structure.run import diagnose_structure, gone_on
+from fretflow.inference import strategy
 from fretflow.inference.experiment import Covariance, Point
 from fretflow.inference.parameters import HALF
-from fretflow.inference.search import FAST
+from fretflow.inference.search import FAST, NEGLIGIBLE
 from fretflow.inference.strategy import allow_for_chance, start_search
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.structures import read_structure_recording
@@ -148,6 +149,29 @@ def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
     assert np.abs(found.fits[names].z).max() > HALF
     allow_for_chance(found)
     assert found.log_evidence(names) > alone + 2.0
+    assert np.abs(found.fits[names].z).max() < HALF
+
+
+def test_limits_that_vary_are_judged_where_they_do_and_not_where_other_errors_put_them(sprung, monkeypatch):
+    """Under other errors than what is left to chance they are best equal, less probable than what explains all."""
+    experiment, truth, (frequency, damping) = of_another_draw(sprung)
+    names, rival = truth.effects, frozenset({"joint-damping"})
+    of_others = replace(experiment, points=replace(
+        experiment.points, frequency=frequency, damping=damping, frequency_sd=5e-5 * frequency,
+        damping_sd=0.01 * damping))
+    first = of_others.predict(truth)
+    found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    equal = np.where([one.field == "spread" for one in truth.parameters.coordinates], -5.0, truth.z)
+    found.fits[names] = found.fitter.at(replace(truth, z=equal), first)
+    space = of_others.parameters(sorted(rival))
+    nearer = replace(of_others.predict(Point(space, np.zeros(space.size)), first), values=0.5 * (
+        of_others.measurement.values + found.fits[names].predicted))
+    found.fits[rival] = found.fitter.linearised(nearer)
+    before = found.log_evidence(names)
+    assert before < found.log_evidence(rival, frozenset()) - NEGLIGIBLE
+    monkeypatch.setattr(strategy, "is_explained", lambda found: True)
+    allow_for_chance(found)
+    assert found.log_evidence(names) > before + NEGLIGIBLE
     assert np.abs(found.fits[names].z).max() < HALF
 
 

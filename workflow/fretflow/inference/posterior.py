@@ -15,7 +15,7 @@ counts by Wilks' test.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import comb, e, exp, inf, log, sqrt
+from math import comb, e, exp, inf, log, prod, sqrt
 
 import numpy as np
 from scipy.special import logit
@@ -27,6 +27,7 @@ from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
 from fretflow.inference.search import Names, Search, Start, basis, extends, log_gain
 from fretflow.inference.verdict import FALSE_ALARMS, Candidate, Detection, Estimate, HeldOut, Verdict
+from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.readings import SEED
 
 
@@ -187,7 +188,8 @@ def posterior(found: Search) -> Posterior:
     like: dict[Names, float] = {}  # what an unlisted effect may be like, and the evidence for that
     shows = {names: found.shows(names) for names in (*singles, *pairs)}
     for names in sorted(shows, key=lambda one: sum(_plainer(other, one) for other in shows)):
-        if min(shows[names].values()) < HALF or any(faint(found, names, one) for one in names):
+        strong = prod(1.0 - faint(found, names, one) for one in names)
+        if min(shows[names].values()) < HALF or strong < LEVEL:
             continue  # what it says of one effect is that this does nothing: it is the set without it
         left = found.fits[names].chi_squared
         if any(fewer < names and left > found.fits[fewer].chi_squared for fewer in weight if fewer):
@@ -202,7 +204,7 @@ def posterior(found: Search) -> Posterior:
             continue  # it is like it, and not it
         for fewer, odds in beyond.items():  # another form of its laws may do the same, or as what is like the wider set
             weight[fewer] = float(np.logaddexp(weight[fewer], max(own, like[names]) - odds + prior[len(fewer)]))
-        weight[names] = own + prior[len(names)]
+        weight[names] = own + prior[len(names)] + log(strong)
     values = [[found.evidence(frozenset()).averaged(found.beyond_codes())], *(
         [prior[size] + own for names, own in like.items() if len(names) == size] for size in errors)]
     unlisted = float(np.logaddexp.reduce([one for own in values for one in own])) - log(len(values))
@@ -212,20 +214,21 @@ def posterior(found: Search) -> Posterior:
     return Posterior({names: exp(weight[names] - top) / total for names in order}, exp(unlisted - top) / total, shows)
 
 
-def faint(found: Search, names: Names, effect: str) -> bool:
-    """Tell whether an effect of a fitted set, or what it adds to a law, is weaker than its plausible range begins.
+def faint(found: Search, names: Names, effect: str) -> float:
+    """Return the probability that an effect of a fitted set, or what it adds to a law, is weaker than its range begins.
 
     So weak an effect is what codes and laws differ by, and not what its name says.
     """
     kind, space = catalogue()[effect], found.fits[names].parameters
     mean, covariance = found.evidence(names).coordinates(found.prior(names))
     told = list(zip(space.coordinates, mean, np.sqrt(np.diag(covariance)), strict=True))
+    strong = 1.0
     for less in (kind.neutral(), kind.plainest()):
         sizes = [(own, at, sd, getattr(less, own.field)) for own, at, sd in told
                  if own.effect == effect and own.field in less.model_fields_set]
-        if sizes and all(_is_off(*one) for one in sizes):  # one of several sizes may be none
-            return True
-    return False
+        if sizes:  # one of several may be none
+            strong = min(strong, 1.0 - prod(_is_off(*one) for one in sizes))
+    return 1.0 - strong
 
 
 def by_form_alone(found: Search, names: Names, effect: str) -> bool:
@@ -237,12 +240,15 @@ def by_form_alone(found: Search, names: Names, effect: str) -> bool:
     return less in found.fits and worth(names, less) <= worth(less) < worth(names)
 
 
-def _is_off(own: Coordinate, at: float, sd: float, off: float) -> bool:
-    """Tell whether a coordinate at `at` is nearer to the value `off` than its range begins, or may be it within one."""
+def _is_off(own: Coordinate, at: float, sd: float, off: float) -> float:
+    """Return the probability that a coordinate is nearer to the value `off` than its range begins.
+
+    Of a range about `off`, it is off where it may be that within its interval.
+    """
     ends = sorted(own.sign * own.value(way * HALF) for way in (-1.0, 1.0))
     if ends[0] <= own.sign * off <= ends[1]:
-        return abs(at - own.place(off)) < HALF * sd
-    return at < -HALF if own.sign * off < ends[0] else at > HALF
+        return float(abs(at - own.place(off)) < HALF * sd)
+    return float(norm.cdf((-HALF - at) / sd) if own.sign * off < ends[0] else norm.sf((HALF - at) / sd))
 
 
 def _plainer(fewer: Names, names: Names) -> bool:

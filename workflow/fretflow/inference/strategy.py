@@ -106,16 +106,22 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
 def allow_for_chance(found: Search) -> None:
     """Fit sets that leave something to chance under that as an error: under others alone, parameters take it up.
 
-    They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline.
+    They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline: where
+    they are fitted under other errors they may do nothing, and how probable they are does not show.
     """
+    middles = {}
+    for names in found.best(1):
+        point, there = found.fits[names].prediction.point, np.zeros(len(found.fits[names].z))
+        there[:len(found.baseline.z)] = found.baseline.z
+        if found.by_chance(names).shape[1]:
+            middles[names] = Task(found.fitter_of(names), replace(point, z=there), found.fits[names].prediction, 0)
+    for fit in found.pool(fit_task, list(middles.values())):
+        if fit is not None:
+            found.keep_more_probable(fit)
     sets = [names for names in may_hold(found, [*found.best(1), *found.best(2)[:found.effort.bases]])
             if found.by_chance(names).shape[1]]
-    tasks = []
-    for names in sets:
-        point = found.fits[names].prediction.point
-        middle = np.r_[found.baseline.z, np.zeros(len(point.z) - len(found.baseline.z))]
-        tasks += [Task(found.fitter_of(names), replace(point, z=z), found.fits[names].prediction,
-                       found.effort.last_steps // 2) for z in (point.z, middle)[:3 - len(names)]]
+    tasks = [replace(found.further(found.fits[names], found.effort.last_steps // 2), slopes=None) for names in sets]
+    tasks += [replace(middles[names], steps=found.effort.last_steps // 2) for names in sets if names in middles]
     for fit in found.pool(chance_task, tasks):
         if fit is not None:
             found.keep_more_probable(fit)
