@@ -202,12 +202,16 @@ def test_what_effects_take_of_each_other_is_the_square_of_the_cosine_between_the
     assert shares("contact-stiffness", "channel-delay") == pytest.approx([1.0 / 3.0], rel=1e-9)
 
 
-@pytest.mark.parametrize(("left", "odds"), [(97.0, 0.0), (93.0, 0.0), (60.0, 13.6)])
-def test_what_is_taken_of_mere_noise_counts_by_wilks_test(left: float, odds: float) -> None:
+@pytest.mark.parametrize(("left", "outside", "odds"), [
+    (97.0, 99.0, 0.0), (93.0, 99.0, 0.0), (60.0, 99.0, 13.6), (60.0, 4.0, 4.0), (60.0, -1.0, 0.0)])
+def test_what_is_taken_of_mere_noise_counts_by_wilks_test(left: float, outside: float, odds: float,
+                                                          monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 95 where 100 are expected: more is left, two less are taken by two parameters, 35 less by these.
 
-    Wilks' p is ``exp(-g / 2)`` for a gain g by two parameters, worth at most ``2 exp(g / 2) / (e g)``.
+    Wilks' p is ``exp(-g / 2)`` for a gain g by two parameters, worth at most ``2 exp(g / 2) / (e g)``. What another
+    form of the plainer law does as well counts no more than what none does.
     """
+    monkeypatch.setattr(posteriors, "_outside_forms", lambda *_: outside)
     fewer, wider = frozenset({"viscous"}), frozenset({"viscous", "backlash"})
     search = SimpleNamespace(
         fits={fewer: SimpleNamespace(z=np.zeros(3)), wider: SimpleNamespace(z=np.zeros(5))},

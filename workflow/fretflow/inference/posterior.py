@@ -309,16 +309,16 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     """
     expected = found.experiment.measurement.expected
     left = found.chi_squared(fewer) - expected
+    outside = max(_outside_forms(found, fewer, wider), 0.0) if fewer < wider else inf
     if left <= 0.0:  # all that is left is noise, as the covariance has it: what is taken of that is chance
         more = max(freedom(found, wider) - freedom(found, fewer), 1)
-        return log(largest_odds(float(chi2.sf(found.chi_squared(fewer) - found.chi_squared(wider), more))))
+        p = float(chi2.sf(found.chi_squared(fewer) - found.chi_squared(wider), more))
+        return min(log(largest_odds(p)), outside)
     least = float(np.finfo(np.float32).eps)  # so that logits are finite
     taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
-    beyond = log(largest_odds(p))
-    if fewer < wider:
-        beyond = max(min(beyond, _outside_forms(found, fewer, wider)), 0.0)
+    beyond = min(log(largest_odds(p)), outside)
     size = float(np.linalg.norm(form_changes(found, fewer)))  # as it is seen: what parameters take up is not left
     if left > size**2:
         return inf  # what is larger than all that a law does is no form of it
