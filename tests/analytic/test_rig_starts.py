@@ -202,7 +202,9 @@ def test_a_condition_too_far_for_newton_is_followed(monkeypatch):
             tried.append(problem.frequency)
             return solver.solve(problem, start)
 
-    found = rig._followed(PeriodicCycle(Short(), rig.case_problem(Hypothesis())), end, condition)
+    cycle = PeriodicCycle(solver, rig.case_problem(Hypothesis()))
+    monkeypatch.setattr(RigModel, "solver", lambda self, settles=True: Short())
+    found = rig._followed(cycle, end, condition)
     assert tried[-1] == 90.0
     assert len(tried) > 4
     leapt = simulation.sweep[0].solution

@@ -152,10 +152,10 @@ class RigModel:
         """Return the same with twice as many samples and harmonics."""
         return replace(self, samples=2 * self.samples)
 
-    def solver(self) -> QuasiStaticSolver:
+    def solver(self, settles: bool = True) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
-                                        tolerance=self.tolerance, estimate_error=False), keeps_tangents=True)
+                                        tolerance=self.tolerance, estimate_error=False), True, settles)
 
     @np.errstate(over="ignore", invalid="ignore")  # a hypothesis far off may leave all bounds on its way
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
@@ -256,7 +256,7 @@ class RigModel:
         NonConvergenceError
             If `SMALLEST_SHARE` of the way is still too far.
         """
-        bare, found, share, step = cycle.model.baseline, end.solution, 0.0, 0.5
+        solver, bare, found, share, step = self.solver(settles=False), cycle.model.baseline, end.solution, 0.0, 0.5
         there = at_condition(bare, condition)
         while share < 1.0:
             target = min(1.0, share + step)
@@ -265,7 +265,7 @@ class RigModel:
                 (bare.frequency, there.frequency)))
             between = bare.vary(amplitude=amplitude, normal_load=load, frequency=frequency)
             try:
-                found = cycle.solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), found)
+                found = solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), found)
             except NonConvergenceError:
                 step *= 0.5
                 if step < SMALLEST_SHARE:

@@ -87,12 +87,14 @@ class QuasiStaticSolver:
     """Solves periodic problems true to time integration (``docs/theory/periodic.md``).
 
     Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
-    two thirds of the time, and within its tolerance depends on where it began.
+    two thirds of the time, and within its tolerance depends on where it began. A rig's period that Newton loses near
+    another one is sought where the motion settles in time if it `settles`; whoever can take a shorter step need not.
     """
 
-    def __init__(self, settings: _Settings, keeps_tangents: bool = False) -> None:
+    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settles: bool = True) -> None:
         self.settings = settings
         self.keeps_tangents = keeps_tangents
+        self.settles = settles
         self._kept_equations: tuple[tuple[object, ...], InternalEquations] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
@@ -155,7 +157,7 @@ class QuasiStaticSolver:
         while share < 1.0:
             target = min(1.0, share + step)
             try:
-                found = self._find(at(target), samples, found)
+                found = self._find(at(target), samples, found, settles=False)
             except NonConvergenceError:
                 step *= 0.5
                 if step < SMALLEST_SHARE:
@@ -213,7 +215,7 @@ class QuasiStaticSolver:
         return kept[1]
 
     def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
-              marched: bool = False) -> PeriodicSolution:
+              marched: bool = False, settles: bool = True) -> PeriodicSolution:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
         first = tuple(with_tangent(problem, equations, march, one) for one in first)
@@ -223,6 +225,8 @@ class QuasiStaticSolver:
                 first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
         except NonConvergenceError as error:
+            if not (settles and self.settles):
+                raise
             with suppress(NonConvergenceError):  # what does not all but repeat itself at once is not near a period
                 return self._kept(problem, equations, self._where_it_settles(
                     problem, equations, newton, start, error, periods=SETTLING[0]))
