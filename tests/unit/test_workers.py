@@ -101,6 +101,30 @@ def alive(pid):
         return False
 
 
+DYING = """
+import os
+from fretflow.core.errors import PlatformError
+from fretflow.pipeline.ensemble import LocalPool
+
+class Deadly(bytes):
+    def __reduce__(self):
+        return os.abort, ()
+
+with LocalPool(2) as pool:
+    try:
+        pool(len, [bytes(2**20)] * 4 + [[Deadly(), bytes(2**20)]] * 4 + [bytes(2**20)] * 8)
+    except PlatformError as error:
+        print(error)
+"""
+
+
+def test_large_calls_that_nobody_reads_any_more_do_not_wait_for_ever(tmp_path):
+    """A worker that died while the next call filled its pipe left the diagnosis standing, without a word."""
+    (tmp_path / "dying.py").write_text(DYING)
+    done = subprocess.run([sys.executable, tmp_path / "dying.py"], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.stdout.startswith("a process died"), done.stderr
+
+
 def test_workers_end_with_who_started_them(lasting):
     process, workers = lasting
     process.kill()

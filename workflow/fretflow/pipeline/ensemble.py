@@ -23,6 +23,7 @@ from enum import StrEnum
 from io import BytesIO
 from itertools import count
 from pathlib import Path
+from select import PIPE_BUF
 from tempfile import TemporaryDirectory
 from threading import Thread
 from types import ModuleType, TracebackType
@@ -166,14 +167,17 @@ class LocalPool:
             self._stack.enter_context(self._arrays)
             self._executor = self._stack.enter_context(_executor(Workers(jobs=self.processes), self.processes))
         try:
-            packed = map(self._arrays.dumps, arguments)
+            packed = map(self._arrays.pack, arguments)
             return list(cast(Executor, self._executor).map(functools.partial(_unpacked, function), packed))
         except BrokenExecutor as error:
             raise PlatformError("a process died (killed, or out of memory); try again with fewer at a time") from error
 
 
 class _Arrays:
-    """Large arrays that calls have in common: each is written once, for all processes to map into their memory."""
+    """What is too large to be sent: the calls, and arrays that they have in common.
+
+    Each array is written once, for all processes to map into their memory.
+    """
 
     def __init__(self) -> None:
         self._folder: TemporaryDirectory[str] | None = None
@@ -185,6 +189,19 @@ class _Arrays:
 
     def __exit__(self, *_: object) -> None:
         cast(TemporaryDirectory[str], self._folder).cleanup()
+
+    def pack(self, argument: object) -> bytes | Path:
+        """Return an argument pickled, or where that is written.
+
+        A message that fills its pipe waits there for ever when the process that reads it dies (CPython issue 94777).
+        """
+        packed = self.dumps(argument)
+        if len(packed) > PIPE_BUF:
+            path = self._path()
+            with suppress(OSError):  # where a disk is full it is sent
+                path.write_bytes(packed)
+                return path
+        return packed
 
     def dumps(self, argument: object) -> bytes:
         """Return an argument pickled, its large arrays by where they are written."""
@@ -199,7 +216,7 @@ class _Arrays:
             own, path = self._written.get(id(array), (None, None))
             if own is not None and own() is array:  # another one may have its place in memory by now
                 return _mapped, (str(path),)
-            path = Path(cast(TemporaryDirectory[str], self._folder).name) / f"{next(self._places)}.npy"
+            path = self._path().with_suffix(".npy")
             with suppress(OSError):  # where a disk is full it is sent
                 np.save(path, array)
                 array.flags.writeable = False  # what is written stays as it is
@@ -208,13 +225,20 @@ class _Arrays:
                 return _mapped, (str(path),)
         return cast(tuple[Any, ...], array.__reduce_ex__(pickle.HIGHEST_PROTOCOL))
 
+    def _path(self) -> Path:
+        return Path(cast(TemporaryDirectory[str], self._folder).name) / f"{next(self._places)}"
+
 
 @functools.lru_cache(maxsize=256)
 def _mapped(path: str) -> Array:
     return np.asarray(np.load(path, mmap_mode="r"))
 
 
-def _unpacked(function: Callable[[Any], R], packed: bytes) -> R:
+def _unpacked(function: Callable[[Any], R], packed: bytes | Path) -> R:
+    if isinstance(packed, Path):
+        written = packed.read_bytes()
+        packed.unlink()
+        packed = written
     return guarded(function, pickle.loads(packed))
 
 
