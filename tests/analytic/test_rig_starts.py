@@ -13,6 +13,7 @@ from fretflow.effects.backlash import Backlash
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.effects.extra_mode import ExtraMode
+from fretflow.effects.friction_run_in import FrictionRunIn
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, resensed
@@ -209,6 +210,24 @@ def test_a_condition_too_far_for_newton_is_followed(monkeypatch):
     assert len(tried) > 4
     leapt = simulation.sweep[0].solution
     assert found.displacement == pytest.approx(leapt.displacement, abs=1e-3 * np.ptp(leapt.displacement))
+
+
+class Sinking(FrictionRunIn):
+    """Friction that falls below zero with the first cycles."""
+
+    def coefficient(self, final, energy):
+        """Return the final coefficient, less as many as J were dissipated."""
+        return np.asarray(final - energy)
+
+
+def test_friction_below_zero_on_the_way_is_no_solution(monkeypatch):
+    """It ended the diagnosis with an error that named a field of no file."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    rig = small_rig.rig(small_rig.observed(SD, (0, 4000), (), 2e-15, 3e-9))
+    with pytest.raises(NonConvergenceError, match="leaves what a joint may be: friction_coefficient"):
+        rig.simulate(Hypothesis(effects=(Sinking(),)))
 
 
 def test_a_finer_mesh_may_take_the_periods_of_its_nodes(monkeypatch):

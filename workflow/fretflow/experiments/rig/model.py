@@ -8,7 +8,7 @@ finer model at the baseline, and enters the covariance.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from fretflow.case.config import Solver, WearScheme
-from fretflow.core.errors import NonConvergenceError
+from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
@@ -46,6 +46,17 @@ WEAR_TOLERANCE = 0.1
 def harmonics_of(samples: int) -> int:
     """Return the harmonics of the masses' motion that a period of so many samples is solved with."""
     return samples // 4
+
+
+@contextmanager
+def no_solution_beyond_bounds() -> Iterator[None]:
+    """Raise `NonConvergenceError` where a hypothesis asks on its way for data that no joint has."""
+    try:
+        yield
+    except NonConvergenceError:
+        raise
+    except FretflowError as error:
+        raise NonConvergenceError(f"the hypothesis leaves what a joint may be: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -157,6 +168,7 @@ class RigModel:
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
                                         tolerance=self.tolerance, estimate_error=False), True, settles)
 
+    @no_solution_beyond_bounds()
     @np.errstate(over="ignore", invalid="ignore")  # a hypothesis far off may leave all bounds on its way
     def simulate(self, hypothesis: Hypothesis, near: Simulation | None = None) -> Simulation:
         """March the wear through the recorded cycle counts and solve the other conditions at the end.
