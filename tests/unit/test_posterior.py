@@ -220,6 +220,16 @@ def test_what_is_taken_of_mere_noise_counts_by_wilks_test(left: float, outside: 
     assert beyond_forms(cast(Search, search), fewer, wider) == pytest.approx(odds, abs=0.05)
 
 
+def test_a_pair_is_no_other_form_of_the_effect_that_does_nothing_for_it() -> None:
+    """One of two does as much as both do; the other, e^36 less probable by itself, took what both were worth."""
+    one, other, third = (frozenset({name}) for name in ("viscous", "backlash", "scar-edge"))
+    worth: dict[frozenset[str], float] = {one: -512.0, other: -548.0, third: -515.0}
+    search = cast(Search, SimpleNamespace(log_evidence=worth.__getitem__))
+    assert posteriors._likeliest(search, [other, one, third]) == [one, third]
+    assert posteriors._likeliest(search, [other]) == [other]
+    assert posteriors._likeliest(search, []) == []
+
+
 @pytest.mark.parametrize(("shares", "verdict", "named", "probability"), [
     ((0.3, 0.28, 0.12), Verdict.NAMED, ("viscous",), 0.58),
     ((0.1, 0.6, 0.1), Verdict.NAMED, ("backlash", "viscous"), 0.6),

@@ -14,6 +14,7 @@ counts by Wilks' test.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import comb, e, exp, inf, log, prod, sqrt
 
@@ -25,7 +26,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import DRAWS, FORMS
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
-from fretflow.inference.search import Names, Search, Start, basis, extends, log_gain
+from fretflow.inference.search import NEGLIGIBLE, Names, Search, Start, basis, extends, log_gain
 from fretflow.inference.verdict import FALSE_ALARMS, Candidate, Detection, Estimate, HeldOut, Verdict
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.readings import SEED
@@ -198,7 +199,8 @@ def posterior(found: Search) -> Posterior:
         if by_form and len(names) > 1:
             continue  # beside others it is no more than another form of theirs
         own = found.log_evidence(names)
-        beyond = {fewer: beyond_forms(found, fewer, names) for fewer in weight if fewer and _plainer(fewer, names)}
+        beyond = {fewer: beyond_forms(found, fewer, names) for fewer in _likeliest(found, [
+            fewer for fewer in weight if fewer and _plainer(fewer, names)])}
         like[names] = found.evidence(names).averaged(found.prior(names, forms=errors[len(names)]))
         if by_form:
             continue  # it is like it, and not it
@@ -249,6 +251,15 @@ def _is_off(own: Coordinate, at: float, sd: float, off: float) -> float:
     if ends[0] <= own.sign * off <= ends[1]:
         return float(abs(at - own.place(off)) < HALF * sd)
     return float(norm.cdf((-HALF - at) / sd) if own.sign * off < ends[0] else norm.sf((HALF - at) / sd))
+
+
+def _likeliest(found: Search, sets: Sequence[Names]) -> list[Names]:
+    """Return the sets that are not negligible beside the most probable of them, other forms of their laws allowed for.
+
+    Where one effect does what a pair does, the pair is no other form of its second one.
+    """
+    best = max((found.log_evidence(names) for names in sets), default=0.0)
+    return [names for names in sets if found.log_evidence(names) > best - NEGLIGIBLE]
 
 
 def _plainer(fewer: Names, names: Names) -> bool:
