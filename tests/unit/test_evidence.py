@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.inference import strategy
+from fretflow.inference.beginnings import beginnings_task, beside
 from fretflow.inference.evidence import (
     FORMS,
     SIZES,
@@ -553,6 +554,50 @@ def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkey
     found.fits[names] = away
     found.keep_more_probable(best)
     assert found.fits[names] is best
+
+
+def test_pairs_are_begun_where_they_promise_to_reach_what_one_effect_alone_does() -> None:
+    """Beside the strong one the weak one that is left, beside that the strong one, beside what does nothing none."""
+    noise = SD * np.random.default_rng(3).standard_normal(LOOPS * SAMPLES)
+    found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia") + noise)
+    strong, weak, other = (frozenset({name}) for name in ("viscous", "sensor-inertia", "parallel-stiffness"))
+    begun = {names: {task.point.effects - names for task in beside(
+        found, names, beginnings_task((found.fitter, found.fits[names])).values())} for names in (strong, weak, other)}
+    assert weak in begun[strong]
+    assert begun[weak] == {strong}
+    assert begun[other] == set()  # with the weak one it explains more than alone, and less than the strong one
+
+
+@pytest.mark.parametrize(("objective", "ratio", "steps"), [(300.0, 0.95, 1), (90.0, 0.95, 4), (300.0, 0.4, 4)])
+def test_what_is_worse_than_nothing_goes_on_where_it_falls_as_it_must_alone(
+        objective: float, ratio: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing leaves 100, the best effect 50: where an effect moves through its ranges, but not down, it is left."""
+    monkeypatch.setattr(strategy, "is_explained", lambda found: False)
+    names, taken = frozenset({"viscous"}), []
+
+    def fit(objective: float, z: float) -> Any:
+        return SimpleNamespace(effects=names, objective=objective, z=np.array([z]), converged=False)
+
+    def pool(function: Any, asked: list[Any]) -> list[Any]:
+        taken.extend(asked)
+        return [fit(ratio * one.objective, one.z[0] + 1.0) for one in asked]
+
+    found: Any = SimpleNamespace(
+        pool=pool, further=lambda one, count: one, keep=lambda fits: None, baseline=fit(100.0, 0.0),
+        fits={frozenset({"backlash"}): SimpleNamespace(objective=50.0)})
+    strategy.go_on(found, [fit(objective, 0.0)], 4)
+    assert len(taken) == steps
+
+
+def test_how_much_corrections_change_is_how_far_another_set_may_be_behind() -> None:
+    """A set e^20 less probable holds no share of the posterior, unless errors of as much are put right."""
+    found = judged(cosine() + 0.6 * wave("viscous"))
+    best, other = frozenset({"viscous"}), frozenset({"sensor-inertia"})
+    behind = found.log_evidence(best, frozenset()) - found.log_evidence(other, frozenset())
+    assert behind > 20.0
+    assert found.promising([best, other]) == [best]
+    assert found.promising([best, other], behind - 20.0) == [best]
+    assert found.promising([best, other], behind) == [best, other]
 
 
 @dataclass(frozen=True)
