@@ -64,6 +64,10 @@ class Linear:
         """Return differences."""
         return differences(self, prediction, points)
 
+    def has_made(self, prediction: Prediction) -> bool:
+        """Tell that there is no other model."""
+        return True
+
     def finer(self) -> None:
         """Return nothing."""
 

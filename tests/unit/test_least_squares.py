@@ -178,13 +178,28 @@ def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:
     fit = replace(found(Valley()), converged=False)
 
     def returned(z: np.ndarray) -> bool:
-        search: Any = SimpleNamespace(fits={fit.effects: fit})
+        search: Any = SimpleNamespace(fits={fit.effects: fit}, fitters={}, fitter=SimpleNamespace(
+            experiment=SimpleNamespace(has_made=lambda prediction: True)))
         point = Point(fit.prediction.point.parameters, z)
         Search.keep(search, [replace(fit, prediction=replace(fit.prediction, point=point), converged=True)])
         return bool(search.fits[fit.effects].converged)
 
     assert returned(fit.z.copy())
     assert not returned(2.0 * fit.z)
+
+
+@pytest.mark.parametrize(("steps", "moved", "kept"), [
+    ("fine", 0.1, True), ("fine", 1.0, False), ("coarse", 0.1, False)])
+def test_a_fit_that_went_on_with_finer_steps_is_kept_where_it_was(steps: str, moved: float, kept: bool) -> None:
+    """Though it leaves a little more, which coarse steps hid; of another place in its ranges a better one is known."""
+    known = found(Valley())
+    at = replace(known.prediction.point, z=known.z + moved)
+    own = replace(known, residual=known.residual + 0.1, prediction=replace(known.prediction, point=at, state=steps))
+    search: Any = SimpleNamespace(fits={known.effects: known}, fitters={}, fitter=SimpleNamespace(
+        experiment=SimpleNamespace(has_made=lambda prediction: prediction.state != "fine")))
+    assert own.objective > known.objective
+    Search.keep(search, [own])
+    assert (search.fits[known.effects] is own) is kept
 
 
 @pytest.mark.parametrize(("left", "fitted"), [(10.0, ["near"]), (19.0, ["near", "far"]), (1000.0, ["near", "far"])])
