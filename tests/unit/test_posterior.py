@@ -140,16 +140,22 @@ def test_noise_alone_is_seldom_a_worse_prediction() -> None:
     assert 0.7 < np.mean(named) < 0.82  # one-sided, at one over root two of its deviation: 0.76
 
 
-@pytest.mark.parametrize(("gain", "weak"), [(0.03, True), (-0.03, True), (0.8, False), (2.0, False)])
-def test_a_law_that_adds_less_than_its_range_begins_is_the_law_it_extends(gain: float, weak: bool) -> None:
-    """Springs that stiffen by 3 % where a range of 50-400 % is plausible are springs that do not stiffen."""
+@pytest.mark.parametrize(("gain", "weaker"), [
+    (0.03, 1.0), (-0.03, 1.0), (0.6, 0.174), (0.8, 0.0), (2.0, 0.0)])
+def test_a_law_that_adds_less_than_its_range_begins_is_the_law_it_extends(gain: float, weaker: float) -> None:
+    """Springs that stiffen by 3 % where a range of 50-400 % is plausible are springs that do not stiffen.
+
+    The 90 % interval of 3.5 is 3.29 sd of 1.064; known to a tenth of these, 60 % are 0.94 of that above its end.
+    """
     names = frozenset({"contact-stiffness-evolution"})
     (name,) = names
     space = Parameters.of((), [name], {f"{name}.gain": float(np.sign(gain))})
     at = np.array([one.place(gain) if one.field == "gain" else 0.0 for one in space.coordinates])
     search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
                              evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, 0.01 * np.eye(len(at)))))
-    assert faint(cast(Search, search), names, name) == pytest.approx(float(weak), abs=0.01)
+    found = faint(cast(Search, search), names, name)
+    assert found == pytest.approx(weaker, abs=0.005)
+    assert (found > 0.5) is (weaker > 0.5)
 
 
 @pytest.mark.parametrize("sd", [0.05, 0.3, 2.0])
@@ -162,8 +168,8 @@ def test_how_weak_an_effect_is_counts_as_far_as_it_is_known(sd: float) -> None:
     at = np.array([one.place(0.45) if one is own else 0.0 for one in space.coordinates])
     search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
                              evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, sd**2 * np.eye(len(at)))))
-    draws = own.place(0.45) + sd * np.random.default_rng(5).standard_normal(100_000)
-    weaker = float(np.mean([own.value(z) < 0.5 for z in draws[:20_000]]))
+    draws = own.place(0.45) + sd * np.random.default_rng(5).standard_normal(20_000)
+    weaker = float(np.mean([own.value(z) < 0.5 for z in draws]))
     assert faint(cast(Search, search), names, name) == pytest.approx(weaker, abs=0.01)
 
 

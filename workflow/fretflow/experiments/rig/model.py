@@ -166,7 +166,8 @@ class RigModel:
     def solver(self, settles: bool = True) -> QuasiStaticSolver:
         """Return the periodic solver."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
-                                        tolerance=self.tolerance, estimate_error=False), True, settles)
+                                        tolerance=self.tolerance, estimate_error=False),
+                                 keeps_tangents=True, settles=settles)
 
     @no_solution_beyond_bounds()
     @np.errstate(over="ignore", invalid="ignore")  # a hypothesis far off may leave all bounds on its way
