@@ -626,6 +626,16 @@ def test_a_fit_that_came_to_a_halt_stays_with_the_finer_steps_that_went_on() -> 
     assert again.fine
     missing: Any = found.fitter_of(frozenset({"viscous"})).experiment
     assert not missing.fine
+    asked: list[Any] = []
+
+    def begin(function: Any, arguments: Sequence[Any]) -> list[Any]:
+        asked.extend(one[0].experiment.fine for one in arguments if isinstance(one, tuple))
+        return [function(one) for one in arguments]
+
+    found.pool = begin
+    begin_all(found)
+    assert asked
+    assert all(asked)  # effects begin with the steps of the fit that they begin beside
 
 
 @dataclass(frozen=True)

@@ -228,7 +228,7 @@ def begin_all(found: Search) -> None:
         untold = untold or left
         if min(fit.objective for fit in found.fits.values()) < found.baseline.objective - 2.0 * NEGLIGIBLE:
             break
-    laid = found.pool(elsewhere_task, [(found.fitter, one, found.effort.starts) for one in untold])
+    laid = found.pool(elsewhere_task, [(found.maker(one.origin), one, found.effort.starts) for one in untold])
     fits = sorted((fit for own in laid for fit in own), key=lambda fit: fit.objective)
     more = [fit for place, fit in enumerate(fits)
             if sum(fit.effects == one.effects for one in fits[:place]) < found.effort.starts]  # of both signs
@@ -238,13 +238,14 @@ def begin_all(found: Search) -> None:
 
 def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
     """Fit every effect from its best start beside a baseline; return the starts of which first order does not tell."""
-    (beginnings,) = found.pool(beginnings_task, [(found.fitter, origin)])
+    fitter = found.maker(origin)  # what the origin's model leaves out is no effect's change
+    (beginnings,) = found.pool(beginnings_task, [(fitter, origin)])
     laid = list(beginnings.values())
-    first_fits = found.pool(begin_task, [(found.fitter, one) for one in laid])
+    first_fits = found.pool(begin_task, [(fitter, one) for one in laid])
     # an effect that does more than first order tells may be worth it where it does least
     anew = {place: Beginning(origin, one.least) for place, (one, fit) in enumerate(zip(laid, first_fits, strict=True))
             if one.least is not None and (fit is None or not is_worth(found, one, fit))}
-    weaker = dict(zip(anew, found.pool(begin_task, [(found.fitter, one) for one in anew.values()]), strict=True))
+    weaker = dict(zip(anew, found.pool(begin_task, [(fitter, one) for one in anew.values()]), strict=True))
     going = []
     for place, (one, first) in enumerate(zip(laid, first_fits, strict=True)):
         fit = min((own for own in (first, weaker.get(place)) if own is not None), key=lambda own: own.promise,
