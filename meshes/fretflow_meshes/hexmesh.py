@@ -8,6 +8,7 @@ import numpy as np
 from fretflow.case.config import Mesh, Specimen
 from fretflow.core.errors import MeshError
 from fretflow.core.records import quantity, record
+from fretflow.core.specimen_mesh import TURN
 from numpy.typing import NDArray
 
 from fretflow_meshes.grading import graded_sizes, levels, subdivide
@@ -83,8 +84,7 @@ def specimen_mesh(specimen: Specimen, mesh: Mesh) -> HexMesh:
 
 def turned_over(upper: HexMesh) -> HexMesh:
     """Return the mesh as the lower specimen: turned half round about x = y, so (x, y, z) -> (y, x, -z)."""
-    points = np.column_stack((upper.points[:, 1], upper.points[:, 0], -upper.points[:, 2]))
-    return HexMesh(points=points, cells=upper.cells, contact=upper.contact, clamped=upper.clamped)
+    return HexMesh(points=upper.points @ TURN.T, cells=upper.cells, contact=upper.contact, clamped=upper.clamped)
 
 
 def _stack(plan: Plan, z: NDArray[np.float64], ridge_layers: int, half: float) -> HexMesh:

@@ -1,4 +1,4 @@
-"""Both specimens reduced at once: where there is room for it, with the bits of one after the other."""
+"""Both specimens reduced at once, with the bits of one after the other; one alone where both are alike."""
 
 import multiprocessing
 import os
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.case.config import load_case
-from fretflow.core.errors import InputError
+from fretflow.core.errors import InputError, MeshError
 from fretflow.core.store import read_record
 from fretflow.pipeline import estimate, stages
 from fretflow.pipeline.ensemble import THREAD_VARIABLES
@@ -25,6 +25,8 @@ QUICK = Path(__file__).parents[2] / "examples" / "quick.toml"
 def meshed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mesh")
     case = load_case(QUICK)
+    softer = case.specimen.lower.model_copy(update={"youngs_modulus": 0.9 * case.specimen.lower.youngs_modulus})
+    case = case.model_copy(update={"specimen": case.specimen.model_copy(update={"lower": softer})})
     stages.MESH.run(StageContext(case, folder, {}, lambda share, text: None))
     return case, folder
 
@@ -83,3 +85,28 @@ def test_one_after_the_other_beside_other_processes(meshed, tmp_path, monkeypatc
         assert stages._at_once(asked) == 1
     monkeypatch.setenv(SIZE_VARIABLES[0], "2")
     assert stages._at_once(asked) == 1
+
+
+def test_a_specimen_like_the_other_is_this_one_turned_over(meshed, tmp_path, monkeypatch):
+    """What another factorisation gives of the other's own mesh is the same but for round-off and the modes' signs."""
+    case = load_case(QUICK)
+    turned, own = (context((case, meshed[1]), tmp_path / name) for name in ("turned", "own"))
+    assert stages._reduced_sides(meshed[0]) == stages.SIDES
+    assert stages._reduced_sides(case) == ("upper",)
+    figures = stages.REDUCE.run(turned)
+    monkeypatch.setattr(stages, "_reduced_sides", lambda case: stages.SIDES)
+    assert stages.REDUCE.run(own).keys() == figures.keys()
+    one, other = (read_record(where.folder / "lower.h5", ReducedSpecimen) for where in (turned, own))
+    for name in ("contact_nodes", "contact_areas", "profile", "observation_point", "full_frequencies"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-12, abs=1e-15)
+    for name in ("stiffness", "mass"):
+        matrix, known = getattr(one, name), getattr(other, name)
+        size = np.sqrt(np.outer(np.diag(known), np.diag(known)))
+        boundary = slice(0, one.modal.start)
+        assert np.abs(matrix - known)[boundary, boundary].max() < 1e-10 * size[boundary, boundary].max()
+        assert (np.abs(np.abs(matrix) - np.abs(known)) / size).max() < 1e-9
+    shapes, modes = (read_record(where.folder / "lower_modes.h5", ModeShapes) for where in (turned, own))
+    assert np.array_equal(shapes.points, modes.points)
+    assert np.abs(np.abs(shapes.shape) - np.abs(modes.shape)).max() < 1e-9 * np.abs(modes.shape).max()
+    with pytest.raises(MeshError, match="are not those of the other turned over"):
+        one.turned_over(1.01 * one.contact_nodes)

@@ -21,6 +21,9 @@ CLAMPED_GROUP = "clamped"
 BODY_GROUP = "body"
 _BEGINNINGS = (b"$MeshFormat", b"$NOD")  # of versions 2 to 4 and of version 1
 
+# half round about x = y: how the upper specimen lies as the lower one, (x, y, z) -> (y, x, -z)
+TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
 
 @record
 class MeshSummary:

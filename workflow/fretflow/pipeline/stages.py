@@ -26,6 +26,7 @@ from fretflow.pipeline.ensemble import LocalPool, threads_each
 from fretflow.pipeline.estimate import check_memory, reductions_at_once
 from fretflow.pipeline.ranks import started_size
 from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
+from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 
 if TYPE_CHECKING:
     from fretflow.solvers.periodic import PeriodicProblem
@@ -82,10 +83,19 @@ def _reduce(context: StageContext) -> Figures:
     import fretflow.structure.reduction.reduce  # noqa: F401 - the manifest names the libraries that it loads
 
     context.progress(0.0, "reducing the specimens")
-    calls = [(context.case, side, context.inputs["mesh"], context.folder, context.comm) for side in SIDES]
+    sides = _reduced_sides(context.case)
+    calls = [(context.case, side, context.inputs["mesh"], context.folder, context.comm) for side in sides]
     with LocalPool(_at_once(context)) as pool:
         found = pool(_reduce_side, calls)
+    if found[0] and len(sides) < len(SIDES):
+        found.append(_turned_over(*SIDES, context.inputs["mesh"], context.folder))
     return {name: value for figures in found for name, value in figures.items()}
+
+
+def _reduced_sides(case: Case) -> tuple[str, ...]:
+    """Return the specimens that are reduced: the lower one not where it is the upper one, turned over."""
+    alike = case.specimen.upper == case.specimen.lower and case.mesh.upper is None and case.mesh.lower is None
+    return SIDES[:1] if alike else SIDES
 
 
 def _at_once(context: StageContext) -> int:
@@ -93,7 +103,8 @@ def _at_once(context: StageContext) -> int:
 
     Both, where they are worth it, memory and threads are there for both, and no other process shares this one's work.
     """
-    meshes = [read_record(context.inputs["mesh"] / f"{side}.h5", MeshSummary) for side in SIDES]
+    meshes = [read_record(context.inputs["mesh"] / f"{side}.h5", MeshSummary)
+              for side in _reduced_sides(context.case)]
     fitting = reductions_at_once([3 * mesh.nodes for mesh in meshes])
     worth = min(3 * mesh.nodes for mesh in meshes) >= WORTH_A_PROCESS
     alone = started_size() == 1 and multiprocessing.parent_process() is None
@@ -110,9 +121,18 @@ def _reduce_side(call: tuple[Case, str, Path, Path, Any]) -> Figures:
     summary = read_record(meshes / f"{side}.h5", MeshSummary)
     found = reduce_specimen(meshes / summary.file, summary, getattr(case.specimen, side), case.reduction,
                             case.mesh.degree, comm or MPI.COMM_SELF)
-    if found is None:
-        return {}
-    reduced, shapes = found
+    return _written(side, folder, *found) if found is not None else {}
+
+
+def _turned_over(made: str, side: str, meshes: Path, folder: Path) -> Figures:
+    """Write one side's specimen as the other's, which was reduced into `folder`, turned over."""
+    reduced, shapes = (read_record(folder / f"{made}.h5", ReducedSpecimen),
+                       read_record(folder / f"{made}_modes.h5", ModeShapes))
+    summary = read_record(meshes / f"{side}.h5", MeshSummary)
+    return _written(side, folder, reduced.turned_over(summary.contact_nodes), shapes.turned_over())
+
+
+def _written(side: str, folder: Path, reduced: ReducedSpecimen, shapes: ModeShapes) -> Figures:
     write_record(folder / f"{side}.h5", reduced)
     write_record(folder / f"{side}_modes.h5", shapes)
     return {f"{side}_full_dofs": reduced.full_dofs, f"{side}_frequency_error": float(reduced.frequency_error.max())}

@@ -266,6 +266,7 @@ def _lowest_modes(stiffness: PETSc.Mat, mass: PETSc.Mat, factor: PETSc.KSP,
         solver.setTarget(0.0)
         solver.setDimensions(count)
         solver.setTolerances(tol=_EIGEN_TOLERANCE)
+        solver.setPurify(False)  # frees vectors of a null space of the mass, which has none, by a solve for each
         solver.getST().setType(SLEPc.ST.Type.SINVERT)
         inverse = solver.getST().getKSP()
         inverse.setType(PETSc.KSP.Type.PREONLY)

@@ -15,9 +15,7 @@ from fretflow.structure.fem.elasticity import ElasticBody, assemble
 from fretflow.structure.fem.mesh_file import on_root, read_mesh
 from fretflow.structure.reduction.craig_bampton import ComponentModes, audit, clamped_frequencies
 from fretflow.structure.reduction.modes import component_modes, natural_modes
-from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
-
-_MATCH = 1e-6  # of the contact's width
+from fretflow.structure.reduction.reduced_specimen import MATCH, ModeShapes, ReducedSpecimen
 
 
 def reduce_specimen(mesh_path: Path, summary: MeshSummary, specimen: config.Specimen,
@@ -86,7 +84,7 @@ def _check_contact(body: ElasticBody, summary: MeshSummary, mesh_path: Path) -> 
         raise MeshError(f"{mesh_path}: {len(points)} contact nodes at this degree, but its summary tells "
                         f"{len(reported)}; make the mesh again with this degree")
     width = float(np.ptp(points, axis=0).max())
-    if np.abs(points - reported).max() > _MATCH * width:
+    if np.abs(points - reported).max() > MATCH * width:
         raise MeshError(f"{mesh_path}: its contact nodes are not those of its summary; make the mesh again")
 
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.spatial import cKDTree
 
+from fretflow.core.errors import MeshError
 from fretflow.core.records import quantity, record
+from fretflow.core.specimen_mesh import TURN
 
 RIGID_DOFS = 6
 OBSERVATION_DOFS = 3
 
+MATCH = 1e-6  # of the contact's width, within which two nodes are one
 FREQUENCY_LIMIT = 1e-3  # relative error of the frequencies that a reduced specimen is held to
 
 
@@ -68,6 +74,41 @@ class ReducedSpecimen:
         """Return the relative error of each reduced frequency against the full model."""
         return np.asarray(np.abs(self.reduced_frequencies / self.full_frequencies - 1.0))
 
+    def turned_over(self, contact_nodes: NDArray[np.float64]) -> ReducedSpecimen:
+        """Return the same body half round about x = y, ``(x, y, z) -> (y, x, -z)``, as the other specimen lies.
+
+        Parameters
+        ----------
+        contact_nodes : ndarray (n, 3)
+            Those of the turned body in m, in their order.
+
+        Raises
+        ------
+        MeshError
+            If they are not this body's, turned.
+        """
+        turned = self.contact_nodes @ TURN.T
+        distance, order = cKDTree(turned).query(contact_nodes)
+        if not (len(np.unique(order)) == len(turned) == len(order)
+                and np.max(distance) <= MATCH * np.ptp(turned, axis=0).max()):
+            raise MeshError("contact nodes of one specimen are not those of the other turned over; "
+                            "give both a mesh of their own")
+        moved = (3 * order[:, None] + np.argmax(np.abs(TURN), axis=1)).ravel()
+        signs = np.tile(TURN.sum(axis=1), len(order))
+        rigid = block_diag(TURN, TURN, TURN)  # a proper rotation: rotations turn as translations do
+
+        def along(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Return the rows of a matrix in the turned coordinates."""
+            rows = matrix.copy()
+            rows[:self.contact_size] = signs[:, None] * matrix[moved]
+            boundary = slice(self.contact_size, self.modal.start)
+            rows[boundary] = rigid @ matrix[boundary]
+            return rows
+
+        return replace(self, stiffness=along(along(self.stiffness).T), mass=along(along(self.mass).T),
+                       contact_nodes=contact_nodes, contact_areas=self.contact_areas[order],
+                       profile=self.profile[order], observation_point=self.observation_point @ TURN.T)
+
 
 @record
 class ModeShapes:
@@ -76,6 +117,10 @@ class ModeShapes:
     frequency: NDArray[np.float64] = quantity("Hz", "(modes,)", coordinate=True)
     points: NDArray[np.float64] = quantity("m", "(points, 3), of all nodes")
     shape: NDArray[np.float64] = quantity("kg^-0.5", "(modes, points, 3), mass-normalised")
+
+    def turned_over(self) -> ModeShapes:
+        """Return the modes of the same body half round about x = y, see `ReducedSpecimen.turned_over`."""
+        return replace(self, points=self.points @ TURN.T, shape=self.shape @ TURN.T)
 
 
 def reduction_warnings(specimens: Mapping[str, ReducedSpecimen]) -> list[str]:
