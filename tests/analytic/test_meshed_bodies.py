@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -193,6 +194,29 @@ def test_a_file_that_is_no_mesh_is_one_line(tmp_path, name, text, told, capfd):
     with pytest.raises(MeshError, match=rf"{name}: {told}.*; (save|write) the mesh"):
         assembled(tmp_path / name)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("name", "text"), [
+    ("two.inp", "*Include, input={}\n"), ("two.inp", " * IN*CLUDE,INPUT={}\n"),
+    ("two.xdmf", '<Xdmf><DataItem Format="HDF" Dimensions="3 3">{}:/x</DataItem></Xdmf>'),
+    ("two.xdmf", "<Xdmf><DataItem Format = 'Binary'>{}</DataItem></Xdmf>"), ("two.node", "# {}\n")])
+def test_a_mesh_that_lies_in_several_files_is_refused(tmp_path, name, text):
+    """Another file would be read unasked, and what is kept of the mesh not be made anew when that changes."""
+    with contextlib.redirect_stdout(None):
+        meshio.write(tmp_path / "other.inp", sets_of_nodes(meshio.read(blocks(tmp_path / "two.msh", (5, 2), (4, 2)))))
+    (tmp_path / name).write_text(text.format(tmp_path / "other.inp"))
+    with pytest.raises(MeshError, match=rf"{name}: a part of it lies in another file; save the mesh as one file"):
+        assembled(tmp_path / name)
+
+
+def test_a_mesh_in_hdf5_that_links_to_another_file_is_refused(tmp_path):
+    with contextlib.redirect_stdout(None):
+        meshio.write(tmp_path / "two.med", families(meshio.read(blocks(tmp_path / "two.msh", (5, 2), (4, 2)))))
+    with h5py.File(tmp_path / "linked.med", "w") as file:
+        for name in ("ENS_MAA", "INFOS_GENERALES", "FAS"):
+            file[name] = h5py.ExternalLink("two.med", name)
+    with pytest.raises(MeshError, match=r"linked.med: .* is a link or lies in another file"):
+        assembled(tmp_path / "linked.med")
 
 
 def in_millimetres(path, other):

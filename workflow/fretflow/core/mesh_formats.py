@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import MeshError
+from fretflow.core.store import open_hdf5
 
 Cells = NDArray[np.int64]
 
@@ -25,6 +28,12 @@ _FACES = {
 _CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4}
 # Of each cell, the number of the set that it is in, as gmsh, Salome, Medit, Nastran and SU2 call it.
 _NUMBERS = ("gmsh:physical", "cell_tags", "medit:ref", "nastran:ref", "su2:tag")
+# What tells that another file holds a part, by ending; of TetGen's two neither is whole.
+_PARTED = {".inp": re.compile(rb"^[\s*]*\*[\s*]*" + rb"\**".join(bytes([one]) for one in b"include"),
+                              re.IGNORECASE | re.MULTILINE),
+           **dict.fromkeys((".xdmf", ".xmf"), re.compile(rb"<!ENTITY|xi:include|Format\s*=\s*[\"'](?!XML)",
+                                                         re.IGNORECASE)),
+           **dict.fromkeys((".node", ".ele"), re.compile(rb""))}
 
 
 def write_as_msh(path: Path, copy: Path) -> None:
@@ -71,6 +80,7 @@ def _read(path: Path) -> Any:
     if not kinds:
         raise MeshError(f"{path}: is of no known format; save the mesh as .msh, or one that meshio reads, as .inp, "
                         ".med, .bdf or .vtu")
+    _refuse_parts(path)
     trouble = "empty"
     for kind in kinds:
         try:
@@ -80,6 +90,21 @@ def _read(path: Path) -> Any:
             trouble = str(error) if isinstance(error, meshio.ReadError) and str(error) else told.getvalue()
     raise MeshError(f"{path}: meshio cannot read it ({' '.join(trouble.split())[:200] or 'damaged'}); write the mesh "
                     "again, best as .msh")
+
+
+def _refuse_parts(path: Path) -> None:
+    """Refuse a mesh of which another file holds a part: it would be read unasked, and its changes not be seen."""
+    ending, parted = path.suffix.lower(), False
+    try:
+        if h5py.is_hdf5(path):
+            with open_hdf5(path, MeshError):
+                return
+        if ending in _PARTED:
+            parted = _PARTED[ending].search(path.read_bytes()) is not None
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read ({error}); write the mesh again, best as .msh") from error
+    if parted:
+        raise MeshError(f"{path}: a part of it lies in another file; save the mesh as one file, best as .msh")
 
 
 def _sets(mesh: Any) -> Iterator[tuple[str, int, Cells]]:
