@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from fretflow.case.config import Case, Reduction
 from fretflow.core.errors import FretflowError
@@ -41,7 +42,6 @@ from fretflow.experiments.rig.views import comparisons, evolved, held_out_error,
 from fretflow.experiments.rig.words import case_text, estimates
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.parameters import is_bent
 from fretflow.inference.posterior import (
     Found,
     beyond_noise,
@@ -181,19 +181,22 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
 def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Found:
     """Return a verdict that names nothing where the fit asks for a rig that is not the stated one.
 
-    That is a friction coefficient that no dry contact has, or a parameter of the baseline that one in a thousand of
-    what the file states is beyond: an effect that is right needs no such help (prior-data conflict: M. Evans,
-    H. Moshonov, Bayesian Anal. 1 (2006) 893-914). Damping is no such parameter: it is seldom measured, and the steps of
-    another code damp the arm several times as much as its file states.
+    That is a friction coefficient that no dry contact has, or a parameter of the baseline that less than one in a
+    thousand of what the file states is beyond: an effect that is right needs no such help (prior-data conflict:
+    M. Evans, H. Moshonov, Bayesian Anal. 1 (2006) 893-914). How sure that makes, says the smallest of their p-values
+    times how many there are. Damping is no such parameter: it is seldom measured, and the steps of another code damp
+    the arm several times as much as its file states.
     """
+    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
+        return found
     fit = hypotheses.fits[found.after]
     friction = hypothesis(fit.prediction.point).friction * float(np.mean(experiment.rig.problem.friction_coefficient))
-    beyond = [one for one, far in zip(fit.parameters.coordinates, is_bent(fit.z), strict=True)
-              if far and not one.effect and one.field != "damping"]
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS) or (FRICTION[0] < friction < FRICTION[1] and not beyond):
-        return found
-    needed = listed([one.name for one in beyond]) if beyond else "the friction coefficient"
-    return ruled_out(found, f"needs {needed} far from what is stated or possible")
+    if not FRICTION[0] < friction < FRICTION[1]:
+        return ruled_out(found, "needs a friction coefficient that no dry contact has")
+    held = [place for place, one in enumerate(fit.parameters.coordinates) if not one.effect and one.field != "damping"]
+    p = len(held) * 2.0 * norm.sf(np.abs(fit.z[held]))
+    beyond = [fit.parameters.coordinates[place].name for place, own in zip(held, p, strict=True) if own < LEVEL]
+    return ruled_out(found, f"needs {listed(beyond)} far from what is stated", float(p.min())) if beyond else found
 
 
 def periodic(found: Found, recording: Recording) -> Found:
