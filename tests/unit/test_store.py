@@ -220,3 +220,17 @@ def test_a_forced_response_opens_in_xarray_over_its_frequencies(tmp_path):
         assert shown.amplitude.dims == ("frequency",)
         assert shown.error.dims == ("checked",)
     assert read_record(path, ForcedResponse).checked.tolist() == [20.0, 80.0]
+
+
+@pytest.mark.parametrize(("digits", "spared"), [(None, False), (3, True)])
+def test_numbers_that_deflate_does_not_shorten_are_written_as_they_are(tmp_path, digits, spared):
+    """Random numbers have nothing to spare; of numbers of a few digits' sizes most bytes are alike."""
+    depth = np.random.default_rng(0).random((300, 1000))
+    depth = depth if digits is None else np.round(depth * 10**digits)
+    path = write_record(tmp_path / "labelled.h5", Labelled(
+        cycles=np.arange(300), depth=depth, level=np.full(300, 3, np.int8), stiffness=np.eye(2),
+        force=np.ones((2, 3)), other=np.ones(4)))
+    with h5py.File(path) as file:
+        assert (file["depth"].compression == "gzip") is spared
+        assert file["cycles"].shape == (300,)
+    assert np.array_equal(read_record(path, Labelled).depth, depth)
