@@ -6,10 +6,10 @@ stated, and regions hold the shares of a normal distribution that they claim.
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+import report_cases
 import xarray as xr
 from fretflow.core.errors import InputError
 from fretflow.inference import words
@@ -20,14 +20,9 @@ from fretflow_post import corner, style
 from fretflow_post.report import render_report
 from fretflow_post.wear_maps import profile
 
-HERE = Path(__file__).parent
-
 
 @pytest.fixture
-def cases(monkeypatch):
-    monkeypatch.syspath_prepend(HERE)
-    import report_cases
-
+def cases():
     return report_cases
 
 

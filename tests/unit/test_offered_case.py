@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import report_cases
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import validate_case
 from fretflow.experiments.rig import run
@@ -19,10 +20,7 @@ CASE = dump_case(validate_case({
 
 
 @pytest.fixture
-def found(monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parent)
-    import report_cases
-
+def found():
     estimate = Estimate(name="contact.friction_coefficient", value=0.83451234, low=0.8321, high=0.837, unit="1")
     return replace(report_cases.empty(), parameters=(estimate,), case_file=CASE)
 

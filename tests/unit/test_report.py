@@ -14,20 +14,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import report_cases
 from fretflow.inference.verdict import Estimate, Place, Remainder, Verdict
 from fretflow_post import style
 from fretflow_post.report import charts, render_report, write_report
 from matplotlib.colors import to_rgb
 
-HERE = Path(__file__).parent
 VOID = {"meta", "link", "input", "br", "img"}
 
 
 @pytest.fixture
-def cases(monkeypatch):
-    monkeypatch.syspath_prepend(HERE)
-    import report_cases
-
+def cases():
     return report_cases
 
 

@@ -11,15 +11,14 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+import report_cases
 from fretflow_post.report import render_report
 
 pytestmark = pytest.mark.render
 
-HERE = Path(__file__).parent
 CHROMIUM = shutil.which("chromium")
 # What a user would do, one after another; what is read off goes to the end of the page.
 VISIT = """
@@ -82,10 +81,7 @@ def with_script(text, script):
 
 
 @pytest.fixture
-def cases(monkeypatch):
-    monkeypatch.syspath_prepend(HERE)
-    import report_cases
-
+def cases():
     return report_cases
 
 
