@@ -5,6 +5,7 @@ Masing), and a loop over samples in plain Python for limits that change with tim
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from fretflow.experiments.driven.data import plain_data, prepared
 from fretflow.experiments.driven.experiment import RIG, DrivenExperiment, Scale, unit_of
 from fretflow.experiments.driven.noise import white_noise
 from fretflow.experiments.driven.run import fitted
+from fretflow.inference.parameters import HALF
 from fretflow.recordings.kinds.joints import FRETTING_RIG, IMPOSED_DISPLACEMENT
 from fretflow.structure.driven import Sliders, clipped_march
 from fretflow.structure.motion import Motion
@@ -240,6 +242,16 @@ def test_ranges_go_with_the_size_of_the_joint():
     assert scaled["baseline.tangential_stiffness"].low / own["baseline.tangential_stiffness"].low == pytest.approx(
         9e3 / RIG.force * RIG.length / 2e-3)
     assert scaled["velocity-dependent-friction.strength"] == own["velocity-dependent-friction.strength"]
+
+
+def test_ranges_of_an_effect_of_one_s_own_are_of_the_user_s_joint(monkeypatch):
+    monkeypatch.setenv("FRETFLOW_EFFECTS", str(Path(__file__).parents[2] / "examples" / "own_effects"))
+    motion = swinging(2e-3)
+    data = plain_data(IMPOSED_DISPLACEMENT, motion, 9e3 * np.sign(motion.velocity), np.ones(len(motion.velocity), bool))
+    space = DrivenExperiment(data, white_noise(data), 1.0).parameters(("backlash", "friction-bump"))
+    ends = {one.name: [one.value(way * HALF) for way in (-1.0, 1.0)] for one in space.coordinates}
+    assert ends["friction-bump.width"] == pytest.approx([0.5e-6, 4e-6])
+    assert ends["backlash.play"][1] == pytest.approx(declared_priors(Backlash)["play"].high * 2e-3 / RIG.length)
 
 
 def test_a_resonance_is_sought_on_the_time_scale_of_the_recording_and_a_delay_on_that_of_instruments():

@@ -109,7 +109,7 @@ def test_bad_input_is_one_line_that_names_the_field(changes, field):
     ({"test__cycles": "many"}, "test.cycles: must be a number without quotes, got 'many'"),
     ({"specimen__face": "bumpy"}, "specimen.face: must be 'flat', 'crowned' or 'cylindrical', got 'bumpy'"),
     ({"measured__sliding_distance": "-5 um"}, "measured.sliding_distance: must be positive, got '-5 um'"),
-    ({"effects": ["viscous"]}, "effects: must be a table of keys; `fretflow init` writes a file that shows them"),
+    ({"effects": ["viscous"]}, "effects: must be a table of keys; `fretflow init` writes a file with them"),
     ({"mesh__degree": [1]}, "mesh.degree: must be 1 or 2")])
 def test_what_is_wanted_and_what_was_given_stand_in_the_line(changes, line):
     with pytest.raises(ConfigError) as caught:

@@ -280,3 +280,14 @@ def test_where_no_more_than_noise_is_left_nothing_is_named(left: float, after: f
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=100.0), candidates=lambda: ["one"] * 20))
     said = beyond_noise(told, cast(Search, search))
     assert (said.verdict, said.probability) == (verdict, pytest.approx(probability, abs=5e-4))
+
+
+def test_rivals_are_those_that_a_twentieth_is_left_to() -> None:
+    """A name with 0.6 of 0.9 has two; what holds less than all but a twentieth of that together is none."""
+    tilt, slope, play = (frozenset({name}) for name in ("friction-tilt", "normal-load-coupling", "backlash"))
+    sets = {tilt: 0.6, slope: 0.26, play: 0.04, frozenset[str](): 0.05}
+    told = replace(found(Verdict.NAMED), sets=(tilt,), posterior=Posterior(sets, 0.05, {}))
+    assert told.rivals == (tilt, slope)
+    assert replace(told, posterior=Posterior({**sets, tilt: 0.5, play: 0.14}, 0.05, {})).rivals == (tilt, slope, play)
+    assert replace(told, posterior=Posterior({tilt: 0.88, slope: 0.02, frozenset(): 0.05}, 0.05, {})).rivals == (tilt,)
+    assert found(Verdict.UNKNOWN).rivals == ()

@@ -23,7 +23,7 @@ from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.headings import unit_in_heading
 from fretflow.recordings.readers.tables import read_table
 from fretflow.recordings.recording import read_joint_recording
-from fretflow.recordings.schema import DisplacementOf, MeasuredAt
+from fretflow.recordings.schema import DisplacementOf, MeasuredAt, name_of
 from fretflow.recordings.series import loops_of_series
 from hypothesis import given
 from hypothesis import strategies as st
@@ -422,3 +422,13 @@ def test_a_byte_order_mark_as_some_editors_write_it_is_no_key(make, tmp_path):
     toml = folder / "recording.toml"
     toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes())
     assert read_joint_recording(folder).loops.cycles.tolist() == [0, 1000]
+
+
+@pytest.mark.parametrize(("at", "name"), [
+    ("quick/recording", "quick-recording"), ("quick/recording/recording.toml", "quick-recording"),
+    ("test4", "test4"), ("test4/loops.csv", "loops"), ("test4/recording.toml", "test4")])
+def test_results_of_exports_do_not_overwrite_each_other(tmp_path, at, name):
+    """All exports lie in folders of the same name, in those of their runs."""
+    for folder in ("quick/recording", "test4"):
+        (tmp_path / folder).mkdir(parents=True)
+    assert name_of(tmp_path / at) == name

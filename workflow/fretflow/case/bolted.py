@@ -13,6 +13,8 @@ from fretflow.core import units as u
 from fretflow.core.errors import ConfigError
 from fretflow.core.files import CASE, STRUCTURE, no_file, read_toml
 
+SHOWN_BY = "docs/case.md shows"
+
 
 class Elasticity(Section):
     """The material of bodies."""
@@ -149,7 +151,7 @@ def load_bolted_case(path: Path) -> BoltedCase | None:
     try:
         case = BoltedCase.model_validate(raw)
     except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, raw, model=BoltedCase)}") from error
+        raise ConfigError(f"{path}: {explain(error, raw, '', BoltedCase, SHOWN_BY)}") from error
     files = {"structure": {"mesh": case.structure.mesh}, "backbone": {"measured": case.backbone.measured}}
     for table, ((key, file),) in ((name, tuple(one.items())) for name, one in files.items()):
         if file is not None:

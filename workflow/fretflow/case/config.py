@@ -132,9 +132,10 @@ def validate_case(raw: dict[str, Any], source: str = "case") -> Case:
         raise ConfigError(f"{source}: {explain(error, raw)}") from error
 
 
-def explain(error: ValidationError, raw: dict[str, Any], table: str = "", model: type[BaseModel] = Case) -> str:
+def explain(error: ValidationError, raw: dict[str, Any], table: str = "", model: type[BaseModel] = Case,
+            shown_by: str = "`fretflow init` writes a file with") -> str:
     """Return one line that names the first field in error, as the parsed file `raw` has it, and the way out."""
-    reasons = {_as_written(e["loc"], raw): _reason(e, model) for e in missing_last(error)}
+    reasons = {_as_written(e["loc"], raw): _reason(e, model, shown_by) for e in missing_last(error)}
     field, reason = next(iter(reasons.items()))
     more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
     return ": ".join(filter(None, (".".join(filter(None, (table, field))), reason))) + more
@@ -155,12 +156,12 @@ def _table(raw: Any, *names: str) -> Any:
     return raw
 
 
-def _reason(error: ErrorDetails, model: type[BaseModel]) -> str:
+def _reason(error: ErrorDetails, model: type[BaseModel], shown_by: str) -> str:
     clearer = {
-        "extra_forbidden": "unknown key; `fretflow init` writes a file with all known ones",
-        "missing": "is required; `fretflow init` writes a file that has it",
-        "dict_type": "must be a table of keys; `fretflow init` writes a file that shows them",
-        "model_type": "must be a table of keys; `fretflow init` writes a file that shows them",
+        "extra_forbidden": f"unknown key; {shown_by} all known ones",
+        "missing": f"is required; {shown_by} it",
+        "dict_type": f"must be a table of keys; {shown_by} them",
+        "model_type": f"must be a table of keys; {shown_by} them",
         "string_pattern_mismatch": "takes letters, digits, '.', '_', '-' and begins with one of the first two",
     }
     return reason(error, clearer, model)

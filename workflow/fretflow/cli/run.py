@@ -296,8 +296,9 @@ def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0, json: Js
         times, which a diagnosis needs
     """
     from fretflow.pipeline.results import RunResults
+    from fretflow.recordings.schema import EXPORTED
 
-    folder = run / "recording" if to is None else to
+    folder = run / EXPORTED if to is None else to
     files = RunResults.of(run).to_recording(folder, noise)
     show_files([*files, *keep_json(json, {"recording": str(folder), "files": list(map(str, files))})], "recording")
     say_line(f"`fretflow loops {folder}` reads it, and `fretflow diagnose {folder}` explains it")

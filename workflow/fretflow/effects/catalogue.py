@@ -89,6 +89,11 @@ def described(effect: str, field: str) -> tuple[str, str]:
     return unit_of(kind, field) or "1", kind.model_fields[field].description or ""
 
 
+def is_own(kind: type[Any]) -> bool:
+    """Tell whether an effect is a user's or another package's: its ranges are of the user's joint, not of a rig's."""
+    return issubclass(kind, Effect) and not kind.__module__.startswith(f"{__package__}.")
+
+
 def import_own() -> None:
     """Import users' effects where there are any, so that what refers to them can be unpickled."""
     if os.environ.get(FOLDERS):
@@ -108,7 +113,7 @@ def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case")
         known = catalogue()
         if name not in known:
             raise ConfigError(f"{source}: effects.{name}: there is no such effect; `fretflow effects` lists them"
-                              f"{did_you_mean(name, known)}")
+                              f"{did_you_mean(name, known)}{_unread()}")
         try:
             found.append(known[name].model_validate(dict(tables[name])))
         except ValidationError as error:
@@ -116,6 +121,11 @@ def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case")
             raise ConfigError(f"{source}: {said}; `fretflow effects {name}` describes it") from error
     check_together(found, source)
     return tuple(found)
+
+
+def _unread() -> str:
+    """Return a hint at the variable that names the folders of users' effects, where it names none."""
+    return "" if os.environ.get(FOLDERS) else f"; one of your own needs its folder in {FOLDERS}"
 
 
 def check_together(effects: Iterable[Effect], source: str = "effects") -> None:

@@ -275,12 +275,12 @@ class Effect(Section):
 
     def evolve(self, before: SlowState, cycles: float, worn: Array, energy: float, response: CycleResponse
                ) -> dict[str, Array]:
-        """Return the effect's memory after a jump.
+        """Return the effect's memory after a jump, by names that begin with its id and end in the unit.
 
         Parameters
         ----------
         before
-            The joint before the jump.
+            The joint before the jump: cycles, depth (nodes,) in m, energy in J and memory, the arrays by name.
         cycles, worn, energy
             What the jump adds: cycles, depth (nodes,) in m of both faces, dissipated energy in J.
         response

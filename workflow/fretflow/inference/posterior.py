@@ -73,6 +73,18 @@ class Found:
         """Return all effects that the verdict names."""
         return tuple(sorted(frozenset().union(*self.sets)))
 
+    @property
+    def rivals(self) -> tuple[Names, ...]:
+        """Return the sets of the verdict, then those that with them hold all but a twentieth of the effects' share."""
+        found, held = list(self.sets), sum(self.posterior.sets.get(names, 0.0) for names in self.sets)
+        for names, own in self.posterior.sets.items() if found else ():
+            if held >= (1.0 - FALSE_ALARMS) * self.posterior.listed:
+                break
+            if names and names not in found:
+                found.append(names)
+                held += own
+        return tuple(found)
+
 
 def decide(found: Search) -> Found:
     """Return the verdict on a finished search: what is most probable of none, the catalogue and something else."""

@@ -122,8 +122,8 @@ def run(case: Case | Path | str, out: Path | str = "runs", *, until: str | None 
     --------
     >>> import fretflow as ff
     >>> found = ff.run("examples/quick.toml", until="solve")  # doctest: +SKIP
-    >>> float(found.loops.sel(cycles=0).friction_force.max())  # in N  # doctest: +SKIP
-    49.7
+    >>> round(float(found.loops.sel(cycles=0).friction_force.max()), 1)  # in N  # doctest: +SKIP
+    52.8
     """
     from fretflow.pipeline.stages import pipeline
 

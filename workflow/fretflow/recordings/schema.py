@@ -21,11 +21,19 @@ from fretflow.recordings.description import FILE as FILE
 from fretflow.recordings.description import Description, read_description, validated
 from fretflow.recordings.kinds import RecordingKind, kind_called
 
+EXPORTED = "recording"  # the folder of a run that holds it as a recording
+
 
 def name_of(path: Path) -> str:
-    """Return what results of the recording at `path` are named after: its folder, or a single file without suffix."""
+    """Return what results of the recording at `path` are named after: its folder, or a single file without suffix.
+
+    A folder that has the name of all exports is told by the one that it lies in.
+    """
     whole = path.resolve()
-    return whole.parent.name if whole.name == FILE else (whole.name if whole.is_dir() else whole.stem)
+    folder = whole.parent if whole.name == FILE else whole
+    if not folder.is_dir():
+        return whole.stem
+    return f"{folder.parent.name}-{EXPORTED}".lstrip("-") if folder.name == EXPORTED else folder.name
 
 
 def _kind(value: object) -> RecordingKind:

@@ -19,7 +19,7 @@ from fretflow.case.casefile import unit_of
 from fretflow.case.config import Section
 from fretflow.core.errors import InputError
 from fretflow.core.units import registry
-from fretflow.effects.catalogue import catalogue, described
+from fretflow.effects.catalogue import catalogue, described, is_own
 from fretflow.effects.driven import Baseline, DrivenJoint, LumpedBaseline, SliderBaseline
 from fretflow.effects.effect import Array, Prior, declared_priors, parameter_limits
 from fretflow.effects.sketches import AMPLITUDE, LIMIT, TIME
@@ -151,7 +151,7 @@ class DrivenExperiment(IndependentExperiment):
     def _coordinate(self, part: str, field: str, section: type[Section], stated: Prior, signs: Mapping[str, float]
                     ) -> Coordinate:
         unit, (lowest, highest) = unit_of(section, field), parameter_limits(section, field)
-        prior = self.scale.prior(stated, unit)
+        prior = stated if is_own(section) else self.scale.prior(stated, unit)
         by_factor = prior.logarithmic or (prior.low > 0.0 and any(similarity(unit)))  # as is what similarity tells
         sign = signs.get(f"{part}.{field}", 1.0) if lowest < 0.0 <= prior.low else 1.0
         return Coordinate.within(part, field, prior.low, prior.high, by_factor, lowest, highest, sign)
@@ -162,7 +162,7 @@ class DrivenExperiment(IndependentExperiment):
         effects = []
         for name in sorted(set(point.parameters.effects) - point.neutral):
             kind = catalogue()[name]
-            held = {field: getattr(kind(), field) * self.scale.factor(unit_of(kind, field))
+            held = {field: getattr(kind(), field) * (1.0 if is_own(kind) else self.scale.factor(unit_of(kind, field)))
                     for field, prior in declared_priors(kind).items() if prior.held}
             effects.append(kind().changed(**held, **values[name]))
         return DrivenJoint.build(baseline_of(self.data.kind)().model_copy(update=values[""]), effects)

@@ -72,7 +72,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         location=location, remainder=remainder,
         parameters=made,
         held_out=held_out(experiment, hypotheses.baseline, fit), residual_law=law,
-        separating_measurement=separating(found.sets or [()]) if law is None else next_measurement(law),
+        separating_measurement=separating(found.rivals or [()]) if law is None else next_measurement(law),
         smallest_visible=visible(hypotheses) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),

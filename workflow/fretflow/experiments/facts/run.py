@@ -137,7 +137,7 @@ def told(recording: FactsRecording, case: Case, hypotheses: FactsSearch, found: 
         effects=found.effects, probability=found.probability, ranking=found.ranking,
         sentence=sentence(found, remainder, location), detection=detection, location=location, parameters=made,
         held_out=held_out(hypotheses, base, after), remainder=remainder, warnings=tuple(warnings),
-        separating_measurement=NEXT if unlisted else separating(found.sets or [()]),
+        separating_measurement=NEXT if unlisted else separating(found.rivals or [()]),
         smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
         notes=(*map(str, recording.notes), *warnings, *comparisons(hypotheses, base, after)),
         case_file=case_text(case, hypotheses.experiment.hypothesis(after.prediction.point),

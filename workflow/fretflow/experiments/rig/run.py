@@ -166,7 +166,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
         sentence=words.sentence(found, remainder, location, law) + words.in_doubt(doubted), detection=detection,
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
-        separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.sets),
+        separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.rivals),
         residual_law=law, smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, base.predicted, after.predicted),

@@ -79,7 +79,7 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
         effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
         detection=detection, parameters=made, remainder=left, held_out=unseen,
-        separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.sets or [()]),
+        separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.rivals or [()]),
         smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
         after_model=after_model(judged.verdict, judged.after), **own)
 
