@@ -131,8 +131,10 @@ def test_alternatives_get_the_measurement_that_parts_them(one, other, wanted):
     assert separating([{other}, {one}]).split(" would")[0] == text.split(" would")[0]
 
 
-def test_one_alternative_needs_no_measurement():
-    assert separating([{"viscous"}]) == ""
+def test_one_alternative_gets_what_would_confirm_it():
+    assert separating([{"backlash"}]).endswith("another frequency would confirm backlash.")
+    assert separating([{"viscous", "extra-mode"}]).endswith("would confirm extra-mode and viscous.")
+    assert separating([()]) == ""
 
 
 def test_what_a_zero_may_pretend_is_confirmed_at_rest():

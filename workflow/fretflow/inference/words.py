@@ -280,9 +280,13 @@ def separating(sets: Sequence[Collection[str]]) -> str:
         The alternatives, each a set of effects; the most probable first.
     """
     known = catalogue()
-    if len(sets) == 1:
-        return " ".join(known[name].confirmed_by for name in sorted(sets[0]) if known[name].confirmed_by)
     told: dict[str, list[str]] = {}
+    if len(sets) == 1:
+        for name in sorted(sets[0]):
+            if not known[name].confirmed_by:
+                told.setdefault(known[name].told_by or EVERYTHING, []).append(name)
+        return " ".join([*(known[name].confirmed_by for name in sorted(sets[0]) if known[name].confirmed_by), *(
+            f"{what[0].upper()}{what[1:]} would confirm {listed(names)}." for what, names in told.items())])
     for one, other in combinations([frozenset(names) for names in sets], 2):
         left, right = one - other, other - one
         told.setdefault(_between(left, right), []).append(f"{_named(left, one)} from {_named(right, other)}")
