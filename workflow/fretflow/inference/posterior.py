@@ -9,7 +9,7 @@ A wider set, or a law that extends another, is weighed against another form of t
 of law-form errors, and the catalogue's own effects where a form may be as large, tell what share of them the best other
 effect takes by chance, where a p-value p is worth at most ``-1 / (e p ln p)`` (T. Sellke, M. J. Bayarri, J. O. Berger,
 Am. Stat. 55 (2001) 62-71), and published forms how rare one is that differs by as much. What is taken of mere noise
-counts by Wilks' test.
+counts by Wilks' test too.
 """
 
 from __future__ import annotations
@@ -330,15 +330,16 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     law-form errors of the plainer set, drawn smooth and, as these are physics too, as structured as the catalogue's own
     effects.
     """
-    expected = found.experiment.measurement.expected
-    left = found.chi_squared(fewer) - expected
+    told, before, after = found.experiment.measurement.expected, found.chi_squared(fewer), found.chi_squared(wider)
+    left = before - min(told, after)  # as in `Search.explained`, noise is no more than what a set leaves
     outside = max(_outside_forms(found, fewer, wider), 0.0) if fewer < wider else inf
-    if left <= 0.0:  # all that is left is noise, as the covariance has it: what is taken of that is chance
+    if before <= told:  # all that is left passes for noise: what is taken of that may be chance
         more = max(freedom(found, wider) - freedom(found, fewer), 1)
-        p = float(chi2.sf(found.chi_squared(fewer) - found.chi_squared(wider), more))
-        return min(log(largest_odds(p)), outside)
+        outside = min(outside, log(largest_odds(float(chi2.sf(before - after, more)))))
+    if left <= 0.0:
+        return outside
     least = float(np.finfo(np.float32).eps)  # so that logits are finite
-    taken = float(np.clip((found.chi_squared(fewer) - found.chi_squared(wider)) / left, least, 1.0 - least))
+    taken = float(np.clip((before - after) / left, least, 1.0 - least))
     shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
     beyond = min(log(largest_odds(p)), outside)
