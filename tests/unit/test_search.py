@@ -15,8 +15,9 @@ from fretflow.inference.experiment import Point, Prediction, differences
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import decide
-from fretflow.inference.search import FAST, Search
+from fretflow.inference.search import FAST, Search, log_gain
 from fretflow.inference.strategy import begin_all, exchange_laws, leading, may_hold, search, start_search
+from scipy.stats import multivariate_normal
 from waves import BASELINE, LOOPS, SAMPLES, SD, Waves, cosine, judged, measurement, wave
 
 
@@ -301,3 +302,23 @@ def test_an_effect_of_which_first_order_promises_nothing_is_fitted_where_nothing
     search(found, lambda share, text: None)
     assert found.fits[frozenset({"parallel-stiffness"})].objective < 500.0
     assert not found.fits[frozenset({"viscous"})].provisional
+
+
+@pytest.mark.parametrize("bend", [0.0, 6.0])
+def test_what_bent_parameters_leave_to_a_new_effect_is_what_the_whole_density_tells(bend: float) -> None:
+    """Beside a parameter bent six standard deviations an effect that does the same is worth e^15, and nothing at none.
+
+    Both densities are those of the whole covariance, written out.
+    """
+    rng = np.random.default_rng(0)
+    others = 5.0 * rng.normal(size=(40, 3))
+    columns = np.column_stack([3.0 * others[:, 0] + 0.2 * rng.normal(size=40), rng.normal(size=40)])
+    values = others @ [bend, -0.3, 0.2] + rng.normal(size=40)
+    at = np.linalg.solve(np.eye(3) + others.T @ others, others.T @ values)
+
+    def density(all_columns: np.ndarray) -> float:
+        return float(multivariate_normal.logpdf(values, cov=np.eye(40) + all_columns @ all_columns.T))
+
+    gain = log_gain(columns, values - others @ at, others, at)
+    assert gain == pytest.approx(density(np.hstack([others, columns])) - density(others), abs=1e-8)
+    assert (gain > 10.0) is (bend > 0.0)

@@ -15,7 +15,7 @@ from fretflow.effects.effect import in_sensors_alone
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, signed_fields
-from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved, log_gain
+from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved
 from fretflow.recordings.periods import LEVEL
 
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
@@ -174,14 +174,11 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list
     """
     fit, white = found.fits[names], found.fitter.covariance.whiten
     reached = min(one.objective for effects, one in found.fits.items() if len(effects) == len(names))
-    residual = white(found.experiment.measurement.values - fit.predicted)
     known = dict(zip((one.name for one in fit.parameters.coordinates), fit.z, strict=True))
-    spaces = found.explicable(names), basis(fit.whitened_jacobian)
     promised: dict[str, tuple[float, Point]] = {}
 
     def weigh(effect: str, columns: Array, point: Point) -> None:
-        beyond_forms, gain = (log_gain(columns - own @ (own.T @ columns), residual - own @ (own.T @ residual))
-                              for own in spaces)
+        beyond_forms, gain = (found.gain_beside(names, columns, beyond) for beyond in (True, False))
         least = log(len(found.experiment.candidates()))  # what the choice costs
         if fit.objective - 2.0 * gain < reached and beyond_forms > promised.get(effect, (least, point))[0]:
             promised[effect] = (beyond_forms, point)

@@ -26,7 +26,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import DRAWS, FORMS
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
-from fretflow.inference.search import NEGLIGIBLE, Names, Search, Start, basis, extends, log_gain
+from fretflow.inference.search import NEGLIGIBLE, Names, Search, Start, basis, extends
 from fretflow.inference.verdict import FALSE_ALARMS, Candidate, Detection, Estimate, HeldOut, Verdict
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.readings import SEED
@@ -354,12 +354,11 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
 
 def _outside_forms(found: Search, fewer: Names, wider: Names) -> float:
     """Return the log evidence for the further effects of a wider set in what no form of the plainer laws explains."""
-    fit, rest, white = found.fits[wider], found.explicable(fewer), found.fitter.covariance.whiten
+    fit, white = found.fits[wider], found.fitter.covariance.whiten
     further = [place for place, name in enumerate(sorted(wider)) if name not in fewer]
     own = np.any([fit.parameters.own(sorted(wider)[place]) for place in further], axis=0)
     columns = np.column_stack([white(found.signatures(wider)[:, further]), white(fit.jacobian[:, own])])
-    left = white(found.experiment.measurement.values - found.fits[fewer].predicted)
-    return log_gain(columns - rest @ (rest.T @ columns), left - rest @ (rest.T @ left))
+    return found.gain_beside(fewer, columns, beyond_forms=True)
 
 
 def largest_odds(p: float) -> float:

@@ -229,10 +229,16 @@ class Search:
         return np.hstack([np.zeros((len(own.values), 0)),
                           *(modulations(own, one) for one in self.signatures(names, laws).T)])
 
-    def explicable(self, names: Names) -> Array:
-        """Return an orthonormal basis (M, any) of what a set's parameters and other forms of its laws can change."""
-        formed = self.fitter.covariance.whiten(self.formed(names))
-        return basis(np.column_stack([self.fits[names].whitened_jacobian, formed]))
+    def gain_beside(self, names: Names, columns: Array, beyond_forms: bool = False) -> float:
+        """Return the gain in log evidence of whitened columns (M, k) beside a fitted set, whose parameters give way.
+
+        What other forms of its laws may change counts for nothing where only what is `beyond_forms` is asked for.
+        """
+        fit, white = self.fits[names], self.fitter.covariance.whiten
+        parts = columns, white(self.experiment.measurement.values - fit.predicted), fit.whitened_jacobian
+        forms = basis(white(self.formed(names))) if beyond_forms else np.zeros((len(columns), 0))
+        own, left, others = (part - forms @ (forms.T @ part) for part in parts)
+        return log_gain(own, left, others, fit.z)
 
     def signatures(self, names: Names, of: Names | None = None) -> Array:
         """Return what each effect (sorted) `of` a fitted set, or of all of it, changes, (M, effects) in SI.
@@ -357,10 +363,16 @@ def has_moved(fit: Fit, since: Array | None) -> bool:
     return since is None or bool(np.abs(fit.z - since).max() >= norm.ppf(0.75))
 
 
-def log_gain(columns: Array, left: Array) -> float:
-    """Return the gain in log evidence over nothing of whitened columns (M, k) with standard normal weights."""
-    inner = np.eye(columns.shape[1]) + columns.T @ columns
-    pulled = columns.T @ left
+def log_gain(columns: Array, left: Array, others: Array, at: Array) -> float:
+    """Return the gain in log evidence of whitened columns (M, k) with standard normal weights beside others (M, n).
+
+    The latter, fitted `at` (n,) with such weights so that (M,) is `left`, give way: what bends one of them far from its
+    middle does so no longer where a new column does it.
+    """
+    across = others.T @ columns
+    way = np.linalg.solve(np.eye(len(at)) + others.T @ others, np.column_stack([across, others.T @ left - at]))
+    inner = np.eye(columns.shape[1]) + columns.T @ columns - across.T @ way[:, :-1]
+    pulled = columns.T @ left - across.T @ way[:, -1]
     return float(0.5 * pulled @ np.linalg.solve(inner, pulled) - 0.5 * np.linalg.slogdet(inner)[1])
 
 
