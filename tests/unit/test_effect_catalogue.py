@@ -148,7 +148,9 @@ def test_limits_of_another_shape_than_two_factors_are_told(limits):
 
 
 @pytest.mark.parametrize(("table", "words"), [
-    ({"thrid-body": {}}, r"effects\.thrid-body: there is no such effect; `fretflow effects` lists them; .*FRETFLOW"),
+    ({"thrid-body": {}}, r"effects\.thrid-body: there is no such effect; `fretflow effects` lists them; did you mean "
+     r"third-body\?"),
+    ({"oil-film": {}}, r"`fretflow effects` lists them; one of your own needs its folder in FRETFLOW_EFFECTS"),
     ({"third-body": {"retaind": 0.5}}, r"effects\.third-body\.retaind: unknown key"),
     ({"viscous": {"damping": "3 N"}}, r"effects\.viscous\.damping: '3 N' has the wrong dimension"),
     ({"viscous": {"damping": 3.0}}, r"effects\.viscous\.damping: 3\.0 is not text with a number and its unit"),

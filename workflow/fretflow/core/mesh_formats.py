@@ -28,7 +28,8 @@ _FACES = {
 _CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4}
 # Of each cell, the number of the set that it is in, as gmsh, Salome, Medit, Nastran and SU2 call it.
 _NUMBERS = ("gmsh:physical", "cell_tags", "medit:ref", "nastran:ref", "su2:tag")
-# What tells that another file holds a part, by ending; of TetGen's two neither is whole.
+# What tells that another file holds a part, by ending; meshio drops all asterisks of Abaqus' keywords, and of TetGen's
+# two files neither is whole.
 _PARTED = {".inp": re.compile(rb"^[\s*]*\*[\s*]*" + rb"\**".join(bytes([one]) for one in b"include"),
                               re.IGNORECASE | re.MULTILINE),
            **dict.fromkeys((".xdmf", ".xmf"), re.compile(rb"<!ENTITY|xi:include|Format\s*=\s*[\"'](?!XML)",
@@ -94,17 +95,16 @@ def _read(path: Path) -> Any:
 
 def _refuse_parts(path: Path) -> None:
     """Refuse a mesh of which another file holds a part: it would be read unasked, and its changes not be seen."""
-    ending, parted = path.suffix.lower(), False
+    tells = _PARTED.get(path.suffix.lower())
     try:
         if h5py.is_hdf5(path):
-            with open_hdf5(path, MeshError):
+            with open_hdf5(path, MeshError):  # refuses links
                 return
-        if ending in _PARTED:
-            parted = _PARTED[ending].search(path.read_bytes()) is not None
+        if tells is None or not tells.search(path.read_bytes()):
+            return
     except OSError as error:
         raise MeshError(f"{path}: cannot be read ({error}); write the mesh again, best as .msh") from error
-    if parted:
-        raise MeshError(f"{path}: a part of it lies in another file; save the mesh as one file, best as .msh")
+    raise MeshError(f"{path}: a part of it lies in another file; save the mesh as one file, best as .msh")
 
 
 def _sets(mesh: Any) -> Iterator[tuple[str, int, Cells]]:

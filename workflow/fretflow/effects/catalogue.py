@@ -113,7 +113,7 @@ def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case")
         known = catalogue()
         if name not in known:
             raise ConfigError(f"{source}: effects.{name}: there is no such effect; `fretflow effects` lists them"
-                              f"{did_you_mean(name, known)}{_unread()}")
+                              f"{did_you_mean(name, known) or _unread()}")
         try:
             found.append(known[name].model_validate(dict(tables[name])))
         except ValidationError as error:
