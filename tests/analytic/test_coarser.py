@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
-from fretflow.experiments.structure.coarser import coarser, sparser, thinned
+from fretflow.experiments.structure.coarser import coarser, mesh_errors, sparser, thinned
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.periodic_mode import condensed
 from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
@@ -70,3 +70,14 @@ def test_modes_of_a_soft_suspension_are_counted_on_both_meshes(structures):
         structure=own, law=Coulomb(0.45), bolt_load=6e3).linear_modes(4)] for own in (structure, coarser(structure)))
     assert first[1] < 5.0 < first[2]
     assert np.allclose(first, second, rtol=0.05)
+
+
+def test_what_a_mesh_changes_of_the_joint_at_rest_it_changes_at_every_amplitude():
+    """A shift of all frequencies is one error, known by its first point; what comes with the amplitude is not."""
+    place, shift = np.log(np.geomspace(1e-6, 1e-4, 12)), np.full(12, -0.4)
+    modes = mesh_errors(place, shift, 0.0)
+    assert modes @ modes.T == pytest.approx(np.full((12, 12), (0.4 / 3.0)**2), rel=1e-6)
+    later = mesh_errors(place, shift + np.where(place > place[5], 0.1, 0.0), 0.0)
+    covariance = later @ later.T
+    first, last = covariance[0, 0], covariance[-1, -1]
+    assert covariance[0, -1] < 0.98 * np.sqrt(first * last)

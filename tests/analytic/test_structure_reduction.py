@@ -106,6 +106,18 @@ def test_bad_matrices_are_refused_in_one_line(beam, change, words):
     assert "\n" not in str(caught.value)
 
 
+def test_free_motions_of_modal_coordinates_may_have_a_rounded_stiffness(beam):
+    """Where modes are coordinates, that of a free motion is zero but for rounding, of either sign."""
+    free = sparse.block_diag([beam.stiffness, np.diag([-1e-5, 1e-5])]).toarray()
+    assert np.abs(beam.stiffness).max() > 1e9
+    padded = {"stiffness": free, "mass": sparse.block_diag([beam.mass, np.eye(2)]).toarray(),
+              "contact_map": np.pad(beam.contact_map, ((0, 0), (0, 2))), "preload": np.pad(beam.preload, (0, 2)),
+              "outputs": {}, "inputs": {}}
+    assert c.reduce_structure(replace(beam, **padded)).rigid_motions == 3 + 2
+    with pytest.raises(InputError, match="K: is not positive definite"):
+        replace(beam, **{**padded, "stiffness": np.where(free == -1e-5, -1e-2, free)})
+
+
 def test_a_force_map_is_the_transposed_contact_map_up_to_areas(beam):
     m.check_force_map(beam.contact_map.T * np.repeat(beam.areas, 3), beam.contact_map)
     with pytest.raises(InputError, match="force_map: is not the transposed contact_map"):

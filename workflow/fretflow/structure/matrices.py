@@ -145,8 +145,8 @@ def _symmetric(matrix: Matrix, n: int, label: str) -> Matrix:
         row, column = divmod(int(lean.argmax()), n)
         raise InputError(f"{label}: is not symmetric, {label}[{row}, {column}] and {label}[{column}, {row}] differ by "
                          f"{lean.max() / largest:.1e} of its largest entry; give both triangles")
-    if np.any(matrix.diagonal() < 0.0):
-        row = int(np.argmin(matrix.diagonal()))
+    row = int(np.argmin(matrix.diagonal()))
+    if matrix.diagonal()[row] < -float(lean.max()) - n * np.finfo(float).eps * largest:  # a free motion's, rounded
         raise InputError(f"{label}: is not positive definite, {label}[{row}, {row}] is negative; correct its sign")
     whole = 0.5 * (matrix + matrix.T)
     return whole.tocsc() if sparse.issparse(whole) else np.asarray(whole)

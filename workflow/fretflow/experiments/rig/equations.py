@@ -44,6 +44,7 @@ class Unknown(IntEnum):
     COMPLIANCE = 4
 
 
+POWERS = (1, 2, 3)  # of the motion, that further forces on the arm go with
 GAINS = [Unknown.DISPLACEMENT, Unknown.FORCE]
 DELAYS = [Unknown.DISPLACEMENT_DELAY, Unknown.FORCE_DELAY]
 
@@ -217,6 +218,23 @@ class Equations:
         total = np.zeros(count, dtype=complex)
         np.add.at(total, own, values)
         return np.asarray((total / np.bincount(own))[own])
+
+
+def further_forces(recording: Recording, equations: Equations) -> list[Complex]:
+    """Return the terms (n,) of forces on the arm that go with powers of its motion, or with its speed's square.
+
+    A drag may also act beside the specimens, which then yield less than the sensor of the force tells.
+    """
+    lines = []
+    for loops, _ in [one for one in blocks_of(recording) if "excitation" in one[0].channels]:
+        spectrum = np.fft.rfft(loops.mean("displacement"))
+        spectrum[:, 0] = 0.0
+        motion, speed = (np.fft.irfft(own, len(loops.phase)) for own in (
+            spectrum, spectrum * 1j * np.arange(spectrum.shape[1])))
+        own = np.fft.rfft(np.stack([*(motion**power for power in POWERS), np.abs(speed) * speed]))
+        lines += [own[:, k, 1:SMOOTH + 1] for k in np.nonzero(loops.usable)[0]]
+    bent = np.concatenate(lines, axis=1)
+    return [*(equations.friction / equations.force * bent), bent[-1]]
 
 
 def is_periodic(loops: LoopSet) -> bool:

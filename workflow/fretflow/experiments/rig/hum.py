@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of
+from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of, further_forces
 from fretflow.experiments.rig.observation import HARMONICS
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
@@ -22,7 +22,6 @@ from fretflow.recordings.repeatability import SMOOTH
 
 Array = NDArray[np.float64]
 MAINS = (50.0, 60.0)  # Hz (IEC 60038)
-POWERS = (1, 2, 3)  # of the motion, that further forces on the arm go with
 
 
 def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: float) -> tuple[float, float] | None:
@@ -62,10 +61,10 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
                 size += even * (len(every) - 1) * float(np.sum((basis[:, 3:5].T @ _lines(turning, first))**2))
     if not freedom.all() or not squares.all():
         return None
-    noise = squares[1:].sum() / freedom[1:].sum()
+    noise = squares[1] / freedom[1]  # of about its frequency: filters and resampling take off higher ones
     if stats.f.sf(squares[1] / freedom[1] / (squares[2] / freedom[2]), freedom[1], freedom[2]) < LEVEL:
         return None
-    p_value = float(stats.f.sf(squares[0] / freedom[0] / noise, freedom[0], freedom[1:].sum()))
+    p_value = float(stats.f.sf(squares[0] / freedom[0] / noise, freedom[0], freedom[1]))
     amplitude = float(np.sqrt(max(0.0, 2.0 * (squares[0] - freedom[0] * noise) / size)))
     return p_value if amplitude > least else 1.0, amplitude
 
@@ -76,15 +75,12 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
     The equations hold with it and not without it, even if forces go with powers of the motion; None if none has to be.
     Periods of the motion may have been closed by straight lines, which is tried as well.
     """
-    bent, shapes = [], []
+    shapes = []
     for loops, frequency in [one for one in blocks_of(recording) if "excitation" in one[0].channels]:
         turns = (np.arange(len(loops.phase)) + 0.5) / len(loops.phase)
-        powers = _powers(loops.mean("displacement"))
-        for k in np.nonzero(loops.usable)[0]:
-            shapes.append(_seen(mains / frequency[k], turns))
-            bent.append(np.stack([lines[k, 1:SMOOTH + 1] for lines in powers], axis=1))
+        shapes += [_seen(mains / frequency[k], turns) for k in np.nonzero(loops.usable)[0]]
     felt, driven = equations.friction / equations.force, equations.damped / equations.displacement
-    forces = list(felt * np.concatenate(bent).T)
+    forces = further_forces(recording, equations)
     if (plain := equations.solve()).holds:
         return None
     bending, waves, found = equations.solve(forces), np.concatenate(shapes).T, []
@@ -103,11 +99,6 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
                 found.append((one.lack_of_fit, name, float(np.hypot(*one.values[-count:][:2]))))
                 break
     return max(found, default=None)
-
-
-def _powers(motion: Array) -> list[NDArray[np.complex128]]:
-    """Return the Fourier lines (K, any) of powers of loops (K, N) without their means."""
-    return [np.fft.rfft((motion - motion.mean(axis=1, keepdims=True))**power) for power in POWERS]
 
 
 def _seen(turns_a_period: float, turns: Array) -> NDArray[np.complex128]:

@@ -21,7 +21,16 @@ from fretflow.core.errors import FretflowError
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.sensor_drift import SensorDrift
-from fretflow.experiments.rig.equations import DELAYS, GAINS, Equations, Unknown, blocks_of, is_periodic
+from fretflow.experiments.rig.equations import (
+    DELAYS,
+    GAINS,
+    Equations,
+    Solution,
+    Unknown,
+    blocks_of,
+    further_forces,
+    is_periodic,
+)
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
 from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED, Array
 from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear, friction_from_energy
@@ -223,10 +232,16 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
         return [], []
     loops = recording.loops
     stated = [loops.calibration_sd.get(name, 0.0) for name in ("displacement", loops.force_name)]
+
+    def off(solved: Solution) -> list[bool]:
+        return [solved.is_off(solved.values[k] - 1.0, solved.covariance[k, k], own**2)
+                for k, own in zip(GAINS, stated, strict=True)]
+
     x, force = found.values[GAINS]
     covariance, across = found.covariance[np.ix_(GAINS, GAINS)], np.array([1.0, -1.0])
     apart, both = float(across @ covariance @ across), float(np.sum(np.square(stated)))
-    wrong = [found.is_off(gain - 1.0, covariance[k, k], stated[k]**2) for k, gain in enumerate((x, force))]
+    bent = equations.solve(further_forces(recording, equations))  # which gains may stand in for
+    wrong = [one and other for one, other in zip(off(found), off(bent), strict=True)]
     sd = np.sqrt(np.diag(covariance) + np.square(stated))
     if all(wrong) and not found.is_off(x - force, apart, both):
         return [_gain("excitation", x, sd[0])], []

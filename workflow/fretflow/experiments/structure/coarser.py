@@ -90,8 +90,10 @@ def mesh_errors(place: Array, doubled: Array, spacing: float) -> Array:
     Points' areas weigh pressures like the trapezoidal rule, of second order: with r times the distance between points
     the difference is ``(r^2 - 1) / 3`` of that with twice the distance, `doubled` (M,) (L. F. Richardson, Phil. Trans.
     R. Soc. A 210 (1911) 307-357). At which of the places (P,), of each channel in turn, it lies goes with where points
-    happen to be; they begin to slide one after the other, as closely as they lie on the coarser of both meshes.
+    happen to be; they begin to slide one after the other, as closely as they lie on the coarser of both meshes. What
+    it changes at the smallest amplitude, of the joint as the bolts close it, all others have too.
     """
     share, shorter = abs(spacing**2 - 1.0) / (2.0**2 - 1.0), max(spacing, 1.0) / 2.0
     parts = doubled.reshape(-1, len(place))
-    return np.asarray(share * block_diag(*(errors_like(place, one, shorter) for one in parts)))
+    return np.asarray(share * block_diag(*(np.column_stack([
+        np.full(len(place), one[0]), errors_like(place, one - one[0], shorter)]) for one in parts)))
