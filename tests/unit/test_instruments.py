@@ -18,9 +18,10 @@ import numpy as np
 import pytest
 from fretflow.case.config import Rig
 from fretflow.core.units import parse_quantity
+from fretflow.experiments.rig import instruments
 from fretflow.experiments.rig.equations import Equations
 from fretflow.experiments.rig.hum import hum_between_repeats
-from fretflow.experiments.rig.instruments import doubts, faults
+from fretflow.experiments.rig.instruments import _small_gains, doubts, faults
 from fretflow.experiments.rig.run import RigTools, diagnose_rig
 from fretflow.experiments.rig.setup import case_of
 from fretflow.inference.words import headline
@@ -242,6 +243,33 @@ def test_further_forces_on_a_recorded_rig_are_no_gain(law: Callable[[np.ndarray]
         return values + share * 60.0 * law(np.fft.irfft(lines, values.shape[-1]) / 20e-6)
 
     assert said(altered(recording, "excitation", drive)) == ((), ())
+
+
+def test_friction_that_differs_from_repeat_to_repeat_is_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What repeats of a force differ by is no error of its sensor where the drive answers to it."""
+    rng = np.random.default_rng(3)
+    repeat, harmonic = (own.ravel() for own in np.meshgrid(np.arange(80), np.arange(1, 6), indexing="ij"))
+    loop, every = repeat // 4, np.arange(400)
+
+    def drawn(size: float, rows: np.ndarray) -> np.ndarray:
+        values = size * (rng.standard_normal((2, rows.max() + 1)).T @ [1.0, 1.0j])
+        return values[rows]
+
+    made: dict[str, Any] = {}
+    monkeypatch.setattr(instruments.Equations, "of", lambda *_: made["equations"])
+    monkeypatch.setattr(instruments, "further_forces", lambda *_: [])
+    recording, told, apart = SimpleNamespace(loops=Loops({"displacement": np.zeros((1, 2))})), 0, []
+    recording.loops.calibration_sd = {}
+    for _ in range(100):
+        x, force, other, damped = (drawn(1.0, 6 * loop + harmonic) for _ in range(4))
+        force = force + drawn(0.1, every)
+        made["equations"] = Equations(x + force + drawn(0.1, every), x, force, other, damped, harmonic.astype(float),
+                                      harmonic, loop, repeat, loop)
+        solved = made["equations"].solve()
+        apart.append((solved.values[2] - 1.0) / np.sqrt(solved.covariance[2, 2]))
+        told += bool(_small_gains(recording, SimpleNamespace(rig=Rig()))[0])
+    assert np.mean(apart) > 1.0  # that sd off, by what is taken off for errors
+    assert told <= 1
 
 
 def test_noise_that_a_filter_has_passed_is_no_hum() -> None:

@@ -90,11 +90,11 @@ class Solution:
         freedom = max(1, self.repeats - len(self.values)) * ((variance + known) / variance)**2
         return bool(stats.f.sf(distance**2 / (variance + known), 1, freedom) < LEVEL)
 
-    def better_than(self, plain: Solution) -> bool:
+    def better_than(self, plain: Solution, level: float = LEVEL) -> bool:
         """Tell whether the unknowns beyond those of `plain` take more off what is left than chance does."""
         more = plain.freedom - self.freedom
         gained = (plain.squares - self.squares) / more / (self.squares / self.freedom)
-        return bool(stats.f.sf(gained, more, self.freedom) < LEVEL)
+        return bool(stats.f.sf(gained, more, self.freedom) < level)
 
     def odds_over(self, other: Solution) -> float:
         """Return the ratio of likelihoods to a solution with other unknowns."""

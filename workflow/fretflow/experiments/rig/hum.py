@@ -88,14 +88,15 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
     filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, SMOOTH)
                                     for unit in (1.0, 1j)]).squares
                    for one in (equations.displacement, equations.friction, equations.drive))
-    for name, factor in (("displacement", 1.0), ("friction_force", felt + plain.values[Unknown.COMPLIANCE]),
-                         ("excitation", driven)):
+    factors = {"displacement": 1.0, "friction_force": felt + plain.values[Unknown.COMPLIANCE], "excitation": driven}
+    level = LEVEL / (len(MAINS) * len(factors))
+    for name, factor in factors.items():
         # what forces on the rig do may be bent by them as well, unless the hum alone leaves far less than they
         more = forces if name == "displacement" else []
         for count in (2, 3) if more else (2,):
             one = equations.solve([*more, *factor * waves[:count]])
             if one.holds and one.squares < filtered and (
-                    one.better_than(bending) if more else one.odds_over(bending) > 1.0 / LEVEL):
+                    one.better_than(bending, level) if more else one.odds_over(bending) > 1.0 / level):
                 found.append((one.lack_of_fit, name, float(np.hypot(*one.values[-count:][:2]))))
                 break
     return max(found, default=None)
