@@ -22,7 +22,7 @@ from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
-from fretflow.inference.search import FAST, FULL, Names, Search, Task, fit_task
+from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
 from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
@@ -160,19 +160,24 @@ def of_baseline(experiment: StructureExperiment, found: Search) -> StructureExpe
 
     These differ as much as baselines do: one that is fitted under the errors of another may stay where it is not.
     """
-    def under(point: Point) -> tuple[float, StructureExperiment]:
-        one, value = experiment, -np.inf
-        try:
-            for _ in range(AGAIN):  # then those of the fit, which a step or two tell as well as its rest
-                one = experiment.with_errors_at(experiment.predict(point))
-                own = start_search(one, one.predict(point), replace(found.effort, last_steps=AGAIN), in_turn)
-                value = own.log_evidence(frozenset()) + own.discrepancy.covariance.log_density
-                point = own.baseline.prediction.point
-        except NonConvergenceError:
-            return -np.inf, experiment
-        return value, one
+    effort = replace(found.effort, last_steps=AGAIN)
+    asked = [(experiment, effort, one) for one in (found.baseline.prediction.point, *experiment.beginnings())]
+    return max(found.pool(told_task, asked), key=lambda one: one[0])[1]
 
-    return max(map(under, (found.baseline.prediction.point, *experiment.beginnings())), key=lambda one: one[0])[1]
+
+def told_task(asked: tuple[StructureExperiment, Effort, Point]) -> tuple[float, StructureExperiment]:
+    """Return the log evidence without effects of an experiment with its errors told at a baseline's fit, and that."""
+    experiment, effort, point = asked
+    one, value = experiment, -np.inf
+    try:
+        for _ in range(AGAIN):  # then those of the fit, which a step or two tell as well as its rest
+            one = experiment.with_errors_at(experiment.predict(point))
+            own = start_search(one, one.predict(point), effort, in_turn)
+            value = own.log_evidence(frozenset()) + own.discrepancy.covariance.log_density
+            point = own.baseline.prediction.point
+    except NonConvergenceError:
+        return -np.inf, experiment
+    return value, one
 
 
 def released(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search] | None:
