@@ -134,3 +134,33 @@ def test_what_no_effect_does_is_no_error_of_another_mesh():
     found = start_search(experiment, experiment.predict(here), FAST, lambda task, asked: [*map(task, asked)])
     told, _ = told_again(experiment, found)
     assert told.rough == experiment.rough
+
+
+@dataclass(frozen=True)
+class Meshed(Bent):
+    """The same, whose rough errors are those of a finer mesh."""
+
+    spacing: float = 1.0
+    or_finer: bool = False
+
+    def readings(self) -> tuple[Bent, ...]:
+        """Return that of the matrices, and that of the finer mesh, on which values may be anything to `rough` 100."""
+        return self, replace(self, rough=self.rough * 1e5, spacing=0.0)
+
+    def beginnings(self) -> list[Point]:
+        """Return none: the baseline has one minimum."""
+        return []
+
+    def with_errors_at(self, prediction: Prediction) -> Meshed:
+        """Return the same."""
+        return self
+
+
+@pytest.mark.parametrize(("rough", "noise"), [(1e-3, True), (1e-9, False)])
+def test_what_a_finer_mesh_would_leave_nothing_of_is_said(rough: float, noise: bool):
+    experiment: Any = Meshed(asked=[], rough=rough)
+    here = Point(experiment.parameters(()), np.zeros(2))
+    found = start_search(experiment, experiment.predict(here), FAST, lambda task, asked: [*map(task, asked)])
+    told, _ = told_again(experiment, found)
+    assert told.spacing == 1.0
+    assert told.or_finer is noise

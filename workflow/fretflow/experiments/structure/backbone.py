@@ -29,7 +29,11 @@ NEXT = "pressure between the faces (film), the form of both faces, and the backb
 def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
-    return {"location": location, "sentence": _sentence(judged, found, left, location.text),
+    sentence = _sentence(judged, found, left, location.text)
+    if judged.verdict is Verdict.UNKNOWN and experiment.or_finer:
+        sentence += (" Or nothing is missing, and the faces have a finer mesh than the matrices, whose errors would "
+                     "leave no more than noise; that is less probable, and matrices of a finer mesh tell.")
+    return {"location": location, "sentence": sentence,
             "curves": curves(experiment, found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 

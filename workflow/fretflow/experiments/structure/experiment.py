@@ -65,6 +65,7 @@ class StructureExperiment(Experiment):
     truncation: Array | None = None  # what twice the harmonics and samples add to that
     coarse: ReducedStructure | None = None  # the structure with points twice as far apart
     spacing: float = 1.0  # of contact points in what was recorded, over that of the matrices
+    or_finer: bool = False  # whether nothing would be missing if those of a finer mesh had been recorded
 
     @classmethod
     def of(cls, recording: StructureRecording) -> StructureExperiment:

@@ -137,7 +137,10 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
                                                     for names in parts if names in again.fits)])
         return float(probable) + again.discrepancy.covariance.log_density, one, again
 
-    _, told, again = max(map(under, told.readings()), key=lambda one: one[0])
+    made = [under(one) for one in told.readings()]
+    _, told, again = max(made, key=lambda one: one[0])
+    if told.spacing == 1.0 and any(one.spacing != 1.0 and detect(own).p_value >= FALSE_ALARMS for _, one, own in made):
+        told = replace(told, or_finer=True)
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
         -again.log_evidence(names, frozenset())))), found.effort.last_steps)
     return told, again
