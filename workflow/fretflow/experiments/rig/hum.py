@@ -3,7 +3,7 @@
 As its phase differs from repeat to repeat, their differences hold it, beside gains, delays, zeros and drifts of their
 own. Even harmonics alone are looked at: where friction, load or drive differ from repeat to repeat, loops differ by odd
 ones, as they are the same to either side. A hum that begins every period anew, as where a trigger does, is told by the
-rig's equations of motion, which lack it as they do no force that is a polynomial of the motion.
+rig's equations of motion, which lack it as they do no force that the motion makes.
 """
 
 from __future__ import annotations
@@ -72,17 +72,17 @@ def hum_between_repeats(blocks: list[tuple[LoopSet, Array]], name: str, mains: f
 def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> tuple[float, str, float] | None:
     """Return a hum that begins every period of a channel anew: lack of fit with it (p-value), channel and amplitude.
 
-    The equations hold with it and not without it, even if forces go with powers of the motion; None if none has to be.
+    The equations hold with it and not without it, even if `further_forces` act on the arm; None if none has to be.
     Periods of the motion may have been closed by straight lines, which is tried as well.
     """
     shapes = []
     for loops, frequency in [one for one in blocks_of(recording) if "excitation" in one[0].channels]:
         turns = (np.arange(len(loops.phase)) + 0.5) / len(loops.phase)
         shapes += [_seen(mains / frequency[k], turns) for k in np.nonzero(loops.usable)[0]]
-    felt, driven = equations.friction / equations.force, equations.damped / equations.displacement
-    forces = further_forces(recording, equations)
     if (plain := equations.solve()).holds:
         return None
+    felt, driven = equations.friction / equations.force, equations.damped / equations.displacement
+    forces = further_forces(recording, equations)
     bending, waves, found = equations.solve(forces), np.concatenate(shapes).T, []
     # a filter of a channel, whatever it does to each harmonic, grows with the channel from loop to loop as no hum does
     filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, SMOOTH)

@@ -234,7 +234,7 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
     stated = [loops.calibration_sd.get(name, 0.0) for name in ("displacement", loops.force_name)]
 
     def off(solved: Solution) -> list[bool]:
-        """With and without what repeats differ by taken for errors, as friction may differ from repeat to repeat."""
+        """Tell which gains are, whether repeats differ by errors alone or by friction of their own."""
         return [all(solved.is_off(gain - 1.0, solved.covariance[k, k], own**2) for gain in (
             solved.values[k], solved.values[k] - solved.attenuated[k])) for k, own in zip(GAINS, stated, strict=True)]
 
