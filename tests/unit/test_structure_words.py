@@ -19,3 +19,10 @@ def test_an_unknown_says_why_the_nearest_is_not_enough(room: Any, against: str, 
     found = SimpleNamespace(explained=lambda names: 0.3)
     said = room._sentence(judged, found, REST, "It is there.")
     assert f"bending-gap would explain 30 % of the difference, {words}. It is there." in said
+
+
+def test_an_unknown_says_that_a_finer_mesh_would_leave_nothing_missing() -> None:
+    judged = SimpleNamespace(verdict=Verdict.UNKNOWN, sets=(), after=frozenset(), against="")
+    said = [backbone._sentence(judged, SimpleNamespace(explained=lambda names: 0.0), REST, "", finer)
+            for finer in (False, True)]
+    assert ["matrices of a finer mesh tell" in one for one in said] == [False, True]

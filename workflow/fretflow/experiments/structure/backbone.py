@@ -29,11 +29,7 @@ NEXT = "pressure between the faces (film), the form of both faces, and the backb
 def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
-    sentence = _sentence(judged, found, left, location.text)
-    if judged.verdict is Verdict.UNKNOWN and experiment.or_finer:
-        sentence += (" Or nothing is missing, and the faces have a finer mesh than the matrices, whose errors would "
-                     "leave no more than noise; that is less probable, and matrices of a finer mesh tell.")
-    return {"location": location, "sentence": sentence,
+    return {"location": location, "sentence": _sentence(judged, found, left, location.text, experiment.or_finer),
             "curves": curves(experiment, found.baseline.prediction, after.prediction),
             "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
 
@@ -153,7 +149,7 @@ def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[Measured
     return backbones + response_curves(experiment.recording.responses, experiment.structure, models)
 
 
-def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
+def _sentence(judged: Found, found: Search, left: Remainder, where: str, or_finer: bool = False) -> str:
     """Return the verdict in a sentence or two."""
     verdict, sets, explained = judged.verdict, judged.sets, found.explained(judged.after)
     if verdict is Verdict.NONE:
@@ -165,7 +161,9 @@ def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
     if verdict is Verdict.UNKNOWN:
         near = (f": {listed(judged.after)} would explain {percent(explained)} of the difference, "
                 f"{not_enough(judged.against, left.times_noise)}") if judged.after else ""
-        return f"Something is missing that no effect of the catalogue explains{near}. {where}".strip()
+        finer = (" Or nothing is missing, and the faces have a finer mesh than the matrices, whose errors would leave "
+                 "no more than noise; that is less probable, and matrices of a finer mesh tell.") if or_finer else ""
+        return f"Something is missing that no effect of the catalogue explains{near}. {where}".strip() + finer
     names = " or ".join(" with ".join(sorted(one)) for one in sets)
     return f"What is missing is {names}: {percent(explained)} of the difference. {where}".strip()
 
