@@ -209,15 +209,15 @@ def test_what_effects_take_of_each_other_is_the_square_of_the_cosine_between_the
 
 
 @pytest.mark.parametrize(("left", "outside", "others", "odds"), [
-    (97.0, 99.0, 10**6, 0.0), (93.0, 99.0, 10**6, 0.1), (60.0, 99.0, 10**6, 10.8), (60.0, 4.0, 10**6, 4.6),
-    (60.0, -1.0, 10**6, 0.6), (60.0, 99.0, 99, 2.7), (60.0, 99.0, 1, 0.6)])
+    (97.0, 99.0, 10**6, 0.0), (93.0, 99.0, 10**6, 0.1), (60.0, 99.0, 10**6, 14.2), (60.0, 4.0, 10**6, 4.6),
+    (60.0, -1.0, 10**6, 0.6), (60.0, 99.0, 99, 5.2), (60.0, 99.0, 1, 1.3)])
 def test_what_is_taken_of_mere_noise_counts_by_wilks_test_and_as_another_form(
         left: float, outside: float, others: int, odds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 95 where 100 are expected: more is left, two less are taken by two parameters, 35 less by these.
 
     Wilks' p is ``exp(-g / 2)`` for a gain g by two parameters, worth at most ``2 exp(g / 2) / (e g)``. What another
-    form of the plainer law does as well counts no more than what none does; nor does what one of 100 effects would do
-    count for more than 8 (2.1), whatever noise the repeats tell. Half of the published forms differ by 35: 0.6 more.
+    form of the plainer law does as well counts no more than what none does; nor does what would be first of 100 effects
+    count for more than 100 (4.6), whatever noise the repeats tell. Half of the published forms differ by 35: 0.6 more.
     """
     monkeypatch.setattr(posteriors, "_outside_forms", lambda *_: outside)
     monkeypatch.setattr(posteriors, "taken_by_chance", lambda *_: np.array([0.01, 0.02]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -150,15 +150,32 @@ def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkey
 
 
 def test_pairs_are_begun_where_they_promise_to_reach_what_one_effect_alone_does() -> None:
-    """Beside the strong one the weak one that is left, beside that the strong one, beside what does nothing none."""
+    """Beside the strong one the weak one, beside that, which is more probable, whatever helps, beside another none."""
     noise = SD * np.random.default_rng(3).standard_normal(LOOPS * SAMPLES)
     found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia") + noise)
     strong, weak, other = (frozenset({name}) for name in ("viscous", "sensor-inertia", "parallel-stiffness"))
     begun = {names: {task.point.effects - names for task in beside(
         found, names, beginnings_task((found.fitter, found.fits[names])).values())} for names in (strong, weak, other)}
+    assert found.best(1)[0] == weak  # by what it leaves, which is smoother
     assert weak in begun[strong]
-    assert begun[weak] == {strong}
+    assert begun[weak] == {strong, frozenset({"support-nonlinearity"})}
     assert begun[other] == set()  # with the weak one it explains more than alone, and less than the strong one
+    laid = beginnings_task((found.fitter, found.fits[weak])).values()
+    assert beside(found, weak, laid, found.log_evidence(weak)) == []  # those that promise more are fitted
+    found.fits.pop(strong | weak)
+    assert [task.point.effects for task in beside(found, weak, laid, found.log_evidence(weak))] == [strong | weak]
+    assert beside(found, weak, laid, found.fits[weak].objective) == []  # no pair can be so probable
+
+
+def test_those_that_explain_most_are_bases_beside_those_that_are_most_probable() -> None:
+    """An effect that explains all but little may be less probable than three that leave more, as that is smoother."""
+    names = [frozenset({name}) for name in ("backlash", "viscous", "scar-edge", "sensor-inertia", "extra-mode")]
+    worth = dict(zip(names, (-1.0, -2.0, -3.0, -4.0, -5.0), strict=True))
+    left = dict(zip(names, (90.0, 80.0, 70.0, 20.0, 30.0), strict=True))
+    search = SimpleNamespace(
+        best=lambda size: names, leaves_noise=lambda own: False, effort=FAST, sign=lambda sets: None,
+        log_evidence=worth.__getitem__, chi_squared=left.__getitem__, promising=lambda sets: sets)
+    assert leading(cast(Search, search)) == [names[0], names[1], names[3], names[4]]
 
 
 @pytest.mark.parametrize(("objective", "ratio", "steps"), [(300.0, 0.95, 1), (90.0, 0.95, 4), (300.0, 0.4, 4)])

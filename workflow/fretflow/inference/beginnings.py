@@ -166,14 +166,16 @@ def started(found: Search, origin: Fit, fit: Fit) -> Start:
     return Start(name, columns - rest @ (rest.T @ columns), columns)
 
 
-def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list[Task]:
+def beside(found: Search, names: Names, beginnings: Iterable[Beginning], beyond: float | None = None) -> list[Task]:
     """Return where the fits of a set with the effects beside it begin that promise most of what it leaves.
 
     What each changes is known to first order at the set's own fit, or where it was begun beside the baseline. Pairs
-    that promise no more than one effect alone reaches are not begun.
+    that promise no more than one effect alone reaches are begun beside the most probable one only. Where log evidence
+    is given that pairs are to go `beyond`, it is those that promise to, and are not fitted yet.
     """
     fit, white = found.fits[names], found.fitter.covariance.whiten
-    reached = min(one.objective for effects, one in found.fits.items() if len(effects) == len(names))
+    reached = np.inf if names == found.best(len(names))[0] else min(
+        one.objective for effects, one in found.fits.items() if len(effects) == len(names))
     known = dict(zip((one.name for one in fit.parameters.coordinates), fit.z, strict=True))
     promised: dict[str, tuple[float, Point]] = {}
 
@@ -196,7 +198,8 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning]) -> list
                 **fit.parameters.signs, **alone.parameters.signs})
             own = dict(zip((one.name for one in alone.parameters.coordinates), alone.z, strict=True)) | known
             weigh(start.effect, start.changes, Point(space, np.array([own[one.name] for one in space.coordinates])))
-    best = sorted(promised.values(), key=lambda one: -one[0])[:found.effort.partners]
+    best = [one for one in sorted(promised.values(), key=lambda one: -one[0]) if beyond is None or (
+        one[1].effects not in found.fits and found.log_evidence(names) + one[0] > beyond)][:found.effort.partners]
     for _, point in best:
         if point.effects not in found.settled:
             found.fitters[point.effects] = found.fitter_of(names)

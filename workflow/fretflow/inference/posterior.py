@@ -347,7 +347,8 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     if left > size**2:
         return inf  # what is larger than all that a law does is no form of it
     alike = taken_of_effects(found, fewer)
-    beyond = min(beyond, log(largest_odds((np.count_nonzero(alike >= taken) + 1) / (len(alike) + 1))))
+    rank = np.count_nonzero(alike >= taken)  # that none takes as much is no p-value, but happens to one of so many
+    beyond = min(beyond, log(largest_odds((rank + 1) / (len(alike) + 1)) if rank else len(alike) + 1))
     forms = law_form_errors() * size
     return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 

@@ -71,9 +71,9 @@ def search(found: Search, progress: Progress) -> None:
 
 
 def leading(found: Search) -> list[Names]:
-    """Return the effects to which others are sought: the most probable, and the one that explains most.
+    """Return the effects to which others are sought: the most probable, and those that explain most.
 
-    That may be improbable for what it leaves, as the stronger one of two is. Laws of other forms are allowed for.
+    These may be improbable for what they leave, as the stronger one of two is. Laws of other forms are allowed for.
     Where one leaves noise alone there is nothing that pairs without it could explain more of, and where none leaves
     that, nothing that two could.
     """
@@ -84,23 +84,35 @@ def leading(found: Search) -> list[Names]:
         return found.promising(first)[:found.effort.bases]
     found.sign(first)
     probable = sorted(first, key=lambda names: -found.log_evidence(names))[:found.effort.bases]
-    return list(dict.fromkeys([*probable, min(found.best(1), key=found.chi_squared)]))
+    return list(dict.fromkeys([*probable, *sorted(found.best(1), key=found.chi_squared)[:found.effort.bases]]))
 
 
 def seek_partners(found: Search, bases: Sequence[Names]) -> None:
-    """Fit pairs of some effects with those that promise most beside them, and the pairs' members alone from there."""
+    """Fit pairs of some effects with those that promise most beside them, and the pairs' members alone from there.
+
+    Where none leaves noise alone, those follow that promise next beside the most probable and would be more probable.
+    """
     found.sign(bases)
-    laid = found.pool(beginnings_task, [(found.fitter_of(names), found.fits[names]) for names in bases])
-    begun = found.pool(fit_task, [task for names, beginnings in zip(bases, laid, strict=True)
-                                  for task in beside(found, names, beginnings.values())])
-    found.keep(begun)
-    go_on(found, [fit for fit in begun if fit is not None], found.effort.last_steps // 2)
+    laid = dict(zip(bases, found.pool(beginnings_task, [(found.fitter_of(one), found.fits[one]) for one in bases]),
+                    strict=True))
+    fit_pairs(found, [task for one in bases for task in beside(found, one, laid[one].values())])
+    pairs = found.best(2)[:1]
+    if pairs and bases and not found.leaves_noise(pairs[0]):
+        first = max(bases, key=found.log_evidence)
+        fit_pairs(found, beside(found, first, laid[first].values(), found.log_evidence(pairs[0])))
     to_rest(found, 2)
     exchange_laws(found, 2)
     for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
         # one of the two may have brought the other out of a bad start
         found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
     to_rest(found, 1)
+
+
+def fit_pairs(found: Search, tasks: Sequence[Task]) -> None:
+    """Begin pairs, and fit them as far as they may matter."""
+    begun = found.pool(fit_task, tasks)
+    found.keep(begun)
+    go_on(found, [fit for fit in begun if fit is not None], found.effort.last_steps // 2)
 
 
 def allow_for_chance(found: Search) -> None:

@@ -106,7 +106,7 @@ class RigExperiment(Experiment):
         (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
         asked, observation = hypothesis(prediction.point), self.rig.observation
         try:
-            denser = dense.predict(dense.simulate(asked))
+            denser = dense.predict(dense.simulate(asked, simulation_of(prediction)))
             if 2 * rig.samples < dense.samples and is_seen(observation, denser - coarse):
                 rig, fine = rig.twice_as_dense(), fine.twice_as_dense()
                 coarse = rig.predict(rig.simulate(asked, simulation_of(prediction)))
