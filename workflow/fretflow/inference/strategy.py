@@ -50,7 +50,8 @@ def search(found: Search, progress: Progress) -> None:
     begin_all(found)
     progress(0.35, "fitting the most promising")
     if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
-        go_on(found, [fit for fit in found.fits.values() if fit.provisional], found.effort.last_steps)
+        go_on(found, [fit for fit in found.fits.values() if fit.provisional or is_where_begun(found, fit)],
+              found.effort.last_steps)
     to_rest(found, 1)
     exchange_laws(found, 1)
     correct(found, [0, 1])
@@ -75,16 +76,18 @@ def leading(found: Search) -> list[Names]:
 
     These may be improbable for what they leave, as the stronger one of two is. Laws of other forms are allowed for.
     Where one leaves noise alone there is nothing that pairs without it could explain more of, and where none leaves
-    that, nothing that two could.
+    that, nothing that two could. What leaves more than nothing does is no base, however probable.
     """
     if found.leaves_noise(frozenset()):
         return []
-    first = found.best(1)[:2 * found.effort.bases]
+    nothing = found.chi_squared(frozenset())
+    singles = [names for names in found.best(1) if found.chi_squared(names) < nothing] or found.best(1)
+    first = singles[:2 * found.effort.bases]
     if any(map(found.leaves_noise, first)):
         return found.promising(first)[:found.effort.bases]
     found.sign(first)
     probable = sorted(first, key=lambda names: -found.log_evidence(names))[:found.effort.bases]
-    return list(dict.fromkeys([*probable, *sorted(found.best(1), key=found.chi_squared)[:found.effort.bases]]))
+    return list(dict.fromkeys([*probable, *sorted(singles, key=found.chi_squared)[:found.effort.bases]]))
 
 
 def seek_partners(found: Search, bases: Sequence[Names]) -> None:
@@ -282,6 +285,12 @@ def may_hold(found: Search, sets: Sequence[Names]) -> Sequence[Names]:
 def is_explained(found: Search) -> bool:
     """Tell whether a set leaves no more than what passes for noise."""
     return found.passes_for_noise(min(fit.chi_squared for fit in found.fits.values()))
+
+
+def is_where_begun(found: Search, fit: Fit) -> bool:
+    """Tell whether an effect was never fitted: the baseline's parameters are those that it was begun beside."""
+    return bool(fit.effects) and any(origin is not None and np.array_equal(fit.z[:len(origin.z)], origin.z)
+                                     for origin in (found.baseline, found.stated))
 
 
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
