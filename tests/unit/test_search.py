@@ -175,7 +175,8 @@ def test_those_that_explain_most_are_bases_beside_those_that_are_most_probable()
     left = {frozenset(): 95.0} | dict(zip(names, (90.0, 80.0, 70.0, 20.0, 30.0, 99.0), strict=True))
     search = SimpleNamespace(
         best=lambda size: sorted(names, key=lambda one: -worth[one]), leaves_noise=lambda own: False, effort=FAST,
-        sign=lambda sets: None, log_evidence=worth.__getitem__, chi_squared=left.__getitem__, promising=lambda sets: sets)
+        sign=lambda sets: None, log_evidence=worth.__getitem__, chi_squared=left.__getitem__,
+        promising=lambda sets: sets)
     assert leading(cast(Search, search)) == [names[0], names[1], names[3], names[4]]
 
 
