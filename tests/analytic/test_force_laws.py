@@ -14,7 +14,7 @@ from fretflow.effects.viscous import SPEED, _Dashpot
 from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.structure.two_mass_rig.force_laws import ROUND, ArmSupport, BlockPull, HingePlay
+from fretflow.structure.two_mass_rig.force_laws import ArmSupport, BlockPull, HingePlay
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 from scipy.special import gamma
@@ -23,7 +23,8 @@ RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 
 
 @pytest.mark.parametrize("force", [
-    ArmSupport(2e5, 1e16), BlockPull(4.0), HingePlay(1e8, 2e-6), _Dashpot(300.0, 0.5), _Dashpot(300.0, 2.0)])
+    ArmSupport(2e5, 1e16), BlockPull(4.0), HingePlay(1e8, 2e-6), HingePlay(1e8, 2e-6, 1.0), _Dashpot(300.0, 0.5),
+    _Dashpot(300.0, 2.0)])
 def test_slopes_are_those_of_differences(force):
     random = np.random.default_rng(3)
     x, v = 2e-6 * random.normal(size=(60, 2)), 1e-3 * random.normal(size=(60, 2))
@@ -49,16 +50,17 @@ def test_a_dashpot_takes_the_energy_of_its_power_of_the_speed(power):
     assert energy == pytest.approx(closed * constant * omega**power * x ** (1.0 + power), rel=0.01)
 
 
-def test_a_hinge_carries_nothing_within_its_play_and_all_but_the_play_beyond():
+@pytest.mark.parametrize("rounding", [0.1, 1.0])
+def test_a_hinge_carries_nothing_within_its_play_and_all_but_the_play_beyond(rounding):
     k, half = 1e8, 1e-6
     apart = np.linspace(-4.0, 4.0, 801) * half
     x = np.column_stack([0.3e-6 + 0.0 * apart, 0.3e-6 + apart])
-    taken = HingePlay(k, 2.0 * half)(x, np.zeros_like(x)).force
+    taken = HingePlay(k, 2.0 * half, rounding)(x, np.zeros_like(x)).force
     carried = k * apart - taken[:, 1]
     dead = np.sign(apart) * k * np.maximum(np.abs(apart) - half, 0.0)
-    outside = np.abs(np.abs(apart) / half - 1.0) > ROUND
+    outside = np.abs(np.abs(apart) / half - 1.0) > rounding
     assert carried[outside] == pytest.approx(dead[outside], abs=1e-9)
-    assert np.abs(carried - dead).max() == pytest.approx(k * half * ROUND / 4.0, rel=0.01)
+    assert np.abs(carried - dead).max() == pytest.approx(k * half * rounding / 4.0, rel=0.01)
     assert np.all(np.diff(carried) >= -1e-9)
     assert taken.sum(axis=1) == pytest.approx(np.zeros(801), abs=1e-12)
     assert np.all(HingePlay(k, 0.0)(x, x).force == 0.0)

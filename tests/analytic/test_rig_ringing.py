@@ -116,13 +116,13 @@ def test_a_play_that_rings_is_fitted_with_more_samples_and_keeps_no_derivative_o
     assert coarse.corrected(coarse.predict(at(coarse))).rig.samples == 64
 
     fitter = Fitter(coarse, coarse.measurement.covariance())
-    fit = fitter.at(at(coarse, "backlash", play=2.5e-6), None)
+    fit = fitter.at(at(coarse, "backlash", play=2.5e-6, rounding=0.1), None)
     own, anew = correct_task((fitter, fit))
     assert (coarse.rig.samples, own.experiment.rig.samples, own.experiment.checks[0].samples) == (64, 128, 128)
     assert own.experiment.has_made(anew.prediction)
     assert not own.experiment.has_made(fit.prediction)
     assert np.abs(anew.jacobian - fit.jacobian).max() > 0.1 * np.abs(fit.jacobian).max()
-    beside = at(coarse, "backlash", damping=3.0, play=2.3e-6)
+    beside = at(coarse, "backlash", damping=3.0, play=2.3e-6, rounding=0.1)
     wanted = rig.denser().predict(rig.denser().simulate(hypothesis(beside)))
     once = replace(coarse, correction=own.experiment.checks[1].predict(
         own.experiment.checks[1].simulate(hypothesis(fit.prediction.point))) - fit.predicted)

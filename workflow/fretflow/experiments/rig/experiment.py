@@ -106,7 +106,7 @@ class RigExperiment(Experiment):
         (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
         asked, observation = hypothesis(prediction.point), self.rig.observation
         try:
-            denser = dense.predict(dense.simulate(asked, simulation_of(prediction)))
+            denser = dense.predict(_denser(dense, asked, simulation_of(prediction)))
             if 2 * rig.samples < dense.samples and is_seen(observation, denser - coarse):
                 rig, fine = rig.twice_as_dense(), fine.twice_as_dense()
                 coarse = rig.predict(rig.simulate(asked, simulation_of(prediction)))
@@ -115,6 +115,14 @@ class RigExperiment(Experiment):
             return None
         correction, _ = errors_of(observation, finer, denser, coarse, dense.samples / rig.samples)
         return replace(self, rig=rig, correction=correction, checks=(fine, dense))
+
+
+def _denser(dense: RigModel, asked: Hypothesis, coarse: Simulation) -> Simulation:
+    """Return a simulation with denser samples from a coarse one's, which rings otherwise where it is too coarse."""
+    try:
+        return dense.simulate(asked, coarse)
+    except NonConvergenceError:
+        return dense.simulate(asked)
 
 
 def hypothesis(point: Point) -> Hypothesis:

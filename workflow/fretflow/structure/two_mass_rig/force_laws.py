@@ -11,7 +11,6 @@ from fretflow.structure.internal_forces import ForceAndSlopes
 
 Array = NDArray[np.float64]
 BLOCK, ARM = 0, 1
-ROUND = 0.1  # of the half play, to either side of its end, over which the hinge takes hold
 
 
 @dataclass(frozen=True)
@@ -49,18 +48,22 @@ class HingePlay:
 
     The hinge carries ``k d(delta)``, delta the arm's motion relative to the block and d zero within the play, delta
     less half the play beyond; so ``k (delta - d(delta))`` is taken off. Its damping stays. The stiffness comes in
-    linearly about the end of the play, as that of faces that come into touch; a jump would stall Newton's method.
+    linearly about the end of the play, as that of faces that come into touch, over `rounding` of half the play to
+    either side; a jump would stall Newton's method.
     """
 
     stiffness: float
     play: float
+    rounding: float = 0.1
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
         found = _nothing(len(displacement))
         apart = displacement[:, ARM] - displacement[:, BLOCK]
         half = 0.5 * self.play
-        taken, share = _clipped(apart / half) if half > 0.0 else (np.zeros_like(apart), np.zeros_like(apart))
+        if half == 0.0:
+            return found
+        taken, share = _clipped(apart / half, self.rounding)
         on_arm, slope = self.stiffness * half * taken, self.stiffness * share
         for i, sign in ((ARM, 1.0), (BLOCK, -1.0)):
             found.force[:, i] = sign * on_arm
@@ -69,10 +72,10 @@ class HingePlay:
         return found
 
 
-def _clipped(value: Array) -> tuple[Array, Array]:
+def _clipped(value: Array, rounding: float) -> tuple[Array, Array]:
     """Return `value` (N,) clipped to -1 and 1 with corners rounded by parabolas, and its slope."""
-    slope = np.clip((1.0 + ROUND - np.abs(value)) / (2.0 * ROUND), 0.0, 1.0)
-    size = np.minimum(np.abs(value), 1.0 - ROUND) + ROUND * (1.0 - slope**2)
+    slope = np.clip((1.0 + rounding - np.abs(value)) / (2.0 * rounding), 0.0, 1.0)
+    size = np.minimum(np.abs(value), 1.0 - rounding) + rounding * (1.0 - slope**2)
     return np.sign(value) * size, slope
 
 
