@@ -111,10 +111,10 @@ def test_nothing_found_says_so():
 
 def test_parameters_far_outside_of_their_ranges_are_warned_of():
     space = Parameters.of((), ["backlash"])
-    assert at_bounds(space, np.array([4.0])) == [
+    assert at_bounds(space, np.array([4.0, 0.0])) == [
         "backlash.play stands far outside of what is held plausible: the fit may stand for something else, or the "
         "range be too narrow"]
-    assert at_bounds(space, np.array([1.0])) == []
+    assert at_bounds(space, np.array([1.0, 0.0])) == []
 
 
 @pytest.mark.parametrize(("one", "other", "wanted"), [
