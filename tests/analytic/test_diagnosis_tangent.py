@@ -14,7 +14,7 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
-from fretflow.experiments.rig.experiment import BASELINE, RigExperiment, hypothesis
+from fretflow.experiments.rig.experiment import BASELINE, RigExperiment, _denser, hypothesis
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.inference.experiment import Point
@@ -135,6 +135,20 @@ def test_numbers_beyond_all_bounds_are_no_prediction(rig):
     experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)), checks=(finer, finer))
     space = Parameters.of(BASELINE, ())
     assert experiment.corrected(experiment.predict(Point(space, np.zeros(space.size)))) is None
+
+
+@pytest.mark.parametrize("misleads", [False, True])
+def test_denser_samples_begin_from_nothing_where_the_coarse_motion_misleads(misleads):
+    """As where too few samples ring at another harmonic."""
+    coarse = object()
+
+    def simulate(asked, near=None):
+        if misleads and near is coarse:
+            raise NonConvergenceError("lost")
+        return asked, near
+
+    found = _denser(SimpleNamespace(simulate=simulate), "asked", coarse)
+    assert found == ("asked", None if misleads else coarse)
 
 
 def test_softer_bodies_are_no_springs_between_the_faces(rig):

@@ -23,8 +23,8 @@ RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 
 
 @pytest.mark.parametrize("force", [
-    ArmSupport(2e5, 1e16), BlockPull(4.0), HingePlay(1e8, 2e-6), HingePlay(1e8, 2e-6, 1.0), _Dashpot(300.0, 0.5),
-    _Dashpot(300.0, 2.0)])
+    ArmSupport(2e5, 1e16), BlockPull(4.0), HingePlay(1e8, 2e-6, 0.1), HingePlay(1e8, 2e-6, 1.0),
+    _Dashpot(300.0, 0.5), _Dashpot(300.0, 2.0)])
 def test_slopes_are_those_of_differences(force):
     random = np.random.default_rng(3)
     x, v = 2e-6 * random.normal(size=(60, 2)), 1e-3 * random.normal(size=(60, 2))
@@ -63,7 +63,7 @@ def test_a_hinge_carries_nothing_within_its_play_and_all_but_the_play_beyond(rou
     assert np.abs(carried - dead).max() == pytest.approx(k * half * rounding / 4.0, rel=0.01)
     assert np.all(np.diff(carried) >= -1e-9)
     assert taken.sum(axis=1) == pytest.approx(np.zeros(801), abs=1e-12)
-    assert np.all(HingePlay(k, 0.0)(x, x).force == 0.0)
+    assert np.all(HingePlay(k, 0.0, rounding)(x, x).force == 0.0)
 
 
 def test_a_rig_marched_in_small_steps_is_that_of_the_implicit_march():

@@ -180,6 +180,38 @@ def test_those_that_explain_most_are_bases_beside_those_that_are_most_probable()
     assert leading(cast(Search, search)) == [names[0], names[1], names[3], names[4]]
 
 
+@pytest.mark.parametrize(("noise", "asked"), [(False, [None, None, -20.0]), (True, [None, None])])
+def test_further_partners_follow_where_no_pair_leaves_noise(
+        noise: bool, asked: list[float | None], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the most probable of the bases, with the best pair's log evidence to go beyond."""
+    one, other, pair = frozenset({"viscous"}), frozenset({"backlash"}), frozenset({"viscous", "scar-edge"})
+    worth, calls = {one: -40.0, other: -30.0, pair: -20.0}, []
+    search = SimpleNamespace(
+        sign=lambda sets: None, fits=worth, fitter_of=lambda names: None, best=lambda size: [pair] if size == 2 else [],
+        pool=lambda function, tasks: [{} for _ in tasks], keep=lambda fits: None, effort=FAST,
+        promising=lambda sets: sets, log_evidence=worth.__getitem__, leaves_noise=lambda names: noise)
+    monkeypatch.setattr(strategy, "beside", lambda found, names, laid, beyond=None: calls.append((names, beyond)) or [])
+    for name in ("to_rest", "exchange_laws"):
+        monkeypatch.setattr(strategy, name, lambda *_: None)
+    strategy.seek_partners(cast(Search, search), [one, other])
+    assert [beyond for _, beyond in calls] == asked
+    assert [names for names, _ in calls] == [one, other, other][:len(asked)]
+
+
+def test_an_effect_that_was_never_fitted_stands_where_it_was_begun() -> None:
+    """Beside the stated baseline or the fitted one; the baseline itself is none, nor is what took a step."""
+    at = {"stated": np.zeros(2), "baseline": np.array([1.0, 2.0])}
+    search = SimpleNamespace(**{name: SimpleNamespace(z=z) for name, z in at.items()})
+
+    def begun(z: Sequence[float], *effects: str) -> bool:
+        return strategy.is_where_begun(cast(Search, search), cast(Fit, SimpleNamespace(z=np.array(z), effects=effects)))
+
+    assert begun([0.0, 0.0, -1.3], "viscous")
+    assert begun([1.0, 2.0, 0.5], "viscous")
+    assert not begun([0.1, 0.0, -1.3], "viscous")
+    assert not begun([1.0, 2.0])
+
+
 @pytest.mark.parametrize(("objective", "ratio", "steps"), [(300.0, 0.95, 1), (90.0, 0.95, 4), (300.0, 0.4, 4)])
 def test_what_is_worse_than_nothing_goes_on_where_it_falls_as_it_must_alone(
         objective: float, ratio: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:

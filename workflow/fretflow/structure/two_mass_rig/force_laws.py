@@ -54,7 +54,7 @@ class HingePlay:
 
     stiffness: float
     play: float
-    rounding: float = 0.1
+    rounding: float
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
