@@ -50,8 +50,7 @@ def search(found: Search, progress: Progress) -> None:
     begin_all(found)
     progress(0.35, "fitting the most promising")
     if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
-        go_on(found, [fit for fit in found.fits.values() if fit.provisional or is_where_begun(found, fit)],
-              found.effort.last_steps)
+        go_on(found, [fit for fit in found.fits.values() if is_where_begun(found, fit)], found.effort.last_steps)
     to_rest(found, 1)
     exchange_laws(found, 1)
     correct(found, [0, 1])
