@@ -13,6 +13,8 @@ from fretflow.effects.cycle import PeriodicCycle, respond, true_signals
 from fretflow.effects.scar_edge import HALF_STROKE, EdgeForce, ScarEdge
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.solvers.time_integration import integrate
+from fretflow.structure.two_mass_rig.joint import change_rig
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit
 from fretflow.wear.scheme import WearingJoint
@@ -42,7 +44,8 @@ def at(force, place):
 
 
 def test_the_force_is_that_of_a_potential():
-    force, place = EdgeForce(peak=12.0, end=6e-6, width=2e-6), np.linspace(-8e-6, 8e-6, 4001)
+    force = EdgeForce(peak=12.0, half_stroke=6e-6, width=2e-6, power=2.0, end=6e-6)
+    place = np.linspace(-8e-6, 8e-6, 4001)
     value, slope = at(force, place)
     into = np.clip(np.abs(place) - 4e-6, 0.0, 2e-6)
     potential = 12.0 * (into**3 / (3.0 * 2e-6**2) + np.maximum(np.abs(place) - 6e-6, 0.0))
@@ -52,6 +55,41 @@ def test_the_force_is_that_of_a_potential():
     np.testing.assert_allclose(slope[1:-1][smooth], rise[smooth], atol=1e4)
     ends, _ = at(force, np.array([-6e-6, 6e-6, 3e-6, 5e-6, 7e-6]))
     np.testing.assert_allclose(ends, [12.0, -12.0, 0.0, -3.0, -12.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("power", [1.0, 3.0])
+def test_other_floors_have_potentials_too_that_go_on_beyond_the_stroke(power):
+    """A bowl, parabolic or quartic, over the whole stroke and half of it again; beyond, the flank is straight."""
+    force = EdgeForce(peak=12.0, half_stroke=4e-6, width=4e-6, power=power, end=6e-6)
+    place = np.linspace(-8e-6, 8e-6, 4001)
+    value, slope = at(force, place)
+    within = np.minimum(np.abs(place), 6e-6)
+    potential = 12.0 * (within**(power + 1.0) / ((power + 1.0) * 4e-6**power)
+                        + (1.5**power) * (np.abs(place) - within))
+    np.testing.assert_allclose(value[1:-1], -(potential[2:] - potential[:-2]) / (place[2] - place[0]), atol=0.05)
+    smooth = np.abs(np.abs(place[1:-1]) - 6e-6) > 5e-9
+    rise = (value[2:] - value[:-2]) / (place[2] - place[0])
+    np.testing.assert_allclose(slope[1:-1][smooth], rise[smooth], rtol=1e-4, atol=10.0)
+    ends, _ = at(force, np.array([-4e-6, 2e-6, 7e-6]))
+    np.testing.assert_allclose(ends, [12.0, -12.0 * 0.5**power, -12.0 * 1.5**power], rtol=1e-12)
+
+
+def test_beyond_a_fold_the_period_is_the_one_on_which_the_motion_settles(winkler):
+    """A rig driven above its resonance jumps where the scar's spring has raised that to the drive."""
+    base = winkler(foundation=5e13, excitation=75.0)
+
+    def hardened(peak):
+        force = EdgeForce(peak, half_stroke=2e-5, width=2e-5, power=3.0, end=1e-3)
+        return replace(base, structure=change_rig(base.structure, forces=(force,)))
+
+    before = FINE.solve(hardened(15.0))
+    small = np.ptp(before.rig_displacement[:, 1])
+    beyond = FINE.solve(hardened(20.0), before)
+    assert np.ptp(beyond.rig_displacement[:, 1]) > 1.8 * small
+    marched = integrate(hardened(20.0), before, 200, 512)
+    assert marched.change[-1] < 1e-4
+    settled = marched.of_period(marched.internal[:, 1])
+    assert np.ptp(beyond.rig_displacement[:, 1]) == pytest.approx(np.ptp(settled), rel=5e-3)
 
 
 def test_the_peak_grows_with_the_depth(winkler):

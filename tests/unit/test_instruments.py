@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 from fretflow.case.config import Rig
 from fretflow.core.units import parse_quantity
-from fretflow.experiments.rig.instruments import faults
+from fretflow.experiments.rig.equations import DELAYS, Equations
+from fretflow.experiments.rig.instruments import _rig, faults
 from fretflow.experiments.rig.run import RigTools, diagnose_rig
+from fretflow.experiments.rig.setup import case_of
 from fretflow.inference.words import headline
 from fretflow.recordings.kinds import read_recording
 from fretflow.recordings.loopset import LoopSet
@@ -274,6 +276,44 @@ def test_loops_that_come_again_every_second_period_tell_nothing_of_their_sensors
     for name in ("displacement", "friction_force"):
         recording = altered(recording, name, swinging)
     assert said(recording) == ((), ())
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("guess", [(-2e-4, -1e-4), (1e-4, 0.0), (3e-4, 1e-4)])
+@pytest.mark.parametrize(("name", "known"), [("second_rig_2", False), ("second_rig_4", True)])
+def test_delays_are_solved_to_the_end_from_any_guess(name: str, known: bool, guess: tuple[float, float],
+                                                     recordings: Path) -> None:
+    """Where the second step was longer than the first, what had been reached by then was told: none of a rig's play."""
+    recording = read_recording(recordings / name)
+    equations = Equations.of(recording, _rig(case_of(recording)))
+    assert equations is not None
+    found = equations.synchronised(np.array(guess))
+    assert found is not None or not known
+    if found is not None:
+        start = equations.synchronised(np.zeros(2))
+        assert start is not None
+        errors = np.sqrt(np.diag(start[1].covariance)[DELAYS])
+        np.testing.assert_allclose(found[0] / errors, start[0] / errors, atol=0.01)
+
+
+@pytest.mark.real_data
+def test_specimens_that_yield_otherwise_as_they_wear_are_no_drift_of_a_gain(recordings: Path) -> None:
+    """Wear spreads the pressure: the faces lag behind the arm by another compliance from loop to loop."""
+    recording = read_recording(recordings / "second_rig_1")
+
+    def yielding(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        force = loops.channels[loops.force_name]
+        rise = np.arange(len(loops.cycles)) / len(loops.cycles) if loops is recording.loops else np.ones(len(values))
+        return np.asarray(values - 3e-9 * rise[:, None, None] * force)
+
+    assert said(altered(recording, "displacement", yielding)) == ((), ())
+
+    def weaker(loops: LoopSet, values: np.ndarray) -> np.ndarray:
+        rise = np.arange(len(loops.cycles)) / len(loops.cycles) if loops is recording.loops else np.ones(len(values))
+        return np.asarray(values * (1.0 - 0.05 * rise[:, None, None]))
+
+    (told,), _ = said(altered(recording, "friction_force", weaker))
+    assert "gain of the friction force drifts" in told
 
 
 @pytest.mark.real_data

@@ -235,11 +235,24 @@ def test_what_is_taken_of_mere_noise_counts_by_wilks_test_and_as_another_form(
 def test_a_pair_is_no_other_form_of_the_effect_that_does_nothing_for_it() -> None:
     """One of two does as much as both do; the other, e^36 less probable by itself, took what both were worth."""
     one, other, third = (frozenset({name}) for name in ("viscous", "backlash", "scar-edge"))
-    worth: dict[frozenset[str], float] = {one: -512.0, other: -548.0, third: -515.0}
+    worth: dict[frozenset[str], float] = {one: -512.0, other: -548.0, third: -515.0, one | other: -510.0}
     search = cast(Search, SimpleNamespace(log_evidence=worth.__getitem__))
-    assert posteriors._likeliest(search, [other, one, third]) == [one, third]
-    assert posteriors._likeliest(search, [other]) == [other]
-    assert posteriors._likeliest(search, []) == []
+    assert posteriors._likeliest(search, one | other, [other, one, third]) == [one, third]
+    worth[one | other] = -480.0  # none of them does as much
+    assert posteriors._likeliest(search, one | other, [other, one, third]) == [other, one, third]
+    assert posteriors._likeliest(search, one | other, []) == []
+
+
+def test_another_form_of_a_law_is_as_far_out_of_its_ranges_as_the_law_is() -> None:
+    """A load that rose by half of itself, where clamps lose a fifth, stood in for friction that runs in."""
+    means = {1: np.array([0.0, 4.0]), 2: np.array([0.0, 1.0, 1.0])}
+    wider = frozenset({"normal-load-drift", "friction-run-in"})
+    search = cast(Search, SimpleNamespace(prior=lambda names: None, evidence=lambda names: SimpleNamespace(
+        coordinates=lambda prior: (means[len(names)], None))))
+    for name in wider:
+        assert posteriors.farther_out(search, frozenset({name}), wider) == pytest.approx(7.0)
+    means[1] = np.array([0.0, 1.0])  # nearer than the wider set, which is no merit of it
+    assert posteriors.farther_out(search, frozenset({"friction-run-in"}), wider) == 0.0
 
 
 @pytest.mark.parametrize(("shares", "verdict", "named", "probability"), [

@@ -11,6 +11,7 @@ import numpy as np
 from fretflow.core import units as u
 from fretflow.effects.contact_stiffness import ContactStiffness, with_asperities
 from fretflow.effects.effect import Array, Sketch, parameter
+from fretflow.effects.relaxation import order_of_relaxation, share_left
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -23,8 +24,10 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     id = "contact-stiffness-evolution"
     title = "asperity springs that stiffen with the dissipated energy"
-    equation = "k_c (1 + b (1 - exp(-E / E_0))); k_c = k_t (p / p_0)^m per area, normal ratio k_t"
-    formula = r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - e^{-E / E_0}\right)\right]"
+    equation = ("k_c (1 + b (1 - y(E / E_0))), dy/dx = -y^n, exp(-E / E_0) for n = 1; "
+                "k_c = k_t (p / p_0)^m per area, normal ratio k_t")
+    formula = (r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - y(E / E_0)\right)\right], \qquad "
+               r"y' = -y^n,\ y(0) = 1")
     source = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
     over_cycles = True
     observables = ("slope of the stick portion of a loop over cycles", "first resonance over cycles")
@@ -35,6 +38,7 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     gain: float = parameter(1.5, "b: relative growth of the stiffness in the end", 0.5, 4.0, gt=-1.0)
     energy: u.Energy = parameter(50.0, "E_0: energy over which it grows", 5.0, 150.0)
+    order: float = order_of_relaxation()
 
     @classmethod
     def plainest(cls) -> Self:
@@ -49,7 +53,7 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     def growth(self, energy: Array | float) -> Array:
         """Return the stiffness after `energy` in J over that at the start."""
-        return np.asarray(1.0 - self.gain * np.expm1(-np.asarray(energy) / self.energy))
+        return np.asarray(1.0 + self.gain * (1.0 - share_left(np.asarray(energy) / self.energy, self.order)))
 
     def sketch(self) -> Sketch:
         """Return the stiffness against energy."""

@@ -10,6 +10,7 @@ import numpy as np
 from fretflow.case.config import ContactSection
 from fretflow.core import units as u
 from fretflow.effects.effect import Array, Block, Effect, Sketch, parameter
+from fretflow.effects.relaxation import order_of_relaxation, share_left
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
 
@@ -25,8 +26,8 @@ class FrictionRunIn(Effect):
     id = "friction-run-in"
     title = "friction that settles with the dissipated energy"
     block = Block.CONTACT
-    equation = "mu = mu_inf - (mu_inf - mu_0) exp(-E / E_0)"
-    formula = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,e^{-E / E_0}"
+    equation = "mu = mu_inf - (mu_inf - mu_0) y(E / E_0), dy/dx = -y^n; exp(-E / E_0) for n = 1"
+    formula = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,y(E / E_0), \qquad y' = -y^n,\ y(0) = 1"
     source = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
               "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
     over_cycles = True
@@ -39,6 +40,7 @@ class FrictionRunIn(Effect):
     final: float | None = parameter(None, "mu_inf: coefficient in the end; by default the case's", 0.6, 0.9,
                                     gt=0.0, le=5.0)
     energy: u.Energy = parameter(30.0, "E_0: energy over which it settles", 5.0, 150.0)
+    order: float = order_of_relaxation()
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the coefficient at this energy in."""
@@ -47,7 +49,7 @@ class FrictionRunIn(Effect):
 
     def coefficient(self, final: Array, energy: Array | float) -> Array:
         """Return mu after `energy` in J, between the initial and the `final` one."""
-        return np.asarray(final - (final - self.initial) * np.exp(-np.asarray(energy) / self.energy))
+        return np.asarray(final - (final - self.initial) * share_left(np.asarray(energy) / self.energy, self.order))
 
     def sketch(self) -> Sketch:
         """Return the coefficient against energy."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fretflow.effects.effect import OTHER_LENGTHS, Array, Block, Effect, Sketch, parameter
+from fretflow.effects.relaxation import mean_left, order_of_relaxation, share_left
 from fretflow.effects.volume_law import CYCLES, LawParameter, VolumeLaw, WornTests
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.cycle import CycleResponse
@@ -19,8 +20,8 @@ class WearCoefficientEvolution(Effect):
     id = "wear-coefficient-evolution"
     title = "wear coefficient that changes over cycles"
     block = Block.WEAR
-    equation = "K_w(n) = K_w (x + (1 - x) exp(-n / n_K))"
-    formula = r"K_w(n) = K_w \left[x + (1 - x)\,e^{-n / n_K}\right]"
+    equation = "K_w(n) = K_w (x + (1 - x) y(n / n_K)), dy/dx = -y^o; exp(-n / n_K) for o = 1"
+    formula = r"K_w(n) = K_w \left[x + (1 - x)\,y(n / n_K)\right], \qquad y' = -y^o,\ y(0) = 1"
     source = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
     told_by = OTHER_LENGTHS
     observables = ("approach over cycles", "worn volume of tests of other lengths")
@@ -28,6 +29,7 @@ class WearCoefficientEvolution(Effect):
     final_share: float = parameter(0.4, "x: coefficient in the end over that at the start", 0.2, 4.0, ge=0.0,
                                    neutral=1.0)
     settling: float = parameter(1e5, "n_K: cycles over which it changes", 1e4, 1e6, gt=0.0)
+    order: float = order_of_relaxation()
 
     def wear_factor(self, response: CycleResponse, slow: SlowState, problem: PeriodicProblem) -> Array:
         """Return K_w(n) over that at the start."""
@@ -35,12 +37,12 @@ class WearCoefficientEvolution(Effect):
 
     def share(self, cycles: Array | float) -> Array:
         """Return the coefficient after `cycles` over that at the start."""
-        return np.asarray(1.0 + (1.0 - self.final_share) * np.expm1(-np.asarray(cycles) / self.settling))
+        return np.asarray(self.final_share + (1.0 - self.final_share) * share_left(
+            np.asarray(cycles) / self.settling, self.order))
 
     def mean_share(self, cycles: Array) -> Array:
         """Return the mean coefficient over the first `cycles` over that at the start."""
-        passed = cycles / self.settling
-        return np.asarray(self.final_share - (1.0 - self.final_share) * np.expm1(-passed) / passed)
+        return np.asarray(self.final_share + (1.0 - self.final_share) * mean_left(cycles / self.settling, self.order))
 
     @classmethod
     def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:

@@ -211,8 +211,8 @@ def posterior(found: Search) -> Posterior:
         if by_form and len(names) > 1:
             continue  # beside others it is no more than another form of theirs
         own = found.log_evidence(names)
-        beyond = {fewer: beyond_forms(found, fewer, names) for fewer in _likeliest(found, [
-            fewer for fewer in weight if fewer and _plainer(fewer, names)])}
+        beyond = {fewer: beyond_forms(found, fewer, names) + farther_out(found, fewer, names)
+                  for fewer in _likeliest(found, names, [one for one in weight if one and _plainer(one, names)])}
         like[names] = found.evidence(names).averaged(found.prior(names, forms=errors[len(names)]))
         if by_form:
             continue  # it is like it, and not it
@@ -265,13 +265,28 @@ def _is_off(own: Coordinate, at: float, sd: float, off: float) -> float:
     return float(norm.cdf((-HALF - at) / sd) if own.sign * off < ends[0] else norm.sf((HALF - at) / sd))
 
 
-def _likeliest(found: Search, sets: Sequence[Names]) -> list[Names]:
-    """Return the sets that are not negligible beside the most probable of them, other forms of their laws allowed for.
+def _likeliest(found: Search, wider: Names, sets: Sequence[Names]) -> list[Names]:
+    """Return the plainer sets of which a wider one may be another form.
 
-    Where one effect does what a pair does, the pair is no other form of its second one.
+    Where one of them does what the wider set does, other forms of its laws allowed for, that is no other form of those
+    which are negligible beside it.
     """
     best = max((found.log_evidence(names) for names in sets), default=0.0)
+    if best < found.log_evidence(wider) - NEGLIGIBLE:
+        return list(sets)
     return [names for names in sets if found.log_evidence(names) > best - NEGLIGIBLE]
+
+
+def farther_out(found: Search, fewer: Names, wider: Names) -> float:
+    """Return by what log prior the parameters of a plainer set are farther out of their ranges than a wider one's.
+
+    Where it does the same by another form of its laws, it does it there.
+    """
+    squares = []
+    for names in (fewer, wider):
+        mean, _ = found.evidence(names).coordinates(found.prior(names))
+        squares.append(float(mean @ mean))
+    return 0.5 * max(squares[0] - squares[1], 0.0)
 
 
 def _plainer(fewer: Names, names: Names) -> bool:

@@ -154,21 +154,21 @@ class Equations:
         own, count = self.groups
         return len(own) > count
 
-    def synchronised(self, late: Array) -> tuple[Array, Solution]:
+    def synchronised(self, late: Array) -> tuple[Array, Solution] | None:
         """Return by how many seconds displacement and force (2,) come late, and the least squares without that.
 
-        Gauss-Newton from a first guess `late`, as long as steps get smaller: delays of a few samples turn higher
-        harmonics by more than first order.
+        Gauss-Newton from a first guess `late` to a thousandth of its errors, else None: delays of a few samples turn
+        higher harmonics by more than first order.
         """
-        size = 1.0 / np.min(self.omega)
-        while True:
+        for _ in range(20):
             x, force = np.exp(1j * np.outer(late, self.omega))
             found = replace(self, displacement=x * self.displacement, damped=x * self.damped,
                             friction=force * self.friction, force=force * self.force).solve()
             step = found.values[DELAYS] / found.values[GAINS]
-            if not np.abs(step).max() < size:
+            if np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(found.covariance)[DELAYS])):
                 return late, found
-            late, size = late + step, np.abs(step).max()
+            late = late + step
+        return None
 
     def solve(self, more: Sequence[Complex] = ()) -> Solution:
         """Return the least squares with further terms (n,), each with a real unknown of its own.

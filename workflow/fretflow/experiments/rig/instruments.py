@@ -24,6 +24,7 @@ from fretflow.effects.sensor_drift import SensorDrift
 from fretflow.experiments.rig.equations import (
     DELAYS,
     GAINS,
+    Complex,
     Equations,
     Solution,
     Unknown,
@@ -143,7 +144,7 @@ def _late(recording: Recording, case: Case) -> list[str]:
     gains, period = _fitted_gains(rows, case), 2.0 * np.pi / np.median(rows[:, 3].real)
     guesses = [np.zeros(2)] + ([] if gains is None else [-np.angle(gains) * period / (2.0 * np.pi)])
     tried = map(equations.synchronised, guesses if equations.repeated else [])
-    late, found = next((one for one in tried if one[1].holds), (guesses[-1], None))
+    late, found = next((one for one in tried if one is not None and one[1].holds), (guesses[-1], None))
     if found is None and equations.repeated:
         return []  # more acts on the rig than a delay, which may turn the fundamentals as one does
     if found is None:  # nothing tells the errors: the fundamentals tell large delays alone
@@ -201,19 +202,28 @@ def _humming(recording: Recording, case: Case) -> list[str]:
 
 
 def _drifting(recording: Recording, case: Case) -> list[str]:
-    """Return the channel whose gain changes over the test, if one real gain a cycle count makes the equations hold."""
+    """Return the channel whose gain changes over the test, if one real gain a cycle count makes the equations hold.
+
+    Specimens on which wear spreads the pressure otherwise yield otherwise: that is no gain, and has to explain less.
+    """
     equations = Equations.of(recording, _rig(case))
     if equations is None or recording.loops is None or (plain := equations.solve()).holds:
         return []
     counts, fitted = np.unique(equations.cycles), []
+
+    def by_count(term: Complex) -> Solution:
+        return equations.solve([np.where(equations.cycles == count, term, 0.0) for count in counts[1:]])
+
+    yielding = by_count(equations.force)
     for name in ("displacement", "friction force", "excitation"):
         free = plain
         for _ in range(2 if name == "friction force" else 1):  # its gain acts on what the specimens yield too
             own = {"displacement": equations.displacement, "excitation": equations.drive,
                    "friction force": equations.friction + free.values[Unknown.COMPLIANCE] * equations.force}[name]
-            free = equations.solve([np.where(equations.cycles == count, own, 0.0) for count in counts[1:]])
+            free = by_count(own)
         stated = recording.loops.calibration_sd.get(name.replace(" ", "_"), 0.0)
-        if free.holds and free.better_than(plain) and free.is_off(free.values[-1], free.covariance[-1, -1], stated**2):
+        if (free.holds and free.better_than(plain) and LEVEL * free.odds_over(yielding) > 1.0
+                and free.is_off(free.values[-1], free.covariance[-1, -1], stated**2)):
             fitted.append((free.lack_of_fit, name, free))
     if not fitted:
         return []

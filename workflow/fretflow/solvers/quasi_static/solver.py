@@ -227,9 +227,9 @@ class QuasiStaticSolver:
         except NonConvergenceError as error:
             if not (settles and self.settles):
                 raise
-            with suppress(NonConvergenceError):  # what does not all but repeat itself at once is not near a period
+            with suppress(NonConvergenceError):  # across a play, or beyond a fold of the response
                 return self._kept(problem, equations, self._where_it_settles(
-                    problem, equations, newton, start, error, periods=SETTLING[0]))
+                    problem, equations, newton, start, error))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
