@@ -259,6 +259,31 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
     assert again.rig_displacement == pytest.approx(found.rig_displacement, rel=1e-6, abs=1e-12)
 
 
+def test_a_residual_that_stalls_by_a_coarse_tolerance_is_taken(monkeypatch):
+    """Where the samples leave no root, as kinks fall between them: within what these miss of the period anyway."""
+    exact, dense = solution(53.0), solution(53.0, samples=256)
+    stall = max(norm for norm in exact.residual_history if norm < 1e-3)
+    searched = InternalNewton._searched
+
+    def stalling(self, now, tangent, lagged_below, shortest):
+        return None if now.norm <= 1.01 * stall else searched(
+            self, now, tangent, lagged_below, shortest)
+
+    monkeypatch.setattr(InternalNewton, "_searched", stalling)
+
+    def solved(tolerance):
+        return QuasiStaticSolver(Solver(harmonics=25, samples=128, tolerance=tolerance, estimate_error=False)).solve(
+            problem(53.0))
+
+    found = solved(0.2 * stall)
+    assert found.residual_history[-1] == pytest.approx(stall, rel=0.01)
+    missed = np.abs(found.friction_force - exact.friction_force).max()
+    assert missed < np.abs(dense.friction_force[::2] - exact.friction_force).max()
+    for finer in (0.05 * stall, 1e-9):
+        with pytest.raises(NonConvergenceError, match="residual"):
+            solved(finer)
+
+
 def test_a_neighbour_that_is_far_does_not_slow_the_solution_down():
     """Where a neighbouring period is far from balance, the start from nothing is looked at too."""
     solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))

@@ -21,6 +21,7 @@ REPEATS = 0.02  # how well a period must repeat, relative to the residual before
 LAGGED = 0.3  # decrease of the residual with which a former tangent serves
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
 CLOSE = 5e-3  # residual of a neighbouring period below which no other start is looked at
+STALLED = 10.0  # times a coarse tolerance at which no step may lower a residual: its samples' own errors are larger
 COARSE = 1e-6  # tolerance from which a period is a step on the way to something, and its contact as rough
 HALVED = 0.5
 ACROSS = 4.0  # growth of the smallest residual that is let pass, as nodes change state
@@ -151,6 +152,8 @@ class InternalNewton:
             except NonConvergenceError as error:
                 error.history = error.history or tuple(history)
                 raise
+            if following is None and self.tolerance >= COARSE and now.norm <= STALLED * self.tolerance:
+                return now, tuple(history)
             if following is None:
                 way = "raise max_iterations" if len(history) > max_iterations else "use more samples"
                 raise NonConvergenceError(

@@ -43,7 +43,6 @@ from fretflow.solvers.quasi_static.newton import CLOSE, COARSE, InitialGuess, In
 from fretflow.solvers.quasi_static.sample import PeriodHistory, SampleState, plain
 from fretflow.solvers.quasi_static.starts import (
     REPEATING,
-    SETTLING,
     Settled,
     cold_starts,
     settled_starts,
@@ -182,8 +181,8 @@ class QuasiStaticSolver:
         return _solution(problem, equations, *self._where_it_settles(problem, equations, newton, start, error))
 
     def _where_it_settles(self, problem: PeriodicProblem, equations: InternalEquations, newton: InternalNewton,
-                          start: PeriodicSolution | None, error: NonConvergenceError,
-                          periods: int = SETTLING[-1]) -> tuple[Iterate, tuple[float, ...]]:
+                          start: PeriodicSolution | None, error: NonConvergenceError, ringing: bool = True
+                          ) -> tuple[Iterate, tuple[float, ...]]:
         """Return the root by the motion in time from phase zero of `start`; `error` came of what was tried before.
 
         Raises
@@ -192,7 +191,7 @@ class QuasiStaticSolver:
             With what that motion tells of the reason.
         """
         near, settled = None if start is None else at_phase_zero(problem, start), None
-        for settled in settled_starts(problem, equations, newton.march, near, periods):
+        for settled in settled_starts(problem, equations, newton.march, near, ringing):
             try:
                 return newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
             except NonConvergenceError as failure:
@@ -229,7 +228,7 @@ class QuasiStaticSolver:
                 raise
             with suppress(NonConvergenceError):  # across a play, or beyond a fold of the response
                 return self._kept(problem, equations, self._where_it_settles(
-                    problem, equations, newton, start, error))
+                    problem, equations, newton, start, error, ringing=False))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 

@@ -50,10 +50,11 @@ class Settled(NamedTuple):
 
 
 def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
-                   near: AtInstant | None, periods: int = SETTLING[-1]) -> Iterator[Settled]:
+                   near: AtInstant | None, ringing: bool = True) -> Iterator[Settled]:
     """March the joint in time from phase zero `near` by, else from its motion on a contact that sticks; yield at times.
 
-    Nothing is marched beyond so many `periods`.
+    A motion that settles soon, or that leaves beyond a fold for another one, grows or shrinks from period to period.
+    Unless it is asked for, one of `ringing` that does neither ends soon, and is yielded only where it repeats itself.
 
     Raises
     ------
@@ -62,14 +63,17 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
     """
     now = _stuck_motion(problem, equations, march) if near is None else near
     last, analysis = None, analysis_matrix(min(len(equations.analysis) // 2, (STEPS - 1) // 2), STEPS)
+    ranges: list[float] = []
     for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS), start=1):
         change = np.inf if last is None else float(np.abs(internal - last).max() / np.ptp(internal, axis=0).max())
-        if count in SETTLING and (change < REPEATING or count >= UNSETTLED):
+        if count in SETTLING and (change < REPEATING or (ringing and count >= UNSETTLED)):
             found = np.zeros((len(equations.analysis), internal.shape[1]))
             found[:len(analysis)] = analysis @ internal
             guess = InitialGuess(found[:, equations.seen].ravel(), found[:, equations.other].ravel())
             yield Settled(guess, contact, count, change)
-        if count >= periods:
+        ranges.append(float(np.ptp(internal, axis=0).max()))
+        steadily = abs(np.sign(np.diff(ranges)).sum()) == count - 1
+        if count >= SETTLING[-1] or (count == SETTLING[0] and not (ringing or steadily)):
             return
         last = internal
 
