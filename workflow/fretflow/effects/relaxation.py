@@ -33,5 +33,5 @@ def mean_left(passed: Array | float, order: float) -> Array:
 
 def order_of_relaxation() -> Any:
     """Declare the order as a parameter of an effect."""
-    return parameter(1.0, "n: order with which it settles, 1 exponentially, 2 as 1 / (1 + x)", 0.5, 2.0, ge=0.0, le=4.0,
-                     logarithmic=True, source="published run-in laws, exponential to rational, and one faster to end")
+    return parameter(1.0, "n: order with which it settles, 1 exponentially, 2 as 1 / (1 + x)", 1.0, 2.0, ge=0.5, le=4.0,
+                     logarithmic=True, source="published run-in laws, exponential to rational")
