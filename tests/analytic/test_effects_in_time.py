@@ -103,9 +103,10 @@ CASES = {
     "curved coupling": (NormalLoadCoupling().changed(slope=3e5, curvature=1e4),
                         {"friction": lambda x, v, way: 1.0 + 3e5 * x * (1.0 + 1e4 * x) / N}),
     "support": (SupportNonlinearity().changed(stiffness=1e15), {"support": lambda x: 1e15 * x**3}),
-    "drive": (ExcitationDistortion(fundamental=0.05, second=0.2, second_phase=1.0, third=0.1, third_phase=-0.5),
+    "drive": (ExcitationDistortion(fundamental=0.05, second=0.2, second_phase=1.0, third=0.1, third_phase=-0.5,
+                                   fifth=0.2, fifth_phase=2.0),
               {"drive": lambda t: F * (0.05 * math.cos(OMEGA * t) + 0.2 * math.cos(2 * OMEGA * t + 1.0)
-                                       + 0.1 * math.cos(3 * OMEGA * t - 0.5))}),
+                                       + 0.1 * math.cos(3 * OMEGA * t - 0.5) + 0.2 * math.cos(5 * OMEGA * t + 2.0))}),
     "asperities": (ContactStiffness(exponent=0.5).changed(stiffness=30e6), {"spring": K * 30e6 / (K + 30e6)}),
     "beside": (ParallelStiffness().changed(stiffness=1e6), {"beside": lambda x, v: -1e6 * x}),
     "beside, hardening": (ParallelStiffness(hardening=1.0 / 3.0).changed(stiffness=3e5),

@@ -179,7 +179,8 @@ def test_of_several_sizes_one_may_be_none(first: float, second: float, third: fl
     """A drive with a third harmonic and no second one is distorted; with neither, nor another amplitude, it is not."""
     names = frozenset({"excitation-distortion"})
     (name,) = names
-    space, sizes = Parameters.of((), [name]), {"fundamental": first, "second": second, "third": third}
+    space = Parameters.of((), [name])
+    sizes = {"fundamental": first, "second": second, "third": third, "fifth": 1e-4}
     at = np.array([one.place(sizes[one.field]) if one.field in sizes else 0.0 for one in space.coordinates])
     search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
                              evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, 0.01 * np.eye(len(at)))))
