@@ -20,6 +20,7 @@ SHORTEST = 16  # samples a period
 HYSTERESIS = 0.1  # of half the range: what a signal must pass beyond its middle to have crossed it
 SMOOTHED_SHARE = 1.0 / 64.0  # of a period: half-width of the smoothing
 EDGE_SHARE = 0.05  # of a period: what the ends of a record are extrapolated from
+NEAR_ENDS = 4  # times that: how far from the ends the same is tried where nothing jumps
 SIGMA_OF_MAD = 1.4826
 AROUND = 5  # samples: spikes of one or two stand out of their median
 FEW = 5e-4  # of the samples, at least two, that may be spikes
@@ -194,12 +195,18 @@ def period_means(turns: Array, values: Array, periods: int) -> Array:
     return np.diff(np.interp(start + np.arange(periods + 1), turns, integral))
 
 
-def closure_jump(turns: Array, values: Array, interval: float) -> tuple[Array, Array]:
-    """Return the jumps (C,) from the end of one period (C, n) to its start, and their standard deviations.
+def closure_jump(turns: Array, values: Array, interval: float) -> tuple[Array, Array, Array]:
+    """Return jumps (C,) from the end of one period (C, n) to its start, their errors, and the largest within it.
 
-    Both ends are extrapolated by parabolas to their middle, `interval` turns apart. The deviation holds what the
-    samples scatter about the parabolas, and half of what cubics would make of the jump instead.
+    The errors are standard deviations; within the period there is no jump. Of the sum of both halves of the period, if
+    these have samples alike: in it odd harmonics cancel, the flanks of a loop and what rings after them, and a drift
+    does not. Its ends are extrapolated by parabolas to their middle, `interval` turns apart. The deviation holds what
+    the samples scatter, half of what cubics would make of the jump instead, and the mean square of the jumps that the
+    same parabolas see beside the ends.
     """
+    half, rest = divmod(len(turns), 2)
+    if not rest:
+        turns, values = turns[:half], values[:, :half] + values[:, half:]
     m = max(8, round(EDGE_SHARE * len(turns)))
     jumps, variances = [], []
     for degree in (2, 3):
@@ -207,7 +214,21 @@ def closure_jump(turns: Array, values: Array, interval: float) -> tuple[Array, A
         end, last = _extrapolated(turns[-m:] - turns[-1] - 0.5 * interval, values[:, -m:], degree)
         jumps.append(end - start)
         variances.append(first + last)
-    return jumps[0], np.sqrt(variances[0] + 0.25 * (jumps[0] - jumps[1]) ** 2)
+    cuts = np.arange(m, len(turns) - m + 1, m // 4)
+    if not len(cuts):
+        return jumps[0], np.full(len(values), np.inf), np.zeros(len(values))
+    within = np.array([_jump_at(turns, values, cut, m) for cut in cuts])
+    beside = np.minimum(cuts, len(turns) - cuts) < NEAR_ENDS * m
+    deviation = np.sqrt(variances[0] + 0.25 * (jumps[0] - jumps[1]) ** 2 + np.mean(within[beside] ** 2, axis=0))
+    return jumps[0], deviation, np.abs(within).max(axis=0)
+
+
+def _jump_at(turns: Array, values: Array, cut: int, m: int) -> Array:
+    """Return the jumps (C,) from what m samples before the sample `cut` make of the middle there to what m after do."""
+    middle = 0.5 * (turns[cut - 1] + turns[cut])
+    before, after = slice(cut - m, cut), slice(cut, cut + m)
+    end, start = (_extrapolated(turns[own] - middle, values[:, own], 2)[0] for own in (before, after))
+    return np.asarray(end - start)
 
 
 def _extrapolated(turns: Array, values: Array, degree: int) -> tuple[Array, Array]:

@@ -237,9 +237,9 @@ def _rounded(share: float) -> str:
 
 
 def _closing_line(turns: Array, values: Array, interval: float) -> Array:
-    """Return the straight lines (C, n) about zero that close a single period, zero where it is closed already."""
-    jump, sd = p.closure_jump(turns, values, interval)
-    opens = np.abs(jump) > np.maximum(DRIFT_SIGNIFICANCE * sd, LEAST_DRIFT * np.ptp(values, axis=1))
+    """Return the straight lines (C, n) about zero that close a single period, zero where it may be closed already."""
+    jump, sd, within = p.closure_jump(turns, values, interval)
+    opens = np.abs(jump) > np.maximum(DRIFT_SIGNIFICANCE * sd + within, LEAST_DRIFT * np.ptp(values, axis=1))
     return np.outer(np.where(opens, jump, 0.0), turns - turns.mean())
 
 
