@@ -24,7 +24,7 @@ class ExcitationDistortion(Effect):
     id = "excitation-distortion"
     title = "a drive that is not the cosine it is set to"
     block = Block.EXCITATION
-    equation = "F ((1 + a_1) cos wt + a_2 cos(2 wt + b_2) + a_3 cos(3 wt + b_3) + a_5 cos(5 wt + b_5))"
+    equation = "F ((1 + a_1) cos wt + d(t)); d = sum of a_k cos(k wt + b_k), k = 2, 3, 5"
     formula = (r"F \left[(1 + a_1) \cos\omega t + a_2 \cos(2 \omega t + b_2) "
                r"+ a_3 \cos(3 \omega t + b_3) + a_5 \cos(5 \omega t + b_5)\right]")
     source = "G. R. Tomlinson, J. Sound Vib. 63 (1979), force distortion of electrodynamic exciters"
