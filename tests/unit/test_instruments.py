@@ -297,6 +297,15 @@ def test_delays_are_solved_to_the_end_from_any_guess(name: str, known: bool, gue
 
 
 @pytest.mark.real_data
+@pytest.mark.parametrize("compliance", [1e-7, 4e-7])
+def test_soft_specimens_are_no_gain_of_the_force(compliance: float, recordings: Path) -> None:
+    """Faces that lag behind the arm by more than it moves for the force."""
+    recording = read_recording(recordings / "second_rig_1")
+    assert said(altered(recording, "displacement", lambda loops, values: np.asarray(
+        values - compliance * loops.channels[loops.force_name]))) == ((), ())
+
+
+@pytest.mark.real_data
 def test_specimens_that_yield_otherwise_as_they_wear_are_no_drift_of_a_gain(recordings: Path) -> None:
     """Wear spreads the pressure: the faces lag behind the arm by another compliance from loop to loop."""
     recording = read_recording(recordings / "second_rig_1")

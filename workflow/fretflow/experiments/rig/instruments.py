@@ -98,14 +98,17 @@ def _gains(recording: Recording, case: Case) -> list[str]:
         return [likeliest]
     if recording.loops is not None and not is_periodic(recording.loops):
         return []
-    found, gains = [], _fitted_gains(rows, case)
-    for name, gain in [] if gains is None else zip(("displacement", "friction force"), gains, strict=True):
-        if not 1.0 / STATED < abs(gain) < STATED:
-            equations = Equations.of(recording, _rig(case))
-            if equations is None or not equations.repeated or equations.solve().holds:  # no play or spring besides
-                found.append(f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the "
-                             "excitation make of it: check its unit and gain")
-    return found
+    gains = _fitted_gains(rows, case)
+    if gains is None or all(1.0 / STATED < abs(gain) < STATED for gain in gains):
+        return []
+    equations = Equations.of(recording, _rig(case))
+    if equations is not None and equations.repeated:  # these know how much the specimens yield
+        if not (known := equations.solve()).holds:
+            return []  # a play or spring besides
+        gains = 1.0 / known.values[GAINS]
+    return [f"the {name} is {abs(gain):.3g} times what the rig's masses and springs let the excitation make of it: "
+            "check its unit and gain" for name, gain in zip(("displacement", "friction force"), gains, strict=True)
+            if not 1.0 / STATED < abs(gain) < STATED]
 
 
 def _terms(rows: Array, case: Case) -> tuple[Array, Array]:
