@@ -21,7 +21,7 @@ REPEATS = 0.02  # how well a period must repeat, relative to the residual before
 LAGGED = 0.3  # decrease of the residual with which a former tangent serves
 NEAR = 1e-2  # residual below which the last period is a good guess of the next
 CLOSE = 5e-3  # residual of a neighbouring period below which no other start is looked at
-STALLED = 10.0  # times a coarse tolerance at which no step may lower a residual: its samples' own errors are larger
+STALLED = 10.0  # times the tolerance at which a residual that no step lowers is taken, by whoever takes such
 COARSE = 1e-6  # tolerance from which a period is a step on the way to something, and its contact as rough
 HALVED = 0.5
 ACROSS = 4.0  # growth of the smallest residual that is let pass, as nodes change state
@@ -67,12 +67,13 @@ class InternalNewton:
     """
 
     def __init__(self, equations: InternalEquations, march: ContactMarch, tolerance: float,
-                 patience: int | None = None) -> None:
+                 patience: int | None = None, takes_stalled: bool = False) -> None:
         """Take the steps in which a residual far from the root has to halve; by default it may creep."""
         self.equations = equations
         self.march = march
         self.tolerance = tolerance
         self.patience = patience
+        self.takes_stalled = takes_stalled
         self.smallest = np.inf  # residual so far
 
     def solve(self, starts: Iterator[InitialGuess], before: SampleState, max_iterations: int
@@ -152,7 +153,7 @@ class InternalNewton:
             except NonConvergenceError as error:
                 error.history = error.history or tuple(history)
                 raise
-            if following is None and self.tolerance >= COARSE and now.norm <= STALLED * self.tolerance:
+            if following is None and not gives_up and self.takes_stalled and now.norm <= STALLED * self.tolerance:
                 return now, tuple(history)
             if following is None:
                 way = "raise max_iterations" if len(history) > max_iterations else "use more samples"

@@ -88,12 +88,16 @@ class QuasiStaticSolver:
     Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
     two thirds of the time, and within its tolerance depends on where it began. A rig's period that Newton loses near
     another one is sought where the motion settles in time if it `settles`; whoever can take a shorter step need not.
+    Where kinks fall between the samples, these may leave no root: it `takes_stalled` residuals of ten times the
+    tolerance, for which that has to be well below what the samples miss.
     """
 
-    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settles: bool = True) -> None:
+    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settles: bool = True,
+                 takes_stalled: bool = False) -> None:
         self.settings = settings
         self.keeps_tangents = keeps_tangents
         self.settles = settles
+        self.takes_stalled = takes_stalled
         self._kept_equations: tuple[tuple[object, ...], InternalEquations] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
@@ -202,7 +206,7 @@ class QuasiStaticSolver:
                    ) -> tuple[InternalEquations, ContactMarch, InternalNewton]:
         equations = self._internal(problem, samples)
         march = ContactMarch.of(problem, equations.seen)
-        return equations, march, InternalNewton(equations, march, self.settings.tolerance, patience)
+        return equations, march, InternalNewton(equations, march, self.settings.tolerance, patience, self.takes_stalled)
 
     def _internal(self, problem: PeriodicProblem, samples: int) -> InternalEquations:
         """Return the structure's equations: the last ones where nothing that they are made of is another."""

@@ -72,8 +72,7 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
             guess = InitialGuess(found[:, equations.seen].ravel(), found[:, equations.other].ravel())
             yield Settled(guess, contact, count, change)
         ranges.append(float(np.ptp(internal, axis=0).max()))
-        steadily = abs(np.sign(np.diff(ranges)).sum()) == count - 1
-        if count >= SETTLING[-1] or (count == SETTLING[0] and not (ringing or steadily)):
+        if count >= SETTLING[-1] or (count == SETTLING[0] and not ringing and len(set(np.sign(np.diff(ranges)))) > 1):
             return
         last = internal
 
