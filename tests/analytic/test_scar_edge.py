@@ -101,6 +101,14 @@ def test_the_peak_grows_with_the_depth(winkler):
     assert EFFECT.period(problem, scar(0.0, 6e-6)) is problem
 
 
+def test_the_shape_of_the_rise_is_that_of_the_parameters(winkler):
+    """At the end of the stroke the peak, half way to it by the power, and beyond until the rise ends."""
+    bowl = EFFECT.changed(width=1.0, power=3.0, reach=1.5)
+    force = bowl.period(winkler(), scar(5e-7, 6e-6)).boundary.forces[-1]
+    ends, _ = at(force, np.array([-6e-6, -3e-6, -9e-6, -12e-6]))
+    np.testing.assert_allclose(ends, bowl.peak(5e-7) * np.array([1.0, 0.5**3, 1.5**3, 1.5**3]), rtol=1e-12)
+
+
 def test_the_ends_move_out_as_wear_digs_there_and_never_in(winkler):
     response = respond_once(winkler())
     state = scar(0.0, 0.0)

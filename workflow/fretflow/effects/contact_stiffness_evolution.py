@@ -24,10 +24,10 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     id = "contact-stiffness-evolution"
     title = "asperity springs that stiffen with the dissipated energy"
-    equation = ("k_c (1 + b (1 - y(E / E_0))), dy/dx = -y^n, exp(-E / E_0) for n = 1; "
+    equation = ("k_c (1 + b (1 - y(E / E_0))); dy/dx = -y^o, exp(-x) for o = 1; "
                 "k_c = k_t (p / p_0)^m per area, normal ratio k_t")
     formula = (r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - y(E / E_0)\right)\right], \qquad "
-               r"y' = -y^n,\ y(0) = 1")
+               r"y' = -y^o,\ y(0) = 1")
     source = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
     over_cycles = True
     observables = ("slope of the stick portion of a loop over cycles", "first resonance over cycles")

@@ -26,8 +26,8 @@ class FrictionRunIn(Effect):
     id = "friction-run-in"
     title = "friction that settles with the dissipated energy"
     block = Block.CONTACT
-    equation = "mu = mu_inf - (mu_inf - mu_0) y(E / E_0), dy/dx = -y^n; exp(-E / E_0) for n = 1"
-    formula = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,y(E / E_0), \qquad y' = -y^n,\ y(0) = 1"
+    equation = "mu = mu_inf - (mu_inf - mu_0) y(E / E_0); dy/dx = -y^o, exp(-x) for o = 1"
+    formula = r"\mu = \mu_\infty - (\mu_\infty - \mu_0)\,y(E / E_0), \qquad y' = -y^o,\ y(0) = 1"
     source = ("A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, friction against dissipated energy; "
               "P. J. Blau, Tribol. Int. 38 (2005) 1007-1012, running-in")
     over_cycles = True

@@ -16,7 +16,7 @@ class NormalLoadDrift(Effect):
     id = "normal-load-drift"
     title = "normal load that falls over cycles"
     block = Block.RIG
-    equation = "N = N_0 (1 - a (1 - y(n / n_T))), dy/dx = -y^o; exp(-n / n_T) for o = 1"
+    equation = "N = N_0 (1 - a (1 - y(n / n_T))); dy/dx = -y^o, exp(-x) for o = 1"
     formula = r"N = N_0 \left[1 - a \left(1 - y(n / n_T)\right)\right], \qquad y' = -y^o,\ y(0) = 1"
     source = ("G. H. Junker, SAE Trans. 78 (1969), paper 690055, loss of clamping under transverse "
               "vibration; here a relaxation over the cycles")

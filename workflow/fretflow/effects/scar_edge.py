@@ -55,7 +55,7 @@ class ScarEdge(Effect):
 
     A scar of mean depth h ends where its floor rises to the unworn level. The other face, worn to match, climbs that
     rise under the held load N, by work of N dz/dx: a force on the arm with a potential, hence without dissipation. Its
-    peak grows with the slope of the rise, F_p (1 - exp(-h / h_s)), and stands at the end of the scar.
+    value at the ends of the stroke grows with the slope of the rise, F_p (1 - exp(-h / h_s)).
 
     The floor is flat in the middle and rises as e^(p + 1); with a width of 1 it is one bowl. X follows where the arm
     has been: it starts at the half stroke of the first wear, and moves out to a larger one as wear digs there,

@@ -20,7 +20,7 @@ class WearCoefficientEvolution(Effect):
     id = "wear-coefficient-evolution"
     title = "wear coefficient that changes over cycles"
     block = Block.WEAR
-    equation = "K_w(n) = K_w (x + (1 - x) y(n / n_K)), dy/dx = -y^o; exp(-n / n_K) for o = 1"
+    equation = "K_w(n) = K_w (x + (1 - x) y(n / n_K)); dy/dx = -y^o, exp(-x) for o = 1"
     formula = r"K_w(n) = K_w \left[x + (1 - x)\,y(n / n_K)\right], \qquad y' = -y^o,\ y(0) = 1"
     source = "P. J. Blau, On the nature of running-in, Tribol. Int. 38 (2005) 1007-1012"
     told_by = OTHER_LENGTHS

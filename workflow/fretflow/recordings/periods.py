@@ -199,10 +199,10 @@ def closure_jump(turns: Array, values: Array, interval: float) -> tuple[Array, A
     """Return jumps (C,) from the end of one period (C, n) to its start, their errors, and the largest within it.
 
     The errors are standard deviations; within the period there is no jump. Of the sum of both halves of the period, if
-    these have samples alike: in it odd harmonics cancel, the flanks of a loop and what rings after them, and a drift
-    does not. Its ends are extrapolated by parabolas to their middle, `interval` turns apart. The deviation holds what
-    the samples scatter, half of what cubics would make of the jump instead, and the mean square of the jumps that the
-    same parabolas see beside the ends.
+    their samples are even in number: in it odd harmonics cancel, the flanks of a loop and what rings after them, and a
+    drift does not. Its ends are extrapolated by parabolas to their middle, `interval` turns apart. The deviation holds
+    what the samples scatter, half of what cubics would make of the jump instead, and the mean square of the jumps that
+    the same parabolas see beside the ends.
     """
     half, rest = divmod(len(turns), 2)
     if not rest:

@@ -160,7 +160,7 @@ class Equations:
         Gauss-Newton from a first guess `late` to a thousandth of its errors, else None: delays of a few samples turn
         higher harmonics by more than first order.
         """
-        for _ in range(20):
+        for _ in range(20):  # where there is a root, a handful
             x, force = np.exp(1j * np.outer(late, self.omega))
             found = replace(self, displacement=x * self.displacement, damped=x * self.damped,
                             friction=force * self.friction, force=force * self.force).solve()

@@ -5,9 +5,10 @@ alone, whatever the contact does: with the rig's receptances H, block b, arm a, 
 
     H_ab excitation = x / g_x + (H_aa + c) F / g_F
 
-where c is the specimens' compliance, small beside H_aa; over loops of several amplitudes, loads and frequencies x and F
-are independent, and the complex gains g_x and g_F are fitted. What is off by less than a unit or a sign is told by the
-same equations at more harmonics with c in them, see `equations`, where repeats tell their errors.
+where c is the specimens' compliance; over loops of several amplitudes, loads and frequencies x and F are independent,
+and the complex gains g_x and g_F are fitted, at first without c. Soft specimens, of which c is not small beside H_aa,
+and what is off by less than a unit or a sign are told by the same equations at more harmonics with c in them, see
+`equations`, where repeats tell their errors.
 """
 
 from __future__ import annotations
