@@ -68,8 +68,8 @@ class ScarEdge(Effect):
     block = Block.GEOMETRY
     equation = ("F = -sign(x) F_p (1 - exp(-h / h_s)) e^p; e = (|x| - (1 - w) X) / (w X) "
                 "from 0, for |x| to r X; T_meas = T - F")
-    formula = (r"F = -\operatorname{sgn}(x)\,F_p \left(1 - e^{-h / h_s}\right) e^p, \qquad "
-               r"e = \frac{(\min(|x|, r X) - (1 - w) X)_+}{w X}, \qquad T_\mathrm{meas} = T - F")
+    formula = (r"F = -\operatorname{sgn}(x)\,F_p \left(1 - e^{-h / h_s}\right) e^p, \;\; "
+               r"e = \frac{(\min(|x|, r X) - (1 - w) X)_+}{w X}, \;\; T_\mathrm{meas} = T - F")
     source = ("D. M. Mulvihill, M. E. Kartal, A. V. Olver, D. Nowell, D. A. Hills, Wear 271 (2011) "
               "802-816, wear-scar interaction; the shape of the rise is an assumption")
     over_cycles = True
