@@ -122,7 +122,7 @@ def test_a_leading_set_is_held_to_what_finer_models_say_at_its_own_fit(recorded)
         space = experiment.parameters(())
         first = own.at(Point(space, np.zeros(space.size)), None)
         found = Search(experiment, lambda function, arguments: [function(one) for one in arguments],
-                       Effort(0, 1, 0, 1, 0), {frozenset(): first})
+                       Effort(0, 1, 0, 1, 0, 0), {frozenset(): first})
         found.fitter = own
         correct(found, [0])
         return first.chi_squared, found.baseline.chi_squared

@@ -47,6 +47,9 @@ class Line:
         """Return differences."""
         return differences(self, prediction, points)
 
+    def before_jump(self) -> None:
+        """Return nothing: no motion jumps."""
+
     def finer(self) -> None:
         """Return nothing: there are no numerical errors."""
 

@@ -68,6 +68,9 @@ class Linear:
         """Tell that there is no other model."""
         return True
 
+    def before_jump(self) -> None:
+        """Return nothing: no motion jumps."""
+
     def finer(self) -> None:
         """Return nothing."""
 

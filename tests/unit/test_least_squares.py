@@ -70,6 +70,21 @@ def test_a_bent_valley_is_followed_to_its_end() -> None:
     assert end.chi_squared < 1.0
 
 
+@dataclass(frozen=True)
+class Lost(Valley):
+    """A valley that finer steps do not find."""
+
+    def predict(self, point: Point, near: Any = None) -> Prediction:
+        """Return the values with the ripples, where steps are coarse."""
+        if self.tolerance == self.finest:
+            raise NonConvergenceError("lost")
+        return super().predict(point, near)
+
+
+def test_where_finer_steps_have_no_solution_the_fit_with_coarse_ones_stays() -> None:
+    assert found(Lost(ripple=0.3)).z == pytest.approx(found(Valley(ripple=0.3, finest=ROUGH)).z)
+
+
 def test_what_numerical_errors_make_rough_is_fitted_with_finer_ones() -> None:
     """Ripples of several sd stop the fit; those of a tenth do not."""
     end = found(Valley(ripple=0.3))

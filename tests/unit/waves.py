@@ -71,6 +71,9 @@ class Waves:
         """Return that nothing is left to chance."""
         return np.zeros((len(prediction.values), 0))
 
+    def before_jump(self) -> None:
+        """Return nothing: no motion jumps."""
+
     def has_made(self, prediction: Prediction) -> bool:
         """Return that every prediction is of the model."""
         return True

@@ -66,6 +66,11 @@ class EffectModel:
         return SlowState(cycles=before.cycles + cycles, depth=before.depth + worn, energy=before.energy + energy,
                          memory=memory)
 
+    @property
+    def remembers(self) -> bool:
+        """Tell whether an effect remembers wear and periods."""
+        return any(type(effect).evolve is not Effect.evolve for effect in self.effects)
+
     def wear_factor(self, response: CycleResponse, slow: SlowState) -> Array:
         """Return the factor on the wear rate (nodes,)."""
         factor = np.ones(self.baseline.interface.size)

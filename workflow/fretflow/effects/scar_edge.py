@@ -76,13 +76,13 @@ class ScarEdge(Effect):
     observables = ("force at both ends of a loop, rising over cycles", "sliding over cycles")
 
     peak_force: u.SignedForce = parameter(10.0, "F_p: force at the ends of the stroke in a deep scar", 3.0, 25.0,
-                                          ge=0.0, neutral=0.0)
+                                          ge=0.0, neutral=0.0, logarithmic=True)
     width: float = parameter(0.3, "w: length of the rise over the half stroke", 0.1, 0.6, gt=0.0, le=1.0)
     depth_scale: u.Length = parameter(1e-6, "h_s: mean depth of both faces over which it builds up", 0.2e-6, 5e-6)
     power: float = parameter(2.0, "p: power of the way into the rise with which the force grows", 1.0, 3.0, ge=1.0,
                              source="floors that rise as a parabola to such as rise with the fourth power")
-    reach: float = parameter(1.0, "r: end of the rise over the half stroke that digs it", 1.0, 1.5, ge=1.0,
-                             source="from faces far shorter than the stroke to such as are half as long")
+    reach: float = parameter(1.0, "r: end of the rise over the half stroke that digs it", 1.0, 3.0, ge=1.0,
+                             source="from faces far shorter than the stroke to such as are as long as it")
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Add the force of the scar as it is."""

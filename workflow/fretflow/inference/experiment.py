@@ -158,6 +158,10 @@ class Experiment(Protocol):
         """Return modes (M, any), of unit variance, of what a prediction leaves to chance: which point slips first."""
         return np.zeros((len(prediction.values), 0))
 
+    def before_jump(self) -> Experiment | None:
+        """Return the part of the measurement before its motion jumps to another one; None where it does not."""
+        return None
+
     def finer(self) -> Experiment | None:
         """Return the same with smaller numerical errors, for fits that these bring to a halt; None if there is none."""
         return None

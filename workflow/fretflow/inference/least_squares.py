@@ -9,6 +9,7 @@ Derivatives that told what a step would bring are carried on by its secant (C. G
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -117,8 +118,9 @@ class Fitter:
             if fell < ENOUGH:
                 finer = self.experiment.finer()
                 if taken and finer is not None:
-                    return replace(self, experiment=finer).fit(now.prediction.point, now.prediction,
-                                                               iterations - steps)
+                    with suppress(NonConvergenceError):  # where finer steps have no solution, the coarse ones' stays
+                        return replace(self, experiment=finer).fit(now.prediction.point, now.prediction,
+                                                                   iterations - steps)
                 return replace(now, converged=True, damping=0)
         return now
 

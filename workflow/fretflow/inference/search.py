@@ -58,11 +58,12 @@ class Effort:
     last_steps: int  # of those that may matter
     bases: int  # sets to which another effect is sought
     partners: int  # effects that are fitted beside each of them
+    draws: int  # of the posterior of a part of the measurement, that are tried on more of it
     secants: bool = False  # whether derivatives are carried on where they told what a step would bring
 
 
-FAST = Effort(going=10, starts=2, last_steps=8, bases=2, partners=3)
-FULL = Effort(going=20, starts=4, last_steps=12, bases=3, partners=3)
+FAST = Effort(going=10, starts=2, last_steps=8, bases=2, partners=3, draws=16)
+FULL = Effort(going=20, starts=4, last_steps=12, bases=3, partners=3, draws=32)
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Task:
 
     fitter: Fitter
     point: Point
-    near: Prediction
+    near: Prediction | None
     steps: int
     slopes: Array | None = None  # (M, P) at the start, where they are known
     secant: bool = False  # whether by secants

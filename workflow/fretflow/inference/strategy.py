@@ -28,7 +28,7 @@ from fretflow.inference.beginnings import (
 )
 from fretflow.inference.experiment import Covariance, Experiment, Prediction
 from fretflow.inference.least_squares import ENOUGH, Fit, Fitter
-from fretflow.inference.parameters import Array, is_bent
+from fretflow.inference.parameters import FARTHEST, Array, is_bent
 from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
 
 Progress = Callable[[float, str], None]
@@ -48,6 +48,8 @@ def search(found: Search, progress: Progress) -> None:
     """Fit all sets of effects that may explain the measurement."""
     progress(0.0, "beginning every effect")
     begin_all(found)
+    if not is_explained(found):
+        begin_before_jump(found)
     progress(0.35, "fitting the most promising")
     if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
         go_on(found, [fit for fit in found.fits.values() if is_where_begun(found, fit)], found.effort.last_steps)
@@ -223,6 +225,39 @@ def exchange_laws(found: Search, size: int) -> None:
     """Fit the leading sets of a size with laws that extend theirs, or that theirs extend, from where they are."""
     found.keep(found.pool(fit_task, [
         task for names in may_hold(found, found.best(size)[:found.effort.bases]) for task in exchanged(found, names)]))
+
+
+def begin_before_jump(found: Search) -> None:
+    """Fit what explains a measurement until its motion jumps, if anything does, to all of it.
+
+    The parameters with which a motion jumps when the recorded one did lie in a valley that is too narrow for starts
+    from afar, and nearly straight before the jump.
+    """
+    before = found.experiment.before_jump()
+    if before is None or found.stated is None:
+        return
+    point = found.stated.prediction.point
+    part = start_search(before, before.predict(point), found.effort, found.pool)
+    begin_all(part)
+    to_rest(part, 1)
+    lead = part.promising(part.best(1))[:found.effort.bases]
+    if lead and part.log_evidence(lead[0]) > part.log_evidence(frozenset()) + NEGLIGIBLE:
+        for names in lead:
+            found.keep(carried_on(found, part.fits[names]))
+
+
+def carried_on(found: Search, part: Fit) -> list[Fit | None]:
+    """Return fits of a hypothesis that was fitted to a part of the measurement.
+
+    They begin from the best of several draws of what the part leaves probable (N. Chopin, A sequential particle filter
+    method for static models, Biometrika 89 (2002) 539-551).
+    """
+    point, spread = part.prediction.point, np.linalg.cholesky(np.linalg.inv(part.information))
+    drawn = np.random.default_rng(0).standard_normal((found.effort.draws, len(point.z)))
+    fits = found.pool(fit_task, [Task(found.fitter, replace(point, z=np.clip(
+        point.z + spread @ one, -FARTHEST, FARTHEST)), None, 0) for one in drawn])
+    best = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.objective)[:found.effort.starts]
+    return found.pool(fit_task, [found.further(fit, 2 * found.effort.last_steps) for fit in best])
 
 
 def begin_all(found: Search) -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
-from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation
+from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation, at_condition
+from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, is_other_motion
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.setup import errors_of, is_seen
 from fretflow.experiments.rig.tangent import neighbours
@@ -89,9 +90,42 @@ class RigExperiment(Experiment):
             return np.zeros((len(prediction.values), 0))
         return np.nan_to_num(neighbours(self.rig, simulation_of(prediction), drawn))
 
+    def before_jump(self) -> Experiment | None:
+        """Return the same with the loops before the measured motion jumps alone; None where it does not."""
+        last = self.last_before_jump
+        if last is None:
+            return None
+        kept, seen = self.rig.observation.until(last)
+        rig, *checks = (replace(one, observation=seen) for one in (self.rig, *(self.checks or ())))
+        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None,
+                       correction=self.correction[kept], code_error=self.code_error[kept],
+                       embedded=None if self.embedded is None else self.embedded[kept])
+
+    @cached_property
+    def last_before_jump(self) -> int | None:
+        """Return the last cycle count before the motion over its drive jumps to another one; None where it does not.
+
+        It may do so at the end of the test, under other conditions.
+        """
+        seen, problem = self.rig.observation, self.rig.problem
+        drive = {one.id: at_condition(problem, one).excitation.amplitude for one in seen.conditions}
+        moved: dict[str, dict[int, complex]] = {"loops": {}, "sweep": {}}
+        for piece in seen.pieces:
+            if piece.channel == "displacement":
+                at = piece.cycles if piece.condition is None else piece.condition
+                moved[piece.block][at] = seen.fundamental(seen.values[piece.place]) / drive.get(
+                    at if piece.block == "sweep" else -1, problem.excitation.amplitude)
+        loops = sorted(moved["loops"].items())
+        for (count, one), (_, other) in pairwise(loops):
+            if is_other_motion(one, other):
+                return count
+        if len(loops) > 1 and any(is_other_motion(loops[-1][1], other) for other in moved["sweep"].values()):
+            return loops[-1][0]
+        return None
+
     def finer(self) -> Experiment | None:
-        """Return the same with finer steps of wear."""
-        if self.rig.wear_tolerance <= WearSettings.tolerance:
+        """Return the same with finer steps of wear; none where the motion jumps, which takes most of their time."""
+        if self.rig.wear_tolerance <= WearSettings.tolerance or self.last_before_jump is not None:
             return None
         rig, *checks = (replace(one, wear_tolerance=WearSettings.tolerance) for one in (self.rig, *(self.checks or ())))
         return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)

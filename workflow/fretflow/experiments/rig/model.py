@@ -21,7 +21,7 @@ from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
+from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece, is_other_motion
 from fretflow.inference.experiment import TOLERANCE
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
@@ -208,16 +208,19 @@ class RigModel:
         first = self._measured_motion(beginning(None if near is None else near.loops[0].solution), beginning,
                                       block="loops", cycles=min(counts))
         step, state = first.step, first.solution
-        steps, kept = [step], {}
-        while True:
-            if step.cycles in counts:
-                kept[step.cycles] = period(step, state)
-            if step.cycles >= last:
-                break
+        steps, kept = [step], {count: first for count in counts if count == step.cycles}
+        while step.cycles < last:
             step, state = scheme.advance(step, state)
-            steps.append(step)
             if step.solves > self.most_periods:
                 raise NonConvergenceError(f"the wear needs more than {self.most_periods} periods for {last} cycles")
+            if step.cycles in counts:
+                def jumped(start: PeriodicSolution | None, now: WearStep = step) -> Period:
+                    return period(*joint.settled(now.slow, start, now.solves, now.proposed_jump, anew=False))
+
+                kept[step.cycles] = found = self._measured_motion(period(step, state), jumped, block="loops",
+                                                                  cycles=step.cycles)
+                step, state = found.step, found.solution
+            steps.append(step)
         end = kept[last]
         # of other effects the first period is a good guess, and no others
         others = near.sweep if near is not None and known else (end,) * len(self.observation.conditions)
@@ -308,10 +311,8 @@ class RigModel:
         measured = self.observation.values[self.observation.rows(channel="displacement", **of)]
         if not len(measured):
             return None
-        aimed, own = (complex(np.fft.rfft(one)[1]) / len(one) for one in (measured, self.displacement(period)))
-        if self.observation.aligned_to != "excitation":  # which is largest at phase zero here
-            aimed, own = abs(aimed), abs(own)
-        if own == 0.0 or abs(aimed - own) <= min(abs(aimed), abs(own)):
+        aimed, own = (self.observation.fundamental(one) for one in (measured, self.displacement(period)))
+        if own == 0.0 or not is_other_motion(aimed, own):
             return None
         found, late = period.solution, -float(np.angle(aimed / own)) / (2.0 * np.pi)
         turned = {name: np.roll(getattr(found, name), round(late * len(found.state)), axis=0)

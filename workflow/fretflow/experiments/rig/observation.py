@@ -129,6 +129,24 @@ class Observation:
             is_unsteady(x.values, force.values, both) for x, force, both in zip(
                 self.repeats[::2], self.repeats[1::2], zip(shapes[::2], shapes[1::2], strict=True), strict=True)))
 
+    def until(self, cycles: int) -> tuple[NDArray[np.bool_], Observation]:
+        """Return the rows (M,) of the loops up to a cycle count, and an observation of these alone."""
+        kept, pieces, size = np.zeros(len(self.values), dtype=bool), [], 0
+        for piece in self.pieces:
+            if piece.block == "loops" and piece.cycles <= cycles:
+                kept[piece.place] = True
+                pieces.append(replace(piece, start=size, stop=size + piece.stop - piece.start))
+                size = pieces[-1].stop
+        return kept, replace(
+            self, values=self.values[kept], variance=self.variance[kept], noise=self.noise[kept],
+            modes=self.modes[kept], floor=self.floor[kept], pieces=tuple(pieces), conditions=(),
+            points=self.points[:0], repeats=())
+
+    def fundamental(self, displacement: Array) -> complex:
+        """Return the amplitude in m of a period's displacement (N,), and its phase where the drive's is known."""
+        found = complex(np.fft.rfft(displacement)[1]) / len(displacement)
+        return found if self.aligned_to == "excitation" else complex(abs(found))
+
     def rows(self, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
         rows = np.zeros(len(self.values), dtype=bool)
@@ -164,6 +182,11 @@ class _Stack:
         self.pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=start,
                                  stop=start + len(values), label=label))
         return slice(start, start + len(values))
+
+
+def is_other_motion(one: complex, other: complex) -> bool:
+    """Tell whether two fundamentals are of motions that may coexist: they differ by more than the smaller one is."""
+    return abs(one - other) > min(abs(one), abs(other))
 
 
 def observe(recording: Recording) -> Observation:

@@ -3,13 +3,16 @@
 The data of each period's problem are differenced between the simulated hypothesis and its neighbour (see
 `effects.derivative`), and carried to the channels by the exact sensitivities of the period. Over cycles, the change of
 the wear rate is integrated with the feedback of depth on pressure, ``dw' = J dw + dr``, and opens the gap. All
-neighbours share one march of each period, so that a hundred of them cost little more than one.
+neighbours share one march of each period, so that a hundred of them cost little more than one. Laws that remember the
+wear and the motion get those of the neighbour itself in a second march, to which the first one's changes are carried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
@@ -36,7 +39,9 @@ from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals, band_limited
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.archard import wear_rate
+from fretflow.wear.cycle import CycleResponse, mean_response
 from fretflow.wear.feedback import Feedback
+from fretflow.wear.history import WearStep
 from fretflow.wear.slow import SlowState
 
 
@@ -72,25 +77,55 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
     chosen = [one for one in beside if one is not None]
     if not chosen:
         return columns
-    found = np.zeros((len(columns), len(chosen)))
-    periods = {id(period): period for period in (*simulation.loops, *simulation.sweep)}
-    problems = {key: [_problem_of(one, simulation, period) for one in chosen] for key, period in periods.items()}
-    changes = {key: _carried(period, directions_to(problems[key], period.problem, period.solution))
-               for key, period in periods.items()}
-    worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
-    changes = {key: _with_gap(changes[key], worn[period.step.cycles]) for key, period in periods.items()}
-    for key, period in periods.items():
+    moved = _Moved.of(simulation, chosen)
+    found = _shown(rig, simulation, chosen, moved)
+    evolving = [v for v, one in enumerate(chosen) if one.model.remembers]
+    if evolving:
+        again = [_evolved(simulation, chosen[v], moved, v) for v in evolving]
+        found[:, evolving] = _shown(rig, simulation, again, _Moved.of(simulation, again))
+    columns[:, usable] = found
+    return columns
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """To first order: the periods' problems of V neighbours, by the periods' ids what they change, and the wear."""
+
+    problems: dict[int, list[PeriodicProblem]]
+    changes: dict[int, PeriodSensitivity]
+    worn: dict[int, Array]  # (nodes, V), m, by the recorded cycle counts
+
+    @classmethod
+    def of(cls, simulation: Simulation, chosen: Sequence[_Neighbour]) -> _Moved:
+        """Return what neighbours change, by what they remember."""
+        periods = _periods(simulation)
+        problems = {key: [_problem_of(one, simulation, period) for one in chosen] for key, period in periods.items()}
+        changes = {key: _carried(period, directions_to(problems[key], period.problem, period.solution))
+                   for key, period in periods.items()}
+        worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
+        return cls(problems, {key: _with_gap(changes[key], worn[period.step.cycles])
+                              for key, period in periods.items()}, worn)
+
+
+def _periods(simulation: Simulation) -> dict[int, Period]:
+    """Return all periods of a simulation by their ids."""
+    return {id(period): period for period in (*simulation.loops, *simulation.sweep)}
+
+
+def _shown(rig: RigModel, simulation: Simulation, chosen: Sequence[_Neighbour], moved: _Moved) -> Array:
+    """Return the changes (M, V) of the vector."""
+    found = np.zeros((len(rig.observation.values), len(chosen)))
+    for key, period in _periods(simulation).items():
         pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
         before = rig.signals(period)
         shown = rig.sensed(simulation.model, before)
-        after = _signals(rig, chosen, period, problems[key], changes[key], before)
+        after = _signals(rig, chosen, period, moved.problems[key], moved.changes[key], before)
         for v, one in enumerate(chosen):
             seen_after = rig.sensed(one.model, after[v])
             for piece in pieces:
                 found[piece.place, v] = channel(seen_after, piece) - channel(shown, piece)
-    rig.put_wear(found, worn[simulation.loops[-1].step.cycles])
-    columns[:, usable] = found
-    return columns
+    rig.put_wear(found, moved.worn[simulation.loops[-1].step.cycles])
+    return found
 
 
 def _baseline_of(hypothesis: Hypothesis) -> tuple[float, ...]:
@@ -105,16 +140,55 @@ def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis,
         own = _baseline_of(hypothesis)
         known[own] = known.get(own) or rig.case_problem(hypothesis)
         model = EffectModel.build(known[own], hypothesis.effects)
-        slow, states = model.initial(), dict[int, SlowState]()
-        states[0] = slow
-        for before, after in zip(simulation.steps, simulation.steps[1:], strict=False):
-            moved = model.evolve(slow, after.cycles - before.cycles, after.depth - before.depth,
-                                 after.slow.energy - before.slow.energy, after.response)
-            slow = replace(moved, depth=after.depth, energy=after.slow.energy)
-            states[after.cycles] = slow
+        slow = _remembered(simulation, model, simulation.steps)
     except FretflowError:
         return None
-    return _Neighbour(model, hypothesis.wear * rig.wear_coefficient, states)
+    return _Neighbour(model, hypothesis.wear * rig.wear_coefficient, slow)
+
+
+def _remembered(simulation: Simulation, model: EffectModel, steps: Sequence[WearStep]) -> dict[int, SlowState]:
+    """Return the slow states that wear and periods of `steps` make a model remember, beside those of a simulation.
+
+    A jump is remembered by periods within it that are not kept: what those at its ends make of it counts as a change.
+    """
+    found, own = ([one.initial()] for one in (model, simulation.model))
+    for known, one, through in ((found, model, steps), (own, simulation.model, simulation.steps)):
+        for before, after in pairwise(through):
+            slow = one.evolve(known[-1], after.cycles - before.cycles, after.depth - before.depth,
+                              after.slow.energy - before.slow.energy, mean_response(before.response, after.response))
+            known.append(replace(slow, depth=after.depth, energy=after.slow.energy))
+    return {step.cycles: replace(slow, memory={
+        name: value + step.slow.memory[name] - like.memory[name] if name in like.memory else value
+        for name, value in slow.memory.items()}) for step, slow, like in zip(simulation.steps, found, own, strict=True)}
+
+
+def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> _Neighbour:
+    """Return a neighbour that remembers the wear and the motion that it changes, number v of those that `moved`."""
+    kept = [period.step.cycles for period in simulation.loops]
+    responses = [_response_change(period, moved.changes[id(period)], v) for period in simulation.loops]
+    depths, steps = [moved.worn[cycles][:, v] for cycles in kept], []
+    for step in simulation.steps:
+        last = min(int(np.searchsorted(kept, step.cycles)), len(kept) - 1)
+        first = max(last - 1, 0)
+        share = float(np.interp(step.cycles, (kept[first], kept[last]), (0.0, 1.0))) if last > first else 0.0
+        response = {name: (1.0 - share) * value + share * responses[last][name]
+                    for name, value in responses[first].items()}
+        depth = np.maximum(step.depth + (1.0 - share) * depths[first] + share * depths[last], 0.0)
+        steps.append(replace(step, slow=replace(step.slow, depth=depth), response=_added(step.response, response)))
+    return replace(one, slow=_remembered(simulation, one.model, steps))
+
+
+def _response_change(period: Period, change: PeriodSensitivity, v: int) -> dict[str, Array]:
+    """Return what neighbour v changes of a period's response, by its fields."""
+    names = {field.name for field in fields(CycleResponse)} & {field.name for field in fields(PeriodSensitivity)}
+    arm, own = period.solution.output("arm"), change.outputs["arm"][v]
+    return {name: getattr(change, name)[v] for name in sorted(names)} | {
+        "arm_range": own[np.argmax(arm)] - own[np.argmin(arm)]}
+
+
+def _added(response: CycleResponse, change: Mapping[str, Array]) -> CycleResponse:
+    """Return a response with the changes of some of its fields."""
+    return replace(response, **{name: getattr(response, name) + value for name, value in change.items()})
 
 
 def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> PeriodicProblem:
@@ -122,7 +196,10 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
     own, condition = one.model.baseline, period.condition
     own = condition if own is simulation.model.baseline else replace(
         own, excitation=condition.excitation, preload=condition.preload)
-    return replace(one.model, baseline=own).problem(one.slow[period.step.cycles])
+    slow = one.slow[period.step.cycles]
+    problem = replace(one.model, baseline=own).problem(slow)
+    face, opened = problem.interface, slow.depth - period.step.depth  # which `_with_gap` adds
+    return replace(problem, interface=replace(face, gap=face.gap - opened)) if opened.any() else problem
 
 
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
@@ -171,13 +248,9 @@ def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
 
 def _rate_change(period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity) -> Array:
     """Return the change (nodes, V) of the wear rate at the simulated wear."""
-    response, rates = period.step.response, []
+    rates = []
     for v, one in enumerate(beside):
-        moved = replace(response, pressure_sliding=response.pressure_sliding + change.pressure_sliding[v],
-                        slip_path=response.slip_path + change.slip_path[v],
-                        mean_pressure=response.mean_pressure + change.mean_pressure[v],
-                        dissipated_energy=response.dissipated_energy + float(change.dissipated_energy[v]),
-                        sliding_distance=response.sliding_distance + float(change.sliding_distance[v]))
+        moved = _added(period.step.response, _response_change(period, change, v))
         factor = one.model.wear_factor(moved, one.slow[period.step.cycles])
         rates.append(wear_rate(one.coefficient, moved) * factor - period.step.rate)
     return np.stack(rates, axis=1)
@@ -190,8 +263,8 @@ def _with_gap(change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
         return change
     level = opened.min(axis=0)  # only lowers the arm
     weights = np.vstack([np.eye(count), opened - level])
-    added = {name: np.tensordot(weights, getattr(change, name), axes=(0, 0))
-             for name in ("internal", "relative_displacement", "friction_force")}
+    added: dict[str, Any] = {name: np.tensordot(weights, getattr(change, name), axes=(0, 0)) for name in (
+        field.name for field in fields(PeriodSensitivity) if field.name not in ("names", "outputs"))}
     outputs = {name: np.tensordot(weights, values, axes=(0, 0)) for name, values in change.outputs.items()}
     outputs["approach"] = outputs["approach"] - level[:, None]
     return replace(change, names=change.names[:count], **added, outputs=outputs)
