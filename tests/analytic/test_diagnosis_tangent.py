@@ -78,6 +78,30 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
                 coordinate.name, channel)
 
 
+def test_of_a_tilt_that_wear_has_levelled_nothing_is_left_but_the_depth(monkeypatch):
+    """What more of it would change at the end is the depth by which it is levelled, and no motion."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    counts = (*COUNTS, 200_000, 400_000)
+    rig = small_rig.rig(small_rig.observed(dict.fromkeys(CHANNELS, 1.0), counts, (), 1.0, 1.0))
+    space = Parameters.of(BASELINE, ["initial-gap"])
+    z = np.array([one.place({"tilt_x": 0.5e-6}.get(one.field, 0.0)) if one.effect else 0.0
+                  for one in space.coordinates])
+    step = 0.02 * np.eye(space.size)[[one.field for one in space.coordinates].index("tilt_x")]
+    base, (more,) = rig.simulate(hypothesis(Point(space, z))), hypothesis(Point(space, z + step)).effects
+    found = neighbours(rig, base, [hypothesis(Point(space, z + step))])[:, 0]
+    seen = rig.observation
+    levelled = (more.period(rig.problem, None).interface.gap
+                - base.hypothesis.effects[0].period(rig.problem, None).interface.gap)
+    deeper = found[seen.rows(block="map")]
+    np.testing.assert_allclose(deeper - deeper.mean(), levelled.mean() - levelled, atol=0.02 * np.ptp(levelled))
+    for channel in ("displacement", "friction_force"):
+        first, last = (np.abs(found[seen.rows(block="loops", channel=channel, cycles=count)]).max()
+                       for count in (counts[0], counts[-1]))
+        assert last < 0.01 * first
+
+
 class Shuffled(DistributedMicroSlip):
     """The same limits on other nodes."""
 

@@ -40,8 +40,8 @@ from fretflow.structure.sensors import Signals, band_limited
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.archard import wear_rate
 from fretflow.wear.cycle import CycleResponse, mean_response
-from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearStep
+from fretflow.wear.scheme import DIFFERENCE
 from fretflow.wear.slow import SlowState
 
 
@@ -203,9 +203,9 @@ def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> Peri
 
 
 def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
-    """Return the sensitivities to some directions and, after them, to the gap of every node that may wear."""
+    """Return the sensitivities to some directions and, after them, to the gap of every node."""
     worn = [Direction(name=f"gap of node {m}", gap=row)
-            for m, row in enumerate(np.eye(period.problem.interface.size if period.step.cycles else 0))]
+            for m, row in enumerate(np.eye(period.problem.interface.size))]
     return sensitivities(period.problem, period.solution, [*directions, *worn],
                          harmonics_of(len(period.solution.state)))
 
@@ -220,20 +220,22 @@ def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[in
         cycles = period.step.cycles - (before.step.cycles if period is not before else 0)
         last, rate = rate, _rate_change(period, beside, changes[period.step.cycles])
         if cycles > 0:
-            jacobian = 0.5 * (_feedback(simulation, before, cycles) + _feedback(simulation, period, cycles))
+            jacobian = 0.5 * (_feedback(simulation, before, changes, cycles)
+                              + _feedback(simulation, period, changes, cycles))
             depth = _linear(cycles * jacobian, depth, cycles * last, cycles * rate)
         found[period.step.cycles], before = depth, period
     return found
 
 
-def _feedback(simulation: Simulation, period: Period, cycles: int) -> Array:
+def _feedback(simulation: Simulation, period: Period, changes: dict[int, PeriodSensitivity], cycles: int) -> Array:
     """Return the change (nodes, nodes) of the wear rate by the depth, of which a share opens the gap in some cycles."""
-    step = period.step
-    coefficient = np.divide(step.rate, step.response.pressure_sliding, out=np.zeros(len(step.rate)),
-                            where=step.response.pressure_sliding > 0.0)
-    flexibility = period.problem.boundary.flexibility[2::3, 2::3]
-    found = Feedback(flexibility, period.problem.interface.areas).rate_jacobian(coefficient, step.response)
-    return np.asarray(found * simulation.model.opening_share(step.slow, cycles))
+    change, slow = changes[period.step.cycles], period.step.slow
+    gaps = range(len(change.names) - len(slow.depth), len(change.names))
+    own = _Neighbour(simulation.model, simulation.coefficient, {period.step.cycles: slow})
+    pressed = float(np.abs(change.mean_pressure[list(gaps)]).max(initial=0.0))  # Pa/m
+    small = DIFFERENCE * float(period.step.response.mean_pressure.max()) / pressed if pressed > 0.0 else 1.0
+    found = np.stack([_rate_of(own, period, change, m, small) - period.step.rate for m in gaps], axis=1) / small
+    return np.asarray(found * simulation.model.opening_share(slow, cycles))
 
 
 def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
@@ -248,19 +250,19 @@ def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
 
 def _rate_change(period: Period, beside: Sequence[_Neighbour], change: PeriodSensitivity) -> Array:
     """Return the change (nodes, V) of the wear rate at the simulated wear."""
-    rates = []
-    for v, one in enumerate(beside):
-        moved = _added(period.step.response, _response_change(period, change, v))
-        factor = one.model.wear_factor(moved, one.slow[period.step.cycles])
-        rates.append(wear_rate(one.coefficient, moved) * factor - period.step.rate)
-    return np.stack(rates, axis=1)
+    return np.stack([_rate_of(one, period, change, v) - period.step.rate for v, one in enumerate(beside)], axis=1)
+
+
+def _rate_of(one: _Neighbour, period: Period, change: PeriodSensitivity, row: int, share: float = 1.0) -> Array:
+    """Return the wear rate (nodes,) of a model with a share of what a row of sensitivities changes of a period."""
+    moved = _added(period.step.response, {
+        name: share * value for name, value in _response_change(period, change, row).items()})
+    return wear_rate(one.coefficient, moved) * one.model.wear_factor(moved, one.slow[period.step.cycles])
 
 
 def _with_gap(change: PeriodSensitivity, opened: Array) -> PeriodSensitivity:
     """Return the change by V neighbours with that of the gap `opened` (nodes, V), by the gaps of nodes after them."""
     count = opened.shape[1]
-    if len(change.names) == count:
-        return change
     level = opened.min(axis=0)  # only lowers the arm
     weights = np.vstack([np.eye(count), opened - level])
     added: dict[str, Any] = {name: np.tensordot(weights, getattr(change, name), axes=(0, 0)) for name in (
