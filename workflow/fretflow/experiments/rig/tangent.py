@@ -47,11 +47,26 @@ from fretflow.wear.slow import SlowState
 
 @dataclass(frozen=True)
 class _Neighbour:
-    """A hypothesis beside the simulated one: its model, and its slow states at the simulated steps."""
+    """A hypothesis beside the simulated one: model, slow states at the simulated steps, and problems of the periods."""
 
     model: EffectModel
     coefficient: float
     slow: dict[int, SlowState]
+    problems: dict[int, PeriodicProblem]  # by the periods' ids
+
+    @classmethod
+    def of(cls, simulation: Simulation, model: EffectModel, coefficient: float, steps: Sequence[WearStep]
+           ) -> _Neighbour:
+        """Return a hypothesis that remembers the wear and the periods of `steps`.
+
+        Raises
+        ------
+        FretflowError
+            If its data cannot be made.
+        """
+        slow = _remembered(simulation, model, steps)
+        return cls(model, coefficient, slow, {key: _problem_of(model, slow, simulation, period)
+                                              for key, period in _periods(simulation).items()})
 
 
 def neighbours(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothesis]) -> Array:
@@ -89,9 +104,8 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
 
 @dataclass(frozen=True)
 class _Moved:
-    """To first order: the periods' problems of V neighbours, by the periods' ids what they change, and the wear."""
+    """What V neighbours change to first order: the periods, by their ids, and the wear."""
 
-    problems: dict[int, list[PeriodicProblem]]
     changes: dict[int, PeriodSensitivity]
     worn: dict[int, Array]  # (nodes, V), m, by the recorded cycle counts
 
@@ -99,11 +113,11 @@ class _Moved:
     def of(cls, simulation: Simulation, chosen: Sequence[_Neighbour]) -> _Moved:
         """Return what neighbours change, by what they remember."""
         periods = _periods(simulation)
-        problems = {key: [_problem_of(one, simulation, period) for one in chosen] for key, period in periods.items()}
-        changes = {key: _carried(period, directions_to(problems[key], period.problem, period.solution))
+        changes = {key: _carried(period, directions_to(
+            [one.problems[key] for one in chosen], period.problem, period.solution))
                    for key, period in periods.items()}
         worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
-        return cls(problems, {key: _with_gap(changes[key], worn[period.step.cycles])
+        return cls({key: _with_gap(changes[key], worn[period.step.cycles])
                               for key, period in periods.items()}, worn)
 
 
@@ -119,7 +133,8 @@ def _shown(rig: RigModel, simulation: Simulation, chosen: Sequence[_Neighbour], 
         pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
         before = rig.signals(period)
         shown = rig.sensed(simulation.model, before)
-        after = _signals(rig, chosen, period, moved.problems[key], moved.changes[key], before)
+        after = _signals(rig, chosen, period, [one.problems[key] for one in chosen], moved.changes[key],
+                         before)
         for v, one in enumerate(chosen):
             seen_after = rig.sensed(one.model, after[v])
             for piece in pieces:
@@ -140,10 +155,9 @@ def _beside(rig: RigModel, simulation: Simulation, hypothesis: Hypothesis,
         own = _baseline_of(hypothesis)
         known[own] = known.get(own) or rig.case_problem(hypothesis)
         model = EffectModel.build(known[own], hypothesis.effects)
-        slow = _remembered(simulation, model, simulation.steps)
+        return _Neighbour.of(simulation, model, hypothesis.wear * rig.wear_coefficient, simulation.steps)
     except FretflowError:
         return None
-    return _Neighbour(model, hypothesis.wear * rig.wear_coefficient, slow)
 
 
 def _remembered(simulation: Simulation, model: EffectModel, steps: Sequence[WearStep]) -> dict[int, SlowState]:
@@ -163,7 +177,10 @@ def _remembered(simulation: Simulation, model: EffectModel, steps: Sequence[Wear
 
 
 def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> _Neighbour:
-    """Return a neighbour that remembers the wear and the motion that it changes, number v of those that `moved`."""
+    """Return a neighbour that remembers the wear and the motion that it changes, number v of those that `moved`.
+
+    Far off, where these lead to data that no joint has, it remembers the simulated ones.
+    """
     kept = [period.step.cycles for period in simulation.loops]
     responses = [_response_change(period, moved.changes[id(period)], v) for period in simulation.loops]
     depths, steps = [moved.worn[cycles][:, v] for cycles in kept], []
@@ -175,7 +192,10 @@ def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> 
                     for name, value in responses[first].items()}
         depth = np.maximum(step.depth + (1.0 - share) * depths[first] + share * depths[last], 0.0)
         steps.append(replace(step, slow=replace(step.slow, depth=depth), response=_added(step.response, response)))
-    return replace(one, slow=_remembered(simulation, one.model, steps))
+    try:
+        return _Neighbour.of(simulation, one.model, one.coefficient, steps)
+    except FretflowError:
+        return one
 
 
 def _response_change(period: Period, change: PeriodSensitivity, v: int) -> dict[str, Array]:
@@ -191,13 +211,14 @@ def _added(response: CycleResponse, change: Mapping[str, Array]) -> CycleRespons
     return replace(response, **{name: getattr(response, name) + value for name, value in change.items()})
 
 
-def _problem_of(one: _Neighbour, simulation: Simulation, period: Period) -> PeriodicProblem:
-    """Return the neighbour's problem at the period's condition and wear."""
-    own, condition = one.model.baseline, period.condition
+def _problem_of(model: EffectModel, known: dict[int, SlowState], simulation: Simulation, period: Period
+                ) -> PeriodicProblem:
+    """Return a model's problem at the period's condition and wear."""
+    own, condition = model.baseline, period.condition
     own = condition if own is simulation.model.baseline else replace(
         own, excitation=condition.excitation, preload=condition.preload)
-    slow = one.slow[period.step.cycles]
-    problem = replace(one.model, baseline=own).problem(slow)
+    slow = known[period.step.cycles]
+    problem = replace(model, baseline=own).problem(slow)
     face, opened = problem.interface, slow.depth - period.step.depth  # which `_with_gap` adds
     return replace(problem, interface=replace(face, gap=face.gap - opened)) if opened.any() else problem
 
@@ -231,7 +252,7 @@ def _feedback(simulation: Simulation, period: Period, changes: dict[int, PeriodS
     """Return the change (nodes, nodes) of the wear rate by the depth, of which a share opens the gap in some cycles."""
     change, slow = changes[period.step.cycles], period.step.slow
     gaps = range(len(change.names) - len(slow.depth), len(change.names))
-    own = _Neighbour(simulation.model, simulation.coefficient, {period.step.cycles: slow})
+    own = _Neighbour(simulation.model, simulation.coefficient, {period.step.cycles: slow}, {})
     pressed = float(np.abs(change.mean_pressure[list(gaps)]).max(initial=0.0))  # Pa/m
     small = DIFFERENCE * float(period.step.response.mean_pressure.max()) / pressed if pressed > 0.0 else 1.0
     found = np.stack([_rate_of(own, period, change, m, small) - period.step.rate for m in gaps], axis=1) / small
