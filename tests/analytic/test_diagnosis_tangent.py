@@ -102,6 +102,18 @@ def test_of_a_tilt_that_wear_has_levelled_nothing_is_left_but_the_depth(monkeypa
         assert last < 0.01 * first
 
 
+def test_friction_that_runs_in_by_energy_follows_the_energy_of_another_mass(rig):
+    space = Parameters.of(BASELINE, ["friction-run-in"])
+    z = np.array([one.place(GENTLE[one.field]) if one.field in GENTLE else 0.0 for one in space.coordinates])
+    base, step = rig.simulate(hypothesis(Point(space, z))), 0.02 * np.eye(space.size)[2]
+    heavier, lighter = (hypothesis(Point(space, z + sign * step)) for sign in (1.0, -1.0))
+    difference = 0.5 * np.subtract(*(rig.predict(rig.simulate(one, base)) for one in (heavier, lighter)))
+    missed = neighbours(rig, base, [heavier])[:, 0] - difference
+    for channel in ("displacement", "friction_force"):
+        rows = rig.observation.rows(channel=channel)
+        assert np.linalg.norm(missed[rows]) < 0.1 * np.linalg.norm(difference[rows]), channel
+
+
 class Shuffled(DistributedMicroSlip):
     """The same limits on other nodes."""
 

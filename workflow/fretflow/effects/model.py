@@ -67,9 +67,9 @@ class EffectModel:
                          memory=memory)
 
     @property
-    def remembers(self) -> bool:
-        """Tell whether an effect remembers wear and periods."""
-        return any(type(effect).evolve is not Effect.evolve for effect in self.effects)
+    def over_cycles(self) -> bool:
+        """Tell whether a period follows cycles, energy or memory."""
+        return any(effect.over_cycles for effect in self.effects)
 
     def wear_factor(self, response: CycleResponse, slow: SlowState) -> Array:
         """Return the factor on the wear rate (nodes,)."""

@@ -3,8 +3,8 @@
 The data of each period's problem are differenced between the simulated hypothesis and its neighbour (see
 `effects.derivative`), and carried to the channels by the exact sensitivities of the period. Over cycles, the change of
 the wear rate is integrated with the feedback of depth on pressure, ``dw' = J dw + dr``, and opens the gap. All
-neighbours share one march of each period, so that a hundred of them cost little more than one. Laws that remember the
-wear and the motion get those of the neighbour itself in a second march, to which the first one's changes are carried.
+neighbours share one march of each period, so that a hundred of them cost little more than one. Laws over cycles
+get the wear, energy and motion of the neighbour itself in a second march, to which the first one's changes are carried.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
 from fretflow.core.errors import FretflowError
@@ -94,7 +95,7 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
         return columns
     moved = _Moved.of(simulation, chosen)
     found = _shown(rig, simulation, chosen, moved)
-    evolving = [v for v, one in enumerate(chosen) if one.model.remembers]
+    evolving = [v for v, one in enumerate(chosen) if one.model.over_cycles]
     if evolving:
         again = [_evolved(simulation, chosen[v], moved, v) for v in evolving]
         found[:, evolving] = _shown(rig, simulation, again, _Moved.of(simulation, again))
@@ -114,11 +115,9 @@ class _Moved:
         """Return what neighbours change, by what they remember."""
         periods = _periods(simulation)
         changes = {key: _carried(period, directions_to(
-            [one.problems[key] for one in chosen], period.problem, period.solution))
-                   for key, period in periods.items()}
+            [one.problems[key] for one in chosen], period.problem, period.solution)) for key, period in periods.items()}
         worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
-        return cls({key: _with_gap(changes[key], worn[period.step.cycles])
-                              for key, period in periods.items()}, worn)
+        return cls({key: _with_gap(changes[key], worn[p.step.cycles]) for key, p in periods.items()}, worn)
 
 
 def _periods(simulation: Simulation) -> dict[int, Period]:
@@ -133,8 +132,7 @@ def _shown(rig: RigModel, simulation: Simulation, chosen: Sequence[_Neighbour], 
         pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
         before = rig.signals(period)
         shown = rig.sensed(simulation.model, before)
-        after = _signals(rig, chosen, period, [one.problems[key] for one in chosen], moved.changes[key],
-                         before)
+        after = _signals(rig, chosen, period, [one.problems[key] for one in chosen], moved.changes[key], before)
         for v, one in enumerate(chosen):
             seen_after = rig.sensed(one.model, after[v])
             for piece in pieces:
@@ -177,13 +175,15 @@ def _remembered(simulation: Simulation, model: EffectModel, steps: Sequence[Wear
 
 
 def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> _Neighbour:
-    """Return a neighbour that remembers the wear and the motion that it changes, number v of those that `moved`.
+    """Return a neighbour whose laws follow the wear, energy and motion that it changes, number v of those that `moved`.
 
-    Far off, where these lead to data that no joint has, it remembers the simulated ones.
+    Far off, where these lead to data that no joint has, they follow the simulated ones.
     """
     kept = [period.step.cycles for period in simulation.loops]
     responses = [_response_change(period, moved.changes[id(period)], v) for period in simulation.loops]
     depths, steps = [moved.worn[cycles][:, v] for cycles in kept], []
+    gain = np.array([float(one["dissipated_energy"]) for one in responses])
+    energies = gain[0] * kept[0] + cumulative_trapezoid(gain, kept, initial=0.0)
     for step in simulation.steps:
         last = min(int(np.searchsorted(kept, step.cycles)), len(kept) - 1)
         first = max(last - 1, 0)
@@ -191,7 +191,9 @@ def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> 
         response = {name: (1.0 - share) * value + share * responses[last][name]
                     for name, value in responses[first].items()}
         depth = np.maximum(step.depth + (1.0 - share) * depths[first] + share * depths[last], 0.0)
-        steps.append(replace(step, slow=replace(step.slow, depth=depth), response=_added(step.response, response)))
+        energy = step.slow.energy + float(np.interp(step.cycles, (0, *kept), (0.0, *energies)))
+        steps.append(replace(step, slow=replace(step.slow, depth=depth, energy=energy),
+                             response=_added(step.response, response)))
     try:
         return _Neighbour.of(simulation, one.model, one.coefficient, steps)
     except FretflowError:
