@@ -207,7 +207,7 @@ def posterior(found: Search) -> Posterior:
         left = found.fits[names].chi_squared
         if any(fewer < names and left > found.fits[fewer].chi_squared for fewer in weight if fewer):
             continue  # its fit was not ended: a wider set can do all that a plainer one does
-        by_form = any(by_form_alone(found, names, one) for one in names)
+        by_form = any(mostly_by_form(found, names, one) for one in names)
         if by_form and len(names) > 1:
             continue  # beside others it is no more than another form of theirs
         own = found.log_evidence(names)
@@ -245,13 +245,17 @@ def faint(found: Search, names: Names, effect: str) -> float:
     return 1.0 - strong
 
 
-def by_form_alone(found: Search, names: Names, effect: str) -> bool:
-    """Tell whether an effect of a fitted set is probable by other forms of its law alone.
+def mostly_by_form(found: Search, names: Names, effect: str) -> bool:
+    """Tell whether an effect of a fitted set is probable by other forms of its law more than by its law.
 
-    The law as the catalogue has it makes the set no more probable than it is without the effect.
+    Its law as the catalogue has it makes the set less more probable than another form then makes it beside that; so
+    would another form of any law that does as much.
     """
     less, worth = names - {effect}, found.log_evidence
-    return less in found.fits and worth(names, less) <= worth(less) < worth(names)
+    if less not in found.fits:
+        return False
+    law, form = worth(names, less) - worth(less), worth(names) - worth(names, less)
+    return form > max(law, -law)
 
 
 def _is_off(own: Coordinate, at: float, sd: float, off: float) -> float:
