@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
+from fretflow.effects.contact_stiffness_evolution import ContactStiffnessEvolution
 from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
@@ -232,6 +233,28 @@ def test_a_neighbour_without_data_at_the_motion_is_left_out_alone(rig):
     found = neighbours(rig, base, [good[0], lifts, *good[1:]])
     assert np.all(np.isnan(found[:, 1]))
     np.testing.assert_allclose(found[:, [0, 2, 3]], neighbours(rig, base, good), rtol=1e-9, atol=1e-12)
+
+
+class Witness(ContactStiffnessEvolution):
+    """The same springs, which tell what they were asked of."""
+
+    def period(self, problem, slow):
+        """Keep the slow state."""
+        ASKED.append(slow)
+        return super().period(problem, slow)
+
+
+ASKED = []
+
+
+def test_no_neighbour_is_so_far_off_that_it_has_given_energy_back(rig):
+    """Where first order would take more energy than was dissipated there is none yet, and no less wear than none."""
+    ASKED.clear()
+    base = rig.simulate(Hypothesis())
+    assert np.isfinite(neighbours(rig, base, [Hypothesis(mass=5.0, effects=(Witness(),))])).all()
+    worn = [slow for slow in ASKED if slow.cycles]
+    assert min(slow.energy for slow in worn) == 0.0
+    assert min(slow.depth.min() for slow in worn) >= 0.0
 
 
 def test_normal_force_and_approach_are_those_of_the_period(rig):

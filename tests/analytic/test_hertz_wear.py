@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from fretflow.case.config import Solver, WearScheme
 from fretflow.contact.interface import Interface
+from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.pipeline.problem import rig_problem
@@ -221,3 +222,9 @@ def test_marching_tends_to_the_uniformly_worn_face():
     assert history.volume[-1] == pytest.approx(K_W * LOAD * model.path * 12_000, rel=1e-9, abs=0.0)
     assert distance[0] > distance[1] > distance[2]
     assert distance[2] < 0.05
+
+
+def test_faces_that_nothing_holds_apart_have_no_static_pressure():
+    """A flexibility without resistance, as springs of no sense would have, is no solution and no crash."""
+    with pytest.raises(NonConvergenceError, match="static preload"):
+        press_frictionless(np.zeros(2), np.zeros((2, 2)), np.ones((2, 1)), np.array([LOAD]))

@@ -191,7 +191,7 @@ def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> 
         response = {name: (1.0 - share) * value + share * responses[last][name]
                     for name, value in responses[first].items()}
         depth = np.maximum(step.depth + (1.0 - share) * depths[first] + share * depths[last], 0.0)
-        energy = step.slow.energy + float(np.interp(step.cycles, (0, *kept), (0.0, *energies)))
+        energy = max(step.slow.energy + float(np.interp(step.cycles, (0, *kept), (0.0, *energies))), 0.0)
         steps.append(replace(step, slow=replace(step.slow, depth=depth, energy=energy),
                              response=_added(step.response, response)))
     try:

@@ -128,7 +128,7 @@ def press_frictionless(gap: Array, flexibility_zz: Array, free_z: Array, free_lo
     Raises
     ------
     NonConvergenceError
-        If the set of closed nodes does not settle.
+        If the set of closed nodes does not settle, or no closed node holds the load.
     """
     closed: NDArray[np.bool_] = np.ones(len(gap), dtype=bool)
     for _ in range(MAX_PRELOAD_STEPS):
@@ -136,7 +136,10 @@ def press_frictionless(gap: Array, flexibility_zz: Array, free_z: Array, free_lo
         c, size = len(i), len(i) + len(free_load)
         matrix = np.zeros((size, size))
         matrix[:c, :c], matrix[:c, c:], matrix[c:, :c] = flexibility_zz[np.ix_(i, i)], free_z[i], free_z[i].T
-        found = np.linalg.solve(matrix, np.append(-gap[i], free_load))
+        try:
+            found = np.linalg.solve(matrix, np.append(-gap[i], free_load))
+        except np.linalg.LinAlgError:
+            break
         force = np.zeros(len(gap))
         force[i], free = found[:c], found[c:]
         opening = gap + free_z @ free + flexibility_zz @ force
