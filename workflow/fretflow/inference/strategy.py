@@ -48,7 +48,7 @@ def search(found: Search, progress: Progress) -> None:
     """Fit all sets of effects that may explain the measurement."""
     progress(0.0, "beginning every effect")
     begin_all(found)
-    if not is_explained(found) and all(found.explained(names) < 0.5 for names in found.best(1)):  # of the difference
+    if not is_explained(found):
         begin_before_jump(found)
     progress(0.35, "fitting the most promising")
     if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
