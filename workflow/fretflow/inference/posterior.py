@@ -248,14 +248,14 @@ def faint(found: Search, names: Names, effect: str) -> float:
 def mostly_by_form(found: Search, names: Names, effect: str) -> bool:
     """Tell whether an effect of a fitted set is probable by other forms of its law more than by its law.
 
-    Its law as the catalogue has it makes the set less more probable than another form then makes it beside that; so
-    would another form of any law that does as much.
+    That is where its law, as the catalogue has it, adds less evidence to the rest of the set than another form of it
+    adds to that: the freedom of any law that changes as much would do the same.
     """
     less, worth = names - {effect}, found.log_evidence
     if less not in found.fits:
         return False
     law, form = worth(names, less) - worth(less), worth(names) - worth(names, less)
-    return form > max(law, -law)
+    return form > abs(law)
 
 
 def _is_off(own: Coordinate, at: float, sd: float, off: float) -> float:

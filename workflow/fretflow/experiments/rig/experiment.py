@@ -21,6 +21,7 @@ from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.recordings.kinds.joints import FRETTING_RIG
+from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.history import WearSettings
 
 # sd of the logarithm of what the baseline may refit; the compliance covers mesh, modulus and clamping of the specimens.
@@ -108,24 +109,21 @@ class RigExperiment(Experiment):
         It may do so at the end of the test, under other conditions.
         """
         seen, problem = self.rig.observation, self.rig.problem
-        drive = {one.id: at_condition(problem, one).excitation.amplitude for one in seen.conditions}
-        moved: dict[str, dict[int, complex]] = {"loops": {}, "sweep": {}}
-        for piece in seen.pieces:
-            if piece.channel == "displacement":
-                at = piece.cycles if piece.condition is None else piece.condition
-                moved[piece.block][at] = seen.fundamental(seen.values[piece.place]) / drive.get(
-                    at if piece.block == "sweep" else -1, problem.excitation.amplitude)
-        loops = sorted(moved["loops"].items())
+        others: dict[int | None, PeriodicProblem] = {one.id: at_condition(problem, one) for one in seen.conditions}
+        moved = [(piece, seen.fundamental(seen.values[piece.place]) / others.get(
+            piece.condition, problem).excitation.amplitude) for piece in seen.pieces if piece.channel == "displacement"]
+        loops = sorted({piece.cycles: one for piece, one in moved if piece.block == "loops"}.items())
         for (count, one), (_, other) in pairwise(loops):
             if is_other_motion(one, other):
                 return count
-        if len(loops) > 1 and any(is_other_motion(loops[-1][1], other) for other in moved["sweep"].values()):
-            return loops[-1][0]
-        return None
+        after = [other for piece, other in moved if piece.block == "sweep"]
+        return loops[-1][0] if len(loops) > 1 and any(is_other_motion(loops[-1][1], one) for one in after) else None
 
     def finer(self) -> Experiment | None:
-        """Return the same with finer steps of wear; none where the motion jumps, which takes most of their time."""
-        if self.rig.wear_tolerance <= WearSettings.tolerance or self.last_before_jump is not None:
+        """Return the same with finer steps of wear; none where the motion jumps between counts, which takes longest."""
+        last = self.last_before_jump
+        jumps = last is not None and last < max(self.rig.observation.counts)
+        if self.rig.wear_tolerance <= WearSettings.tolerance or jumps:
             return None
         rig, *checks = (replace(one, wear_tolerance=WearSettings.tolerance) for one in (self.rig, *(self.checks or ())))
         return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)

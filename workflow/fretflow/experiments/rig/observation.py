@@ -144,7 +144,7 @@ class Observation:
 
     def fundamental(self, displacement: Array) -> complex:
         """Return the amplitude in m of a period's displacement (N,), and its phase where the drive's is known."""
-        found = complex(np.fft.rfft(displacement)[1]) / len(displacement)
+        found = 2.0 * complex(np.fft.rfft(displacement)[1]) / len(displacement)
         return found if self.aligned_to == "excitation" else complex(abs(found))
 
     def rows(self, **wanted: object) -> NDArray[np.bool_]:
