@@ -50,7 +50,7 @@ def recorded(monkeypatch):
 
 def begun(fitter, fit, name):
     """Return the points at which the fits of an effect begin."""
-    return [one.point for one in beginnings_task((fitter, fit)).values() if one.point.effects == {name}]
+    return [one.point for one in beginnings_task((fitter, fit, [name])).values() if one.point.effects == {name}]
 
 
 @pytest.mark.parametrize("frequency", [330.0, 520.0, 760.0])

@@ -10,13 +10,22 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from fretflow.inference import strategy
-from fretflow.inference.beginnings import beginnings_task, beside
+from fretflow.inference.beginnings import beside
 from fretflow.inference.experiment import Point, Prediction, differences
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.posterior import decide
 from fretflow.inference.search import FAST, Search, log_gain
-from fretflow.inference.strategy import begin_all, exchange_laws, leading, may_hold, search, start_search
+from fretflow.inference.strategy import (
+    begin_all,
+    begin_elsewhere,
+    begun_beside,
+    exchange_laws,
+    leading,
+    may_hold,
+    search,
+    start_search,
+)
 from scipy.stats import multivariate_normal
 from waves import BASELINE, LOOPS, SAMPLES, SD, Waves, cosine, judged, measurement, wave
 
@@ -44,7 +53,7 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     experiment = Bent(measurement(cosine() + wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    begin_all(found)
+    begin_elsewhere(found, begin_all(found))
     fit = found.fits[frozenset({"viscous"})]
     assert fit.z[1] == pytest.approx(1.3247, abs=0.005)  # the real root of t^3 - t = 1
     assert fit.chi_squared < 0.01 * found.baseline.chi_squared
@@ -155,15 +164,16 @@ def test_pairs_are_begun_where_they_promise_to_reach_what_one_effect_alone_does(
     found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia") + noise)
     strong, weak, other = (frozenset({name}) for name in ("viscous", "sensor-inertia", "parallel-stiffness"))
     begun = {names: {task.point.effects - names for task in beside(
-        found, names, beginnings_task((found.fitter, found.fits[names])).values())} for names in (strong, weak, other)}
+        found, names, begun_beside(found, [(found.fitter, found.fits[names])])[0].values())}
+        for names in (strong, weak, other)}
     assert found.best(1)[0] == weak  # by what it leaves, which is smoother
     assert weak in begun[strong]
     assert begun[weak] == {strong, frozenset({"support-nonlinearity"})}
     assert begun[other] == set()  # with the weak one it explains more than alone, and less than the strong one
-    laid = beginnings_task((found.fitter, found.fits[weak])).values()
+    laid = begun_beside(found, [(found.fitter, found.fits[weak])])[0].values()
     assert beside(found, weak, laid, found.log_evidence(weak)) == []  # those that promise more are fitted
     found.fits.pop(strong | weak)
-    assert [task.point.effects for task in beside(found, weak, laid, found.log_evidence(weak))] == [strong | weak]
+    assert {task.point.effects for task in beside(found, weak, laid, found.log_evidence(weak))} == {strong | weak}
     assert beside(found, weak, laid, found.fits[weak].objective) == []  # no pair can be so probable
 
 
@@ -187,7 +197,8 @@ def test_further_partners_follow_where_no_pair_leaves_noise(
     one, other, pair = frozenset({"viscous"}), frozenset({"backlash"}), frozenset({"viscous", "scar-edge"})
     worth, calls = {one: -40.0, other: -30.0, pair: -20.0}, []
     search = SimpleNamespace(
-        sign=lambda sets: None, fits=worth, fitter_of=lambda names: None, best=lambda size: [pair] if size == 2 else [],
+        experiment=SimpleNamespace(candidates=tuple), sign=lambda sets: None, fits=worth,
+        fitter_of=lambda names: None, best=lambda size: [pair] if size == 2 else [],
         pool=lambda function, tasks: [{} for _ in tasks], keep=lambda fits: None, effort=FAST,
         promising=lambda sets: sets, log_evidence=worth.__getitem__, leaves_noise=lambda names: noise)
     monkeypatch.setattr(strategy, "beside", lambda found, names, laid, beyond=None: calls.append((names, beyond)) or [])

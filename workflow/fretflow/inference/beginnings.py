@@ -36,6 +36,9 @@ class Beginning:
     least: Point | None = None
 
 
+Elsewhere = tuple[Fitter, Beginning, int]  # an effect's start, and of how many other points of its ranges it is begun
+
+
 def is_worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
     """Tell whether an effect may be as probable as none, were all linear, beside the baseline that it was begun at."""
     return fit.promise < beginning.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
@@ -49,11 +52,11 @@ def is_untold(found: Search, beginning: Beginning, fit: Fit | None) -> bool:
     return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
 
 
-def elsewhere_task(asked: tuple[Fitter, Beginning, int]) -> list[Fit]:
+def elsewhere_task(asked: Elsewhere) -> list[Fit]:
     """Return the best of other points of an effect's ranges than the one that it was begun at, at most so many."""
     fitter, beginning, most = asked
     point, objectives = beginning.point, []
-    for one in _laid(fitter.experiment, beginning.origin):
+    for one in _laid(fitter.experiment, beginning.origin, point.effects - beginning.origin.effects):
         if one.effects != point.effects or one.parameters.signs != point.parameters.signs or (one.z == point.z).all():
             continue
         try:
@@ -83,15 +86,25 @@ def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
                    provisional=True)
 
 
-def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beginning]:
-    """Return where beside a fit each further effect is begun, for either sign of what may have both.
+def beginnings_task(asked: tuple[Fitter, Fit, Sequence[str]]) -> dict[tuple[Hashable, ...], Beginning]:
+    """Return where beside a fit each further one of some effects is begun, for either sign of what may have both.
 
     Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
     and a point near their lower end.
     """
-    fitter, origin = asked
-    laid = list(_laid(fitter.experiment, origin))
+    fitter, origin, effects = asked
+    laid = list(_laid(fitter.experiment, origin, effects))
     told = [point for point in laid if is_told(point, origin)]
+    found: dict[tuple[Hashable, ...], Beginning] = dict(_best(fitter, origin, told)) if told else {}
+    for point in laid:  # of the others nothing is known before they are simulated
+        at = point.z[len(origin.z):]
+        if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
+            found[*_signed(point), tuple(at)] = Beginning(origin, point)
+    return found
+
+
+def _best(fitter: Fitter, origin: Fit, told: Sequence[Point]) -> Iterator[tuple[tuple[Hashable, ...], Beginning]]:
+    """Return the best beginning of every effect and sign, of points at which first-order changes tell what it does."""
     changes = np.nan_to_num(fitter.experiment.changes(origin.prediction, told))
     white = fitter.covariance.whiten(changes)
     rest = basis(origin.whitened_jacobian)
@@ -100,18 +113,17 @@ def beginnings_task(asked: tuple[Fitter, Fit]) -> dict[tuple[Hashable, ...], Beg
     size = np.sum((white - rest @ (rest.T @ white))**2, axis=0)
     own: dict[tuple[Hashable, ...], list[int]] = {}
     for place, point in enumerate(told):
-        own.setdefault((point.effects, tuple(point.parameters.signs.values())), []).append(place)
-    best = {key: min(places, key=lambda place: float(reached[place])) for key, places in own.items()}
-    least = {key: min(places, key=lambda place: float(size[place])) for key, places in own.items()}
+        own.setdefault(_signed(point), []).append(place)
+    best, least = ({key: min(places, key=lambda place: float(by[place])) for key, places in own.items()}
+                   for by in (reached, size))
     sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place]) for place in best.values()])
-    found: dict[tuple[Hashable, ...], Beginning] = {
-        key: one if least[key] == best[key] else replace(one, least=told[least[key]])
-        for key, one in zip(best, sloping, strict=True)}
-    for point in laid:  # of the others nothing is known before they are simulated
-        at = point.z[len(origin.z):]
-        if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
-            found[point.effects, tuple(point.parameters.signs.values()), tuple(at)] = Beginning(origin, point)
-    return found
+    for key, one in zip(best, sloping, strict=True):
+        yield key, one if least[key] == best[key] else replace(one, least=told[least[key]])
+
+
+def _signed(point: Point) -> tuple[Hashable, ...]:
+    """Return the effects of a point and the signs of what may have both."""
+    return point.effects, tuple(point.parameters.signs.values())
 
 
 def _sloping(experiment: Experiment, origin: Fit, points: Sequence[tuple[Point, Array]]) -> list[Beginning]:
@@ -136,10 +148,10 @@ def is_told(point: Point, origin: Fit) -> bool:
     return catalogue()[name].first_order or in_sensors_alone(catalogue()[name])
 
 
-def _laid(experiment: Experiment, origin: Fit) -> Iterator[Point]:
-    """Return points of each further effect's ranges: the middle, and beside it along each coordinate."""
+def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterator[Point]:
+    """Return points of the ranges of each further one of some effects: the middle, and beside it by each coordinate."""
     known = dict(zip((one.name for one in origin.parameters.coordinates), origin.z, strict=True))
-    for name in experiment.candidates():
+    for name in effects:
         if name in origin.effects or not experiment.together([*origin.effects, name]):
             continue
         signed = signed_fields(catalogue()[name])
@@ -169,27 +181,28 @@ def started(found: Search, origin: Fit, fit: Fit) -> Start:
 def beside(found: Search, names: Names, beginnings: Iterable[Beginning], beyond: float | None = None) -> list[Task]:
     """Return where the fits of a set with the effects beside it begin that promise most of what it leaves.
 
-    What each changes is known to first order at the set's own fit, or where it was begun beside the baseline. Pairs
-    that promise no more than one effect alone reaches are begun beside the most probable one only. Where log evidence
-    is given that pairs are to go `beyond`, it is those that promise to, and are not fitted yet.
+    These begin where they explain most and where they do least, as more than first order tells may be too much. What
+    each changes is known to first order at the set's own fit, or where it was begun beside the baseline. Pairs that
+    promise no more than one effect alone reaches are begun beside the most probable one only. Where log evidence is
+    given that pairs are to go `beyond`, it is those that promise to, and are not fitted yet.
     """
     fit, white = found.fits[names], found.fitter.covariance.whiten
     reached = np.inf if names == found.best(len(names))[0] else min(
         one.objective for effects, one in found.fits.items() if len(effects) == len(names))
     known = dict(zip((one.name for one in fit.parameters.coordinates), fit.z, strict=True))
-    promised: dict[str, tuple[float, Point]] = {}
+    promised: dict[str, tuple[float, list[Point]]] = {}
 
-    def weigh(effect: str, columns: Array, point: Point) -> None:
+    def weigh(effect: str, columns: Array, *points: Point | None) -> None:
         beyond_forms, gain = (found.gain_beside(names, columns, beyond) for beyond in (True, False))
         least = log(len(found.experiment.candidates()))  # what the choice costs
-        if fit.objective - 2.0 * gain < reached and beyond_forms > promised.get(effect, (least, point))[0]:
-            promised[effect] = (beyond_forms, point)
+        if fit.objective - 2.0 * gain < reached and beyond_forms > promised.get(effect, (least, points))[0]:
+            promised[effect] = (beyond_forms, [one for one in points if one is not None])
 
     told = set(names)
     for one in beginnings:
         if one.change is not None and one.slopes is not None:
             (effect,) = one.point.effects - names
-            weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point)
+            weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point, one.least)
             told.add(effect)
     for start in found.starts:
         alone = found.fits.get(frozenset({start.effect}))
@@ -198,12 +211,13 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning], beyond:
                 **fit.parameters.signs, **alone.parameters.signs})
             own = dict(zip((one.name for one in alone.parameters.coordinates), alone.z, strict=True)) | known
             weigh(start.effect, start.changes, Point(space, np.array([own[one.name] for one in space.coordinates])))
-    best = [one for one in sorted(promised.values(), key=lambda one: -one[0]) if beyond is None or (
-        one[1].effects not in found.fits and found.log_evidence(names) + one[0] > beyond)][:found.effort.partners]
-    for _, point in best:
+    best = [points for promise, points in sorted(promised.values(), key=lambda one: -one[0]) if beyond is None or (
+        points[0].effects not in found.fits and found.log_evidence(names) + promise > beyond)][:found.effort.partners]
+    begun = [point for points in best for point in points]
+    for point in begun:
         if point.effects not in found.settled:
             found.fitters[point.effects] = found.fitter_of(names)
-    return [Task(found.fitter_of(names), point, fit.prediction, 0) for _, point in best]
+    return [Task(found.fitter_of(names), point, fit.prediction, 0) for point in begun]
 
 
 def without(found: Search, names: Names, effect: str) -> Task:
@@ -219,7 +233,7 @@ def without(found: Search, names: Names, effect: str) -> Task:
 def exchanged(found: Search, names: Names) -> list[Task]:
     """Return fits with a law that extends one of a fitted set's, or that this extends, from where the set is fitted.
 
-    A wider law does all that a plainer one does, and is begun where it does little more.
+    A wider law does all that a plainer one does, and is begun where it does little more: a step from its range's end.
     """
     fit, tasks = found.fits[names], []
     for one in sorted(names):
@@ -244,8 +258,8 @@ def _exchanged(found: Search, fit: Fit, one: str, other: str) -> Point:
         f"{other}.{name.removeprefix(f'{one}.')}" if name.startswith(f"{one}.") else name: sign
         for name, sign in fit.parameters.signs.items()})
     z = dict(zip((own.name for own in fit.parameters.coordinates), fit.z, strict=True))
-    plainest = catalogue()[other].plainest()
+    plainest, far = catalogue()[other].plainest(), 2.0 * HALF
     values = {name: getattr(plainest, name) for name in plainest.model_fields_set} | fit.parameters.values(fit.z)[one]
     return Point(space, np.array([
-        float(np.clip(own.place(values[own.field]), -HALF, HALF)) if own.effect == other and own.field in values
+        min(max(own.place(values[own.field]), -far), far) if own.effect == other and own.field in values
         else z.get(own.name, 0.0) for own in space.coordinates]))

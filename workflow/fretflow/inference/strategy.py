@@ -7,7 +7,7 @@ stands, is below the best one's by `NEGLIGIBLE` holds no share of the posterior 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.beginnings import (
     Beginning,
+    Elsewhere,
     begin_task,
     beginnings_task,
     beside,
@@ -47,15 +48,15 @@ def start_search(experiment: Experiment, first: Prediction, effort: Effort, pool
 def search(found: Search, progress: Progress) -> None:
     """Fit all sets of effects that may explain the measurement."""
     progress(0.0, "beginning every effect")
-    begin_all(found)
-    if not is_explained(found):
-        begin_before_jump(found)
-    progress(0.35, "fitting the most promising")
+    untold = begin_all(found)
+    progress(0.3, "fitting the most promising")
+    lead_alone(found)
     if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
+        progress(0.4, "beginning effects elsewhere")
+        begin_elsewhere(found, untold)
+        begin_before_jump(found)
         go_on(found, [fit for fit in found.fits.values() if is_where_begun(found, fit)], found.effort.last_steps)
-    to_rest(found, 1)
-    exchange_laws(found, 1)
-    correct(found, [0, 1])
+        lead_alone(found)
     sought: dict[Names, Array] = {}
     for _ in range(MOST_CORRECTIONS):  # what leads may have moved where its numerical errors were put right
         lead = leading(found)
@@ -70,6 +71,13 @@ def search(found: Search, progress: Progress) -> None:
         correct(found, [1, 2])
     if not found.leaves_noise(frozenset()):
         allow_for_chance(found)
+
+
+def lead_alone(found: Search) -> None:
+    """Fit the leading single effects, and put their numerical errors right."""
+    to_rest(found, 1)
+    exchange_laws(found, 1)
+    correct(found, [0, 1])
 
 
 def leading(found: Search) -> list[Names]:
@@ -97,7 +105,7 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
     Where none leaves noise alone, those follow that promise next beside the most probable and would be more probable.
     """
     found.sign(bases)
-    laid = dict(zip(bases, found.pool(beginnings_task, [(found.fitter_of(one), found.fits[one]) for one in bases]),
+    laid = dict(zip(bases, begun_beside(found, [(found.fitter_of(one), found.fits[one]) for one in bases]),
                     strict=True))
     fit_pairs(found, [task for one in bases for task in beside(found, one, laid[one].values())])
     pairs = found.best(2)[:1]
@@ -114,9 +122,12 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
 
 def fit_pairs(found: Search, tasks: Sequence[Task]) -> None:
     """Begin pairs, and fit them as far as they may matter."""
-    begun = found.pool(fit_task, tasks)
-    found.keep(begun)
-    go_on(found, [fit for fit in begun if fit is not None], found.effort.last_steps // 2)
+    begun: dict[Names, Fit] = {}
+    for fit in found.pool(fit_task, tasks):
+        if fit is not None and (fit.effects not in begun or fit.objective < begun[fit.effects].objective):
+            begun[fit.effects] = fit
+    found.keep(begun.values())
+    go_on(found, list(begun.values()), found.effort.last_steps)
 
 
 def allow_for_chance(found: Search) -> None:
@@ -211,10 +222,11 @@ def to_rest(found: Search, size: int) -> None:
     """Fit the leading sets of a size on until they have come to rest.
 
     Of single effects the first few whatever their distance, unless one explains all: how probable one is shows at rest
-    only.
+    only. Pairs that are worse than one effect alone are hopeless.
     """
     for _ in range(2):
-        sets = found.promising(found.best(size)) if size > 1 else may_hold(found, found.best(size))
+        sets = may_hold(found, found.best(1)) if size == 1 else found.promising(
+            [*found.best(1)[:1], *found.best(size)])[1:]
         open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
         if not open_:
             break
@@ -238,8 +250,11 @@ def begin_before_jump(found: Search) -> None:
         return
     point = found.stated.prediction.point
     part = start_search(before, before.predict(point), found.effort, found.pool)
-    begin_all(part)
+    untold = begin_all(part)
     to_rest(part, 1)
+    if not is_explained(part):
+        begin_elsewhere(part, untold)
+        to_rest(part, 1)
     lead = part.promising(part.best(1))[:found.effort.bases]
     if lead and part.log_evidence(lead[0]) > part.log_evidence(frozenset()) + NEGLIGIBLE:
         for names in lead:
@@ -260,24 +275,30 @@ def carried_on(found: Search, part: Fit) -> list[Fit | None]:
     return found.pool(fit_task, [found.further(fit, 2 * found.effort.last_steps) for fit in best])
 
 
-def begin_all(found: Search) -> None:
+def begin_all(found: Search) -> list[Elsewhere]:
     """Fit every effect from the best of its starts, and keep what it changes there.
 
-    A baseline outside of its ranges is bent to explain what it cannot: effects are begun as it was stated, first, and
-    beside it only where that leads to none that explains more.
+    Starts of which first order does not tell are returned, to look elsewhere in their effects' ranges. A baseline
+    outside of its ranges is bent to explain what it cannot: effects are begun as it was stated, first, and beside it
+    only where that leads to none that explains more.
     """
     origins = [found.baseline]
     if found.stated is not None and is_bent(found.baseline.z).any():
         origins.insert(0, found.stated)
-    untold: list[Beginning] = []
+    untold: list[Elsewhere] = []
     for origin in origins:
         left = begin_beside(found, origin)
         if is_explained(found):
-            return  # what may be left to tell is small, and of first order
-        untold = untold or left
+            return []  # what may be left to tell is small, and of first order
+        untold = untold or [(found.maker(origin), one, found.effort.starts) for one in left]
         if min(fit.objective for fit in found.fits.values()) < found.baseline.objective - 2.0 * NEGLIGIBLE:
             break
-    laid = found.pool(elsewhere_task, [(found.maker(one.origin), one, found.effort.starts) for one in untold])
+    return untold
+
+
+def begin_elsewhere(found: Search, untold: Sequence[Elsewhere]) -> None:
+    """Fit effects from the best of other points of their ranges than they were begun at."""
+    laid = found.pool(elsewhere_task, untold)
     fits = sorted((fit for own in laid for fit in own), key=lambda fit: fit.objective)
     more = [fit for place, fit in enumerate(fits)
             if sum(fit.effects == one.effects for one in fits[:place]) < found.effort.starts]  # of both signs
@@ -285,11 +306,20 @@ def begin_all(found: Search) -> None:
     go_on(found, more, found.effort.last_steps)
 
 
+def begun_beside(found: Search, asked: Sequence[tuple[Fitter, Fit]]) -> list[dict[tuple[Hashable, ...], Beginning]]:
+    """Return where each further effect is begun beside every one of some fits, each in two parts, for two processes."""
+    candidates = found.experiment.candidates()
+    parts = [candidates[0::2], candidates[1::2]]
+    begun = found.pool(beginnings_task, [(fitter, fit, part) for fitter, fit in asked for part in parts])
+    return [even | odd for even, odd in zip(begun[0::2], begun[1::2], strict=True)]
+
+
 def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
     """Fit every effect from its best start beside a baseline; return the starts of which first order does not tell."""
     fitter = found.maker(origin)  # what the origin's model leaves out is no effect's change
-    (beginnings,) = found.pool(beginnings_task, [(fitter, origin)])
-    laid = list(beginnings.values())
+    (beginnings,) = begun_beside(found, [(fitter, origin)])
+    # first what is simulated at many points, as it takes longest
+    laid = sorted(beginnings.values(), key=lambda one: one.change is not None)
     first_fits = found.pool(begin_task, [(fitter, one) for one in laid])
     # an effect that does more than first order tells may be worth it where it does least
     anew = {place: Beginning(origin, one.least) for place, (one, fit) in enumerate(zip(laid, first_fits, strict=True))
@@ -328,7 +358,7 @@ def is_where_begun(found: Search, fit: Fit) -> bool:
 
 
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
-    """Fit some sets of a size on step by step, those that may become the best of that size.
+    """Fit some sets of a size on step by step, those that may become the best of that size, or of smaller ones.
 
     They fall by factors that would bring them there in the steps that are left, or are better than nothing and still
     move through their ranges, so that nobody knows where they will end, and nothing else explains all.
@@ -336,7 +366,7 @@ def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
     for left in reversed(range(steps)):
         fits = found.pool(fit_task, [found.further(one, 1) for one in going])
         found.keep(fits)
-        best = {size: min(one.objective for names, one in found.fits.items() if len(names) == size)
+        best = {size: min(one.objective for names, one in found.fits.items() if 0 < len(names) <= size)
                 for size in {len(fit.effects) for fit in going}}
         going = [fit for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged and (
             (fit.objective < found.baseline.objective and has_moved(fit, before.z) and not is_explained(found))
