@@ -1,0 +1,111 @@
+"""What a search spends its simulations on: in which order effects are looked at, and which pairs are followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fretflow.inference import strategy
+from fretflow.inference.beginnings import Beginning, beginnings_task, beside
+from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.search import FAST, Search
+from fretflow.inference.strategy import begun_beside, fit_pairs, search, start_search, to_rest
+from waves import Waves, cosine, judged, measurement, wave
+
+
+def one_by_one(function: Any, arguments: Any) -> list[Any]:
+    """Call a function on all arguments."""
+    return [function(one) for one in arguments]
+
+
+def started(experiment: Any) -> Search:
+    """Return a search with its baseline fitted."""
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    return start_search(experiment, first, FAST, one_by_one)
+
+
+@dataclass(frozen=True)
+class Biased(Waves):
+    """Waves whose coarse model adds a tenth of a wave to what any effect does, until that is corrected."""
+
+    bias: float = 0.1
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the sum of the waves, and the bias."""
+        found = super().predict(point, near)
+        error = self.bias * wave("viscous") if point.effects else 0.0
+        return Prediction(point, found.values + error)
+
+    def corrected(self, prediction: Prediction) -> Biased:
+        """Return the same without its error."""
+        return Biased(self.measurement, self.listed, bias=0.0)
+
+
+@pytest.mark.parametrize(("left", "looked"), [(0.0, False), (0.4, True)])
+def test_effects_are_begun_elsewhere_only_where_the_leading_ones_leave_more_once_they_are_right(
+        left: float, looked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A coarse model's error is no reason to: points far off in a range cost as much as all other fits."""
+    asked: list[Any] = []
+    monkeypatch.setattr(strategy, "begin_elsewhere", lambda found, untold: asked.append(untold))
+    values = cosine() + 0.6 * wave("sensor-inertia") + left * wave("parallel-stiffness")
+    found = started(Biased(measurement(values), ("sensor-inertia",)))
+    search(found, lambda share, text: None)
+    assert bool(asked) is looked
+
+
+def test_effects_are_begun_in_two_parts_as_in_one() -> None:
+    found = judged(cosine() + 0.6 * wave("viscous"))
+    names = frozenset({"viscous"})
+    fitter, fit = found.fitter_of(names), found.fits[names]
+    whole = beginnings_task((fitter, fit, found.experiment.candidates()))
+    (parts,) = begun_beside(found, [(fitter, fit)])
+    assert parts.keys() == whole.keys()
+    assert len(whole) == 3
+    for key, one in whole.items():
+        assert parts[key].point.effects == one.point.effects
+        np.testing.assert_allclose(parts[key].point.z, one.point.z)
+        np.testing.assert_allclose(parts[key].change, one.change, rtol=1e-12)
+
+
+def test_a_partner_begins_where_it_promises_most_and_where_it_does_least() -> None:
+    """What promises most by first order may do far too much; the pair goes on from the better start."""
+    found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
+    strong, pair = frozenset({"viscous"}), frozenset({"viscous", "sensor-inertia"})
+    (laid,) = begun_beside(found, [(found.fitter, found.fits[strong])])
+    own = next(one for one in laid.values() if one.point.effects == pair)
+    weaker = replace(own.point, z=own.point.z - [1.0, 0.0, 0.0])
+    tasks = beside(found, strong, [replace(own, least=weaker)])
+    assert [list(task.point.z) for task in tasks] == [list(own.point.z), list(weaker.z)]
+    gone: list[Any] = []
+    found.pool = lambda function, asked: gone.append([one.point.z for one in asked]) or one_by_one(function, asked)
+    for order in (tasks, tasks[::-1]):
+        found.fits.pop(pair, None)
+        gone.clear()
+        fit_pairs(found, order)
+        assert len(gone[0]) == 2
+        best = min((found.fitter.at(task.point, None) for task in tasks), key=lambda fit: fit.objective)
+        assert np.array_equal(gone[1], [best.z])
+
+
+@pytest.mark.parametrize(("pair", "fitted"), [(-12.0, True), (-20.0, False), (1.0, True)])
+def test_pairs_that_are_worse_than_one_effect_alone_are_not_fitted_to_rest(pair: float, fitted: bool) -> None:
+    """By as much as counts for nothing, a factor of a thousand; the best effect alone has a log evidence of -10."""
+    one, two = frozenset({"viscous"}), frozenset({"viscous", "backlash"})
+    worth, asked = {one: -10.0, two: pair}, list[Any]()
+    known: Any = SimpleNamespace(
+        fits={names: SimpleNamespace(converged=False) for names in worth}, effort=FAST,
+        best=lambda size: [one] if size == 1 else [two], log_evidence=lambda names, laws: worth[names],
+        continue_fits=lambda sets, steps: asked.extend(sets))
+    known.promising = lambda sets: Search.promising(known, sets)
+    to_rest(known, 2)
+    assert (two in asked) is fitted
+    assert one not in asked
+
+
+def test_beginnings_of_nothing_that_first_order_tells_are_of_nothing() -> None:
+    found = judged(cosine() + 0.6 * wave("viscous"))
+    begun: dict[Any, Beginning] = beginnings_task((found.fitter, found.baseline, []))
+    assert begun == {}
