@@ -12,7 +12,7 @@ from scipy.stats import norm
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
-from fretflow.inference.experiment import Experiment, Point
+from fretflow.inference.experiment import Experiment, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, signed_fields
 from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved
@@ -36,9 +36,6 @@ class Beginning:
     least: Point | None = None
 
 
-Elsewhere = tuple[Fitter, Beginning, int]  # an effect's start, and of how many other points of its ranges it is begun
-
-
 def is_worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
     """Tell whether an effect may be as probable as none, were all linear, beside the baseline that it was begun at."""
     return fit.promise < beginning.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
@@ -52,20 +49,22 @@ def is_untold(found: Search, beginning: Beginning, fit: Fit | None) -> bool:
     return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
 
 
-def elsewhere_task(asked: Elsewhere) -> list[Fit]:
-    """Return the best of other points of an effect's ranges than the one that it was begun at, at most so many."""
-    fitter, beginning, most = asked
-    point, objectives = beginning.point, []
-    for one in _laid(fitter.experiment, beginning.origin, point.effects - beginning.origin.effects):
-        if one.effects != point.effects or one.parameters.signs != point.parameters.signs or (one.z == point.z).all():
-            continue
-        try:
-            predicted = fitter.experiment.predict(one, beginning.origin.prediction)
-        except NonConvergenceError:
-            continue
-        left = fitter.covariance.whiten(fitter.experiment.measurement.values - predicted.values)
-        objectives.append((float(left @ left + one.z @ one.z), predicted))
-    return [fitter.linearised(predicted) for _, predicted in sorted(objectives, key=lambda one: one[0])[:most]]
+def elsewhere(fitter: Fitter, beginning: Beginning) -> list[Task]:
+    """Return an effect at the other points of its ranges than the one that it was begun at."""
+    point, origin = beginning.point, beginning.origin
+    return [Task(fitter, one, origin.prediction, 0)
+            for one in _laid(fitter.experiment, origin, point.effects - origin.effects)
+            if _signed(one) == _signed(point) and (one.z != point.z).any()]
+
+
+def weigh_task(task: Task) -> tuple[float, Prediction] | None:
+    """Return the objective of a point and its prediction, without derivatives; None where it has no solution."""
+    try:
+        predicted = task.fitter.experiment.predict(task.point, task.near)
+    except NonConvergenceError:
+        return None
+    left = task.fitter.covariance.whiten(task.fitter.experiment.measurement.values - predicted.values)
+    return float(left @ left + task.point.z @ task.point.z), predicted
 
 
 def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:

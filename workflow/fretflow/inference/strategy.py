@@ -15,16 +15,16 @@ import numpy as np
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.beginnings import (
     Beginning,
-    Elsewhere,
     begin_task,
     beginnings_task,
     beside,
-    elsewhere_task,
+    elsewhere,
     exchanged,
     is_told,
     is_untold,
     is_worth,
     started,
+    weigh_task,
     without,
 )
 from fretflow.inference.experiment import Covariance, Experiment, Prediction
@@ -275,35 +275,38 @@ def carried_on(found: Search, part: Fit) -> list[Fit | None]:
     return found.pool(fit_task, [found.further(fit, 2 * found.effort.last_steps) for fit in best])
 
 
-def begin_all(found: Search) -> list[Elsewhere]:
+def begin_all(found: Search) -> list[Task]:
     """Fit every effect from the best of its starts, and keep what it changes there.
 
-    Starts of which first order does not tell are returned, to look elsewhere in their effects' ranges. A baseline
+    Other points are returned of the ranges of those that first order does not tell where they were begun. A baseline
     outside of its ranges is bent to explain what it cannot: effects are begun as it was stated, first, and beside it
     only where that leads to none that explains more.
     """
     origins = [found.baseline]
     if found.stated is not None and is_bent(found.baseline.z).any():
         origins.insert(0, found.stated)
-    untold: list[Elsewhere] = []
+    untold: list[Task] = []
     for origin in origins:
         left = begin_beside(found, origin)
         if is_explained(found):
             return []  # what may be left to tell is small, and of first order
-        untold = untold or [(found.maker(origin), one, found.effort.starts) for one in left]
+        untold = untold or [task for one in left for task in elsewhere(found.maker(origin), one)]
         if min(fit.objective for fit in found.fits.values()) < found.baseline.objective - 2.0 * NEGLIGIBLE:
             break
     return untold
 
 
-def begin_elsewhere(found: Search, untold: Sequence[Elsewhere]) -> None:
-    """Fit effects from the best of other points of their ranges than they were begun at."""
-    laid = found.pool(elsewhere_task, untold)
-    fits = sorted((fit for own in laid for fit in own), key=lambda fit: fit.objective)
-    more = [fit for place, fit in enumerate(fits)
-            if sum(fit.effects == one.effects for one in fits[:place]) < found.effort.starts]  # of both signs
-    found.keep(more)
-    go_on(found, more, found.effort.last_steps)
+def begin_elsewhere(found: Search, untold: Sequence[Task]) -> None:
+    """Fit effects from the best of some points of their ranges."""
+    best: dict[Names, list[tuple[float, Task]]] = {}
+    for task, weighed in zip(untold, found.pool(weigh_task, untold), strict=True):
+        if weighed is not None:
+            objective, predicted = weighed
+            best.setdefault(task.point.effects, []).append((objective, replace(task, near=predicted)))
+    starts = [task for own in best.values() for _, task in sorted(own, key=lambda one: one[0])[:found.effort.starts]]
+    fits = [fit for fit in found.pool(fit_task, starts) if fit is not None]
+    found.keep(fits)
+    go_on(found, fits, found.effort.last_steps)
 
 
 def begun_beside(found: Search, asked: Sequence[tuple[Fitter, Fit]]) -> list[dict[tuple[Hashable, ...], Beginning]]:
