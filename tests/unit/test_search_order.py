@@ -11,7 +11,7 @@ import pytest
 from fretflow.inference import strategy
 from fretflow.inference.beginnings import Beginning, beginnings_task, beside
 from fretflow.inference.experiment import Point, Prediction
-from fretflow.inference.search import FAST, Search
+from fretflow.inference.search import FAST, Search, Task
 from fretflow.inference.strategy import begun_beside, fit_pairs, search, start_search, to_rest
 from waves import Waves, cosine, judged, measurement, wave
 
@@ -90,19 +90,35 @@ def test_a_partner_begins_where_it_promises_most_and_where_it_does_least() -> No
         assert np.array_equal(gone[1], [best.z])
 
 
+def test_a_pair_goes_on_from_beside_either_of_its_effects() -> None:
+    """Which of two valleys is the deeper one does not show where they are begun."""
+    found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
+    one, other = frozenset({"viscous"}), frozenset({"sensor-inertia"})
+    tasks = [Task(found.fitter, found.fits[one | other].prediction.point, found.fits[names].prediction, 0)
+             for names in (one, other, one)]
+    gone: list[int] = []
+    found.pool = lambda function, asked: gone.append(len(asked)) or one_by_one(function, asked)
+    found.fits.pop(one | other)
+    fit_pairs(found, tasks)
+    assert gone[:2] == [3, 2]
+
+
 @pytest.mark.parametrize(("pair", "fitted"), [(-12.0, True), (-20.0, False), (1.0, True)])
 def test_pairs_that_are_worse_than_one_effect_alone_are_not_fitted_to_rest(pair: float, fitted: bool) -> None:
-    """By as much as counts for nothing, a factor of a thousand; the best effect alone has a log evidence of -10."""
-    one, two = frozenset({"viscous"}), frozenset({"viscous", "backlash"})
-    worth, asked = {one: -10.0, two: pair}, list[Any]()
+    """By as much as counts for nothing, a factor of a thousand; the best effect alone has a log evidence of -10.
+
+    Nor is a pair that another one is so much better than.
+    """
+    one, two, far = (frozenset(names) for names in (("viscous",), ("viscous", "backlash"), ("viscous", "scar-edge")))
+    worth, asked = {one: -10.0, two: pair, far: pair - 10.0}, list[Any]()
     known: Any = SimpleNamespace(
         fits={names: SimpleNamespace(converged=False) for names in worth}, effort=FAST,
-        best=lambda size: [one] if size == 1 else [two], log_evidence=lambda names, laws: worth[names],
+        best=lambda size: [one] if size == 1 else [two, far], log_evidence=lambda names, laws: worth[names],
         continue_fits=lambda sets, steps: asked.extend(sets))
     known.promising = lambda sets: Search.promising(known, sets)
     to_rest(known, 2)
     assert (two in asked) is fitted
-    assert one not in asked
+    assert not {one, far} & {*asked}
 
 
 def test_beginnings_of_nothing_that_first_order_tells_are_of_nothing() -> None:

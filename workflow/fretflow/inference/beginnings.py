@@ -88,8 +88,8 @@ def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
 def beginnings_task(asked: tuple[Fitter, Fit, Sequence[str]]) -> dict[tuple[Hashable, ...], Beginning]:
     """Return where beside a fit each further one of some effects is begun, for either sign of what may have both.
 
-    Where first-order changes tell what an effect does, it is the best of several points of its ranges; else its middle
-    and a point near their lower end.
+    Where first-order changes tell what an effect does, it is the best of several points of its ranges; else all those,
+    the middle and beside it along each coordinate.
     """
     fitter, origin, effects = asked
     laid = list(_laid(fitter.experiment, origin, effects))

@@ -50,13 +50,13 @@ def search(found: Search, progress: Progress) -> None:
     progress(0.0, "beginning every effect")
     untold = begin_all(found)
     progress(0.3, "fitting the most promising")
-    lead_alone(found)
+    refine_leading(found)
     if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
         progress(0.4, "beginning effects elsewhere")
         begin_elsewhere(found, untold)
         begin_before_jump(found)
         go_on(found, [fit for fit in found.fits.values() if is_where_begun(found, fit)], found.effort.last_steps)
-        lead_alone(found)
+        refine_leading(found)
     sought: dict[Names, Array] = {}
     for _ in range(MOST_CORRECTIONS):  # what leads may have moved where its numerical errors were put right
         lead = leading(found)
@@ -73,7 +73,7 @@ def search(found: Search, progress: Progress) -> None:
         allow_for_chance(found)
 
 
-def lead_alone(found: Search) -> None:
+def refine_leading(found: Search) -> None:
     """Fit the leading single effects, and put their numerical errors right."""
     to_rest(found, 1)
     exchange_laws(found, 1)
@@ -122,10 +122,11 @@ def seek_partners(found: Search, bases: Sequence[Names]) -> None:
 
 def fit_pairs(found: Search, tasks: Sequence[Task]) -> None:
     """Begin pairs, and fit them as far as they may matter."""
-    begun: dict[Names, Fit] = {}
-    for fit in found.pool(fit_task, tasks):
-        if fit is not None and (fit.effects not in begun or fit.objective < begun[fit.effects].objective):
-            begun[fit.effects] = fit
+    begun: dict[tuple[Names, Names], Fit] = {}  # the better start of each pair beside each of its sets
+    for task, fit in zip(tasks, found.pool(fit_task, tasks), strict=True):
+        key = task.point.effects, task.near.point.effects if task.near else frozenset()
+        if fit is not None and (key not in begun or fit.objective < begun[key].objective):
+            begun[key] = fit
     found.keep(begun.values())
     go_on(found, list(begun.values()), found.effort.last_steps)
 
@@ -226,7 +227,7 @@ def to_rest(found: Search, size: int) -> None:
     """
     for _ in range(2):
         sets = may_hold(found, found.best(1)) if size == 1 else found.promising(
-            [*found.best(1)[:1], *found.best(size)])[1:]
+            [*found.best(1)[:1], *found.promising(found.best(size))])[1:]
         open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
         if not open_:
             break
