@@ -4,6 +4,8 @@ What carries the weight: slopes against differences, the hinge's force against t
 found from nothing where the play is crossed at a stiffness a hundred times that of the ground.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from fretflow.case.config import Solver
@@ -12,6 +14,8 @@ from fretflow.effects.backlash import Backlash
 from fretflow.effects.model import EffectModel
 from fretflow.effects.viscous import SPEED, _Dashpot
 from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers.audit import further_force
+from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.force_laws import ArmSupport, BlockPull, HingePlay
@@ -35,6 +39,22 @@ def test_slopes_are_those_of_differences(force):
         by_v = (force(x, v + 1e5 * dx).force - force(x, v - 1e5 * dx).force) / (2e5 * step)
         assert by_x == pytest.approx(found.by_displacement[:, :, place], rel=1e-4, abs=1e-4 * 1e8)
         assert by_v == pytest.approx(found.by_velocity[:, :, place], rel=1e-4, abs=1e-4)
+
+
+def test_a_cubic_force_is_felt_in_its_own_harmonics():
+    """The cube of the 16th is three quarters of it and one of the 48th, which 64 samples take for the 16th."""
+    loads, place, cubic, x = np.zeros((17, 2), dtype=complex), 2 * 16 - 1, 1e16, 2e-6
+    loads[1, 0] = 53.0
+    seen = np.zeros(33)
+    seen[place] = x
+    bare, pushed = (InternalEquations.build(RIG, np.array([1]), 2.0 * np.pi * 100.0, loads, 64, forces)
+                    for forces in ((), (ArmSupport(0.0, cubic),)))
+    free, held = bare.balance(seen), pushed.balance(seen)
+    assert held.residual - free.residual == pytest.approx(0.75 * cubic * x**3 * np.eye(33)[place], abs=1e-9)
+    assert (held.jacobian - free.jacobian)[place, place] == pytest.approx(2.25 * cubic * x**2)
+    motion = np.outer(pushed.synthesis @ seen, [0.0, 1.0])
+    problem = SimpleNamespace(boundary=SimpleNamespace(forces=pushed.forces), omega=pushed.omega)
+    assert further_force(problem, motion) == pytest.approx(-0.75 * cubic * x**2 * motion, abs=1e-9)
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 1.7])

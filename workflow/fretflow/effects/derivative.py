@@ -14,11 +14,9 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.effect import Array
-from fretflow.solvers.audit import friction_factor
-from fretflow.solvers.fourier import time_derivative
+from fretflow.solvers.audit import friction_factor, further_force
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.sensitivity import Direction
-from fretflow.structure.internal_forces import total_force
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import MATRICES, LumpedRig
 
@@ -60,11 +58,7 @@ def _force(problem: PeriodicProblem, motion: PeriodicSolution) -> Array:
     """Return all forces (N, 2) on block and arm at a motion, but for the contact's."""
     boundary = problem.boundary
     phase = 2.0 * np.pi * np.arange(len(motion.state)) / len(motion.state)
-    force = problem.loads_at(phase) @ boundary.input_force.T
-    if boundary.forces:
-        velocity = time_derivative(motion.internal, problem.omega)
-        force = force + total_force(boundary.forces, motion.internal, velocity).force
-    return np.asarray(force)
+    return np.asarray(problem.loads_at(phase) @ boundary.input_force.T + further_force(problem, motion.internal))
 
 
 def directions_to(others: Sequence[PeriodicProblem], at: PeriodicProblem, solution: PeriodicSolution

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import resample
 
 from fretflow.contact.coulomb import ContactAudit, audit_contact
 from fretflow.core.records import quantity, record
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
-from fretflow.structure.internal_forces import total_force
+from fretflow.structure.internal_forces import FINER, total_force
 
 
 def audit_period(problem: PeriodicProblem, solution: PeriodicSolution, tolerance: float) -> ContactAudit:
@@ -62,13 +63,22 @@ def energy_balance(problem: PeriodicProblem, solution: PeriodicSolution) -> Ener
     b, samples = problem.boundary, len(solution.state)
     velocity = time_derivative(solution.internal, problem.omega)
     loads = problem.loads_at(2.0 * np.pi * np.arange(samples) / samples) @ b.input_force.T
-    loads = loads + total_force(b.forces, solution.internal, velocity).force
+    loads = loads + further_force(problem, solution.internal)
     step = 1.0 / (problem.frequency * samples)
     contact = solution.force.reshape(samples, -1) @ b.transfer.T
     return EnergyBalance(
         excitation=float(np.sum(loads * velocity)) * step,
         damping=float(np.einsum("ji,ik,jk->", velocity, b.internal.damping, velocity)) * step,
         contact=-float(np.sum(contact * velocity)) * step, friction=solution.dissipated_energy)
+
+
+def further_force(problem: PeriodicProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the further forces on the coordinates at a motion (N, d), m, in the harmonics of its samples, (N, d) N."""
+    if not problem.boundary.forces:
+        return np.zeros_like(motion)
+    fine = resample(motion, FINER * len(motion))
+    force = total_force(problem.boundary.forces, fine, time_derivative(fine, problem.omega)).force
+    return np.asarray(resample(force, len(motion)))
 
 
 def friction_factor(problem: PeriodicProblem, solution: PeriodicSolution) -> NDArray[np.float64]:

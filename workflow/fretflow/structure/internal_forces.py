@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+# Times as many samples of forces without memory as of the contact: they cost little, and their kinks, as at the ends
+# of a play or of a scar, fall between the contact's samples. Motions ten times a play cross its rounded ends in two.
+FINER = 8
 
 
 class ForceAndSlopes(NamedTuple):

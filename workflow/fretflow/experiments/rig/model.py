@@ -242,10 +242,13 @@ class RigModel:
         model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
         problem, of = model.problem(end.step.slow), {"block": "sweep", "condition": condition.id}
 
+        solver = self.solver(settles=not anew)
+
         def beginning(solution: PeriodicSolution | None) -> Period:
-            return Period(problem, cycle.solver.solve(problem, solution), end.step, end.elapsed, model.baseline)
+            return Period(problem, solver.solve(problem, solution), end.step, end.elapsed, model.baseline)
 
         def starts() -> Iterator[PeriodicSolution | None]:
+            nonlocal solver
             yield start.solution
             if not anew:
                 return
@@ -254,7 +257,9 @@ class RigModel:
                 yield like
             with suppress(NonConvergenceError):
                 yield self._followed(cycle, end, condition)
-            yield None  # at last, as it takes longest: beyond a fold of the response nothing leads there
+            yield None  # beyond a fold of the response nothing leads there
+            solver = self.solver()  # at last where it settles in time, as that takes longest
+            yield start.solution
 
         failure = NonConvergenceError(f"condition {condition.id}: no period was found")
         for one in starts():

@@ -5,14 +5,15 @@ further forces F on both, and the contact's force Phi on a,
 
     Z_bb b + Z_ba a = g_b + F_b(b, a),    Z_ab b + Z_aa a = g_a + F_a(b, a) + Phi
 
-b follows a, harmonic by harmonic where F = 0, else by Newton with F sampled in time. Coefficients of several
-coordinates stand harmonic after harmonic, ``(2 H + 1) d`` in all.
+b follows a, harmonic by harmonic where F = 0, else by Newton with F sampled in time, finer than the contact.
+Coefficients of several coordinates stand harmonic after harmonic, ``(2 H + 1) d`` in all.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.fourier import analysis_matrix, derivative_matrix, synthesis_matrix, to_complex, to_real
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.sample import Array
-from fretflow.structure.internal_forces import ForceAndSlopes, InternalForce, total_force
+from fretflow.structure.internal_forces import FINER, ForceAndSlopes, InternalForce, total_force
 from fretflow.structure.structure import Internal, MasslessBoundary
 
 MAX_ITERATIONS = 40
@@ -61,6 +62,14 @@ class InternalBalance:
     def size(self) -> float:
         """Return the norm of what is left of the equation of b, N."""
         return 0.0 if self.imbalance is None else float(np.linalg.norm(self.imbalance))
+
+
+class _ForceGrid(NamedTuple):
+    """Matrices between coefficients and the samples M of further forces: (M, q), (q, M), and rates (M, q) in 1/s."""
+
+    synthesis: Array
+    analysis: Array
+    rates: Array
 
 
 @dataclass(frozen=True)
@@ -162,15 +171,15 @@ class InternalEquations:
         if not self.forces:
             return self.balance(seen)
         at, z = self._forces(other, seen), self._blocks
-        left = z["bb"] @ other + z["ba"] @ seen - self._other_load - self.coefficients(at.force[:, self.other])
+        left = z["bb"] @ other + z["ba"] @ seen - self._other_load - self._felt(at, self.other)
         return replace(self._linearised(seen, other, at), imbalance=left)
 
     def _linearised(self, seen: Array, other: Array, at: ForceAndSlopes) -> InternalBalance:
         jacobian = {name: block - self._slopes(at, name) for name, block in self._blocks.items()}
         by_load = np.linalg.inv(jacobian["bb"])
         by_seen, carried = -by_load @ jacobian["ba"], -jacobian["ab"] @ by_load
-        residual = self._blocks["ab"] @ other + self._blocks["aa"] @ seen - self._seen_load - self.coefficients(
-            at.force[:, self.seen])
+        residual = (self._blocks["ab"] @ other + self._blocks["aa"] @ seen - self._seen_load
+                    - self._felt(at, self.seen))
         return InternalBalance(residual, jacobian["aa"] + jacobian["ab"] @ by_seen, other, by_seen, by_load, carried)
 
     def _follow(self, seen: Array, other: Array) -> tuple[Array, ForceAndSlopes]:
@@ -181,7 +190,7 @@ class InternalEquations:
 
         def evaluate(b: Array) -> tuple[Array, ForceAndSlopes, float]:
             at = self._forces(b, seen)
-            r = z["bb"] @ b - given - self.coefficients(at.force[:, self.other])
+            r = z["bb"] @ b - given - self._felt(at, self.other)
             return r, at, float(np.linalg.norm(r)) / scale
 
         residual, at, norm = evaluate(other)
@@ -204,18 +213,23 @@ class InternalEquations:
         return other, at
 
     def _forces(self, other: Array, seen: Array) -> ForceAndSlopes:
-        d = self._derivative
-        rates = self.whole_motion(*((d @ part.reshape(len(d), -1)).ravel() for part in (seen, other)))
-        return total_force(self.forces, self.whole_motion(seen, other), rates)
+        grid, q = self._force_grid, len(self._derivative)
+        whole = np.empty((q, len(self.seen) + len(self.other)))
+        whole[:, self.seen], whole[:, self.other] = seen.reshape(q, -1), other.reshape(q, -1)
+        return total_force(self.forces, grid.synthesis @ whole, grid.rates @ whole)
+
+    def _felt(self, at: ForceAndSlopes, part: Indices) -> Array:
+        """Return the coefficients of the further forces on a or on b."""
+        return np.asarray((self._force_grid.analysis @ at.force[:, part]).ravel())
 
     def _slopes(self, at: ForceAndSlopes, name: str) -> Array:
         """Return the derivative of a block's force coefficients by its motion's: "ab" is that of a's by b's."""
         rows, columns = ({"a": self.seen, "b": self.other}[letter] for letter in name)
-        rates = self.synthesis @ self._derivative
+        grid = self._force_grid
         by_motion = sum(slope[:, rows[:, None], columns][..., None] * basis[:, None, None]
-                        for slope, basis in ((at.by_displacement, self.synthesis), (at.by_velocity, rates)))
-        q, samples = self.analysis.shape
-        found = (self.analysis @ np.reshape(by_motion, (samples, -1))).reshape(q, len(rows), len(columns), q)
+                        for slope, basis in ((at.by_displacement, grid.synthesis), (at.by_velocity, grid.rates)))
+        q, samples = grid.analysis.shape
+        found = (grid.analysis @ np.reshape(by_motion, (samples, -1))).reshape(q, len(rows), len(columns), q)
         return np.asarray(found.swapaxes(2, 3).reshape(q * len(rows), q * len(columns)))
 
     def _other_motion(self, other: Array) -> Array:
@@ -231,6 +245,12 @@ class InternalEquations:
         """Return the load on a itself: what is left of that with b eliminated."""
         load: Array = self.load + self._blocks["ab"] @ to_real(self.following[1]).ravel()
         return load
+
+    @cached_property
+    def _force_grid(self) -> _ForceGrid:
+        harmonics, samples = len(self.analysis) // 2, FINER * len(self.synthesis)
+        synthesis = synthesis_matrix(harmonics, samples)
+        return _ForceGrid(synthesis, analysis_matrix(harmonics, samples), synthesis @ self._derivative)
 
     @cached_property
     def _derivative(self) -> Array:
