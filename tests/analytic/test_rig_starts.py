@@ -17,7 +17,7 @@ from fretflow.effects.friction_run_in import FrictionRunIn
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, resensed
-from fretflow.experiments.rig.model import SAMPLES, Hypothesis, RigModel
+from fretflow.experiments.rig.model import DENSER, SAMPLES, Hypothesis, RigModel
 from fretflow.experiments.rig.setup import first_simulation
 from fretflow.inference.beginnings import beginnings_task
 from fretflow.inference.experiment import Point
@@ -111,7 +111,7 @@ def test_a_leading_set_is_held_to_what_finer_models_say_at_its_own_fit(recorded)
     """A recording of the denser model is met once the plain one is corrected by it; a worse answer is taken as well."""
     fitter, _ = recorded()
     rig = replace(fitter.experiment.rig, samples=fitter.experiment.rig.samples // 2)
-    denser = replace(rig, samples=2 * rig.samples)
+    denser = replace(rig, samples=2 * rig.samples, tolerance=rig.tolerance / DENSER**2)  # as a diagnosis has it
     exact, true = (one.predict(one.simulate(Hypothesis())) for one in (rig, denser))
 
     def looked(check, values):

@@ -136,25 +136,19 @@ class RigExperiment(Experiment):
         if self.checks is None:
             return None
         (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
-        asked, observation = hypothesis(prediction.point), self.rig.observation
+        observation, found = rig.observation, simulation_of(prediction)
+        twice = rig.twice_as_dense() if 2 * rig.samples < dense.samples else None
         try:
-            denser = dense.predict(_denser(dense, asked, simulation_of(prediction)))
-            if 2 * rig.samples < dense.samples and is_seen(observation, denser - coarse):
-                rig, fine = rig.twice_as_dense(), fine.twice_as_dense()
-                coarse = rig.predict(rig.simulate(asked, simulation_of(prediction)))
-            finer = fine.predict(fine.simulate(asked))
+            if twice is not None:  # at once to all samples, Newton loses what rings otherwise with few
+                found = twice.refine(found)
+            denser = dense.predict(dense.refine(found))
+            if twice is not None and is_seen(observation, denser - coarse):
+                rig, fine, coarse = twice, fine.twice_as_dense(), twice.predict(found)
+            finer = fine.predict(fine.refine(found))
         except NonConvergenceError:
             return None
         correction, _ = errors_of(observation, finer, denser, coarse, dense.samples / rig.samples)
         return replace(self, rig=rig, correction=correction, checks=(fine, dense))
-
-
-def _denser(dense: RigModel, asked: Hypothesis, coarse: Simulation) -> Simulation:
-    """Return a simulation with denser samples from a coarse one's, which rings otherwise where it is too coarse."""
-    try:
-        return dense.simulate(asked, coarse)
-    except NonConvergenceError:
-        return dense.simulate(asked)
 
 
 def hypothesis(point: Point) -> Hypothesis:

@@ -15,8 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.spatial import cKDTree
 
 from fretflow.case.config import Solver, WearScheme
+from fretflow.contact.interface import Interface
 from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.effect import Effect
@@ -229,6 +231,20 @@ class RigModel:
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
                           tuple(steps), self.resolution)
 
+    def refine(self, coarse: Simulation) -> Simulation:
+        """Return a coarser model's simulation by this one: from its motion, or from nothing where that leads astray.
+
+        Raises
+        ------
+        NonConvergenceError
+            If a period is not found.
+        """
+        near = on_mesh(coarse, self.problem.interface) if coarse.resolution.nodes != self.resolution.nodes else coarse
+        try:
+            return self.simulate(coarse.hypothesis, near)
+        except NonConvergenceError:
+            return self.simulate(coarse.hypothesis)
+
     def _from_fewer(self, hypothesis: Hypothesis) -> Simulation:
         """Return a simulation that begins with half the samples, and where these do not lead there few harmonics."""
         half = replace(self, samples=max(SAMPLES, self.samples // 2))
@@ -425,6 +441,24 @@ def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
 def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
     """Return whether the periods of `near` are good guesses at other conditions: those of the same effects."""
     return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
+
+
+def on_mesh(simulation: Simulation, interface: Interface) -> Simulation:
+    """Return a simulation whose periods, for others to begin from, are on another mesh of the faces: by nearest nodes.
+
+    The rig moves as it did. Wear is left on the mesh that it was found on.
+    """
+    own = simulation.loops[0].problem.interface
+    nearest = cKDTree(own.nodes).query(interface.nodes)[1]
+    share = (interface.areas / own.areas[nearest])[:, None]
+
+    def moved(period: Period) -> Period:
+        found = period.solution
+        return replace(period, solution=replace(
+            found, displacement=found.displacement[:, nearest], force=found.force[:, nearest] * share,
+            state=found.state[:, nearest]))
+
+    return replace(simulation, loops=tuple(map(moved, simulation.loops)), sweep=tuple(map(moved, simulation.sweep)))
 
 
 def arm_approach(period: Period) -> Array:

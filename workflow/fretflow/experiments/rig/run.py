@@ -15,12 +15,12 @@ from scipy.stats import norm
 from fretflow.case.config import Case, Reduction
 from fretflow.core.errors import FretflowError
 from fretflow.experiments.rig import words
-from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
+from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, simulation_of
 from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_out
 from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
-from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
 from fretflow.experiments.rig.observation import Array, measured_loops, observe
 from fretflow.experiments.rig.setup import (
     ELEMENTS,
@@ -78,15 +78,16 @@ class RigTools:
 
 @dataclass(frozen=True)
 class _Prediction:
-    """A prediction that a process is asked for."""
+    """A prediction that a process is asked for: of a hypothesis, or of a coarser model's simulation."""
 
     model: RigModel
-    hypothesis: Hypothesis
+    of: Hypothesis | Simulation
 
 
 def predict_task(asked: _Prediction) -> Array:
-    """Return the vector (M,) of a hypothesis."""
-    return asked.model.predict(asked.model.simulate(asked.hypothesis))
+    """Return the vector (M,) that is asked for."""
+    model, of = asked.model, asked.of
+    return model.predict(model.simulate(of) if isinstance(of, Hypothesis) else model.refine(of))
 
 
 def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
@@ -265,7 +266,7 @@ def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools
     rig, observation = experiment.rig, experiment.rig.observation
     full = rig.finer(tools.reduce(case)).denser()
     try:
-        found = tools.pool(predict_task, [_Prediction(full, hypothesis(fit.prediction.point)) for fit in fits])
+        found = tools.pool(predict_task, [_Prediction(full, simulation_of(fit.prediction)) for fit in fits])
     except FretflowError as error:
         return f"on the mesh of the case file the answer could not be confirmed: {error}"
     sizes = [held_out_error(observation, one) for one in found]
