@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fretflow.case.config import Solver
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.backlash import Backlash
 from fretflow.effects.cycle import PeriodicCycle
@@ -26,9 +25,6 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Effort, Search
 from fretflow.inference.strategy import correct
 from fretflow.recordings.schema import SweepCondition
-from fretflow.solvers.quasi_static import solver as quasi_static
-from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.solvers.quasi_static.starts import SETTLING, Settled
 from fretflow.solvers.time_integration import integrate
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
@@ -191,25 +187,6 @@ def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatc
     marched = integrate(period.problem, period.solution, 20, 512)
     assert marched.change[-1] < 0.01
     assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.01)
-
-
-@pytest.mark.parametrize(("left", "tried"), [((3e-3, 2e-3, 1e-3, 5e-4), 4), ((3e-3, 2e-3, 2e-3, 1e-3), 3),
-                                             ((3e-3, 4e-3, 1e-3, 1e-3), 2)])
-def test_a_motion_that_repeats_itself_and_leads_newton_no_closer_is_marched_no_further(monkeypatch, left, tried):
-    """Where few samples leave no root, 64 periods were marched, and Newton begun five times from the same motion."""
-    asked = iter(left)
-
-    class Stalled:
-        march = None
-
-        def solve(self, starts, before, max_iterations):
-            raise NonConvergenceError("stalls", (1.0, next(asked)))
-
-    monkeypatch.setattr(quasi_static, "settled_starts", lambda *_: (
-        Settled(None, None, periods, 1e-3) for periods in SETTLING[:len(left)]))
-    with pytest.raises(NonConvergenceError, match="though the motion settles in time"):
-        QuasiStaticSolver(Solver())._where_it_settles(None, None, Stalled(), None, NonConvergenceError("lost"))
-    assert len(left) - len(list(asked)) == tried
 
 
 def test_a_condition_too_far_for_newton_is_followed(monkeypatch):

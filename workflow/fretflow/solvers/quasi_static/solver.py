@@ -194,16 +194,12 @@ class QuasiStaticSolver:
         NonConvergenceError
             With what that motion tells of the reason.
         """
-        near, settled, closest = None if start is None else at_phase_zero(problem, start), None, np.inf
+        near, settled = None if start is None else at_phase_zero(problem, start), None
         for settled in settled_starts(problem, equations, newton.march, near, ringing):
             try:
                 return newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
             except NonConvergenceError as failure:
                 error = min(error, failure, key=lambda one: min(one.history, default=np.inf))
-                came = min(failure.history, default=np.inf)
-            if settled.change < REPEATING and came >= closest:  # what repeats itself better leads no closer: no root
-                break
-            closest = came
         raise _not_found(error, settled)
 
     def _equations(self, problem: PeriodicProblem, samples: int, patience: int | None = None
