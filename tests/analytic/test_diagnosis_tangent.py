@@ -193,7 +193,7 @@ def test_a_closer_model_begins_from_nothing_where_the_coarse_motion_misleads(rig
 
 
 def test_a_finer_mesh_begins_from_the_motion_on_the_coarse_one(rig):
-    """With the same answer as from nothing, in half of the steps of Newton."""
+    """With the same answer as from nothing, in fewer steps of Newton."""
     import small_rig
 
     fine = replace(small_rig.rig(rig.observation, np.arange(49)), wear_tolerance=0.05)

@@ -239,7 +239,7 @@ class RigModel:
         NonConvergenceError
             If a period is not found.
         """
-        near = on_mesh(coarse, self.problem.interface) if coarse.resolution.nodes != self.resolution.nodes else coarse
+        near = _on_mesh(coarse, self.problem.interface) if coarse.resolution.nodes != self.resolution.nodes else coarse
         try:
             return self.simulate(coarse.hypothesis, near)
         except NonConvergenceError:
@@ -257,7 +257,6 @@ class RigModel:
         """Return the period at another condition, at the end of the test."""
         model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
         problem, of = model.problem(end.step.slow), {"block": "sweep", "condition": condition.id}
-
         solver = self.solver(settles=not anew)
 
         def beginning(solution: PeriodicSolution | None) -> Period:
@@ -443,7 +442,7 @@ def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
     return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
 
 
-def on_mesh(simulation: Simulation, interface: Interface) -> Simulation:
+def _on_mesh(simulation: Simulation, interface: Interface) -> Simulation:
     """Return a simulation whose periods, for others to begin from, are on another mesh of the faces: by nearest nodes.
 
     The rig moves as it did. Wear is left on the mesh that it was found on.
