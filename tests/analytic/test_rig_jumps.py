@@ -13,7 +13,7 @@ from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.experiments.rig.experiment import RigExperiment
 from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.observation import is_other_motion
-from fretflow.inference.experiment import Point
+from fretflow.inference.experiment import Point, Prediction
 from fretflow.recordings.schema import SweepCondition
 
 COUNTS = (0, 10, 20)  # too few cycles for wear to bring the motion anywhere
@@ -72,22 +72,25 @@ def test_the_loops_before_a_jump_are_an_experiment_of_their_own(rig, branches):
     correction = np.arange(size) * 1e-9
     experiment = RigExperiment(own, correction, np.ones((size, 2)), embedded=np.ones((size, 3)))
     assert experiment.last_before_jump == 10
-    part = experiment.before_jump()
+    point = Point(experiment.parameters(()), np.zeros(experiment.parameters(()).size))
+    still = Prediction(point, np.zeros(size))  # of no motion at all, at any count
+    assert experiment.before_jump(Prediction(point, 1.2 * own.observation.values)) is None  # which jumps as well
+    part = experiment.before_jump(still)
     kept, _ = own.observation.until(10)
     assert [piece.cycles for piece in part.rig.observation.pieces] == [0, 10, 0, 10]
     assert part.measurement.values == pytest.approx(own.observation.values[kept])
-    assert part.before_jump() is None
+    assert part.before_jump(still) is None
     assert part.rig.observation.conditions == ()
-    point = Point(experiment.parameters(()), np.zeros(experiment.parameters(()).size))
     whole, before = experiment.predict(point), part.predict(point)
     assert before.values == pytest.approx(whole.values[kept], rel=1e-6, abs=1e-9)
     assert part.measurement.covariance().modes.shape[0] == kept.sum()
     even, after = (replace(experiment, rig=measured(rig, dict.fromkeys(COUNTS, small), one)) for one in (small, large))
-    assert even.before_jump() is None
-    assert len(after.before_jump().measurement.groups) == len(COUNTS)  # where it jumps at the other condition alone
+    assert even.before_jump(still) is None
+    assert len(after.before_jump(still).measurement.groups) == len(COUNTS)  # at the other condition alone
     heavier = replace(rig, observation=replace(rig.observation, conditions=(
         SweepCondition(id=0, excitation_amplitude="130 N"),)))
-    assert replace(experiment, rig=measured(heavier, dict.fromkeys(COUNTS, small), 2.5 * small)).before_jump() is None
+    heavier_too = replace(experiment, rig=measured(heavier, dict.fromkeys(COUNTS, small), 2.5 * small))
+    assert heavier_too.before_jump(still) is None
 
 
 def test_another_motion_differs_by_more_than_the_smaller_one():

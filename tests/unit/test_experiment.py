@@ -47,7 +47,7 @@ class Line:
         """Return differences."""
         return differences(self, prediction, points)
 
-    def before_jump(self) -> None:
+    def before_jump(self, leading: Prediction) -> None:
         """Return nothing: no motion jumps."""
 
     def finer(self) -> None:

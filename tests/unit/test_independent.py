@@ -68,7 +68,7 @@ class Linear:
         """Tell that there is no other model."""
         return True
 
-    def before_jump(self) -> None:
+    def before_jump(self, leading: Prediction) -> None:
         """Return nothing: no motion jumps."""
 
     def finer(self) -> None:

@@ -32,7 +32,7 @@ class Jumping(Waves):
             found = found + np.where(LAST, jump(size), 0.0) * wave("viscous")
         return Prediction(point, found[self.kept])
 
-    def before_jump(self) -> Any:
+    def before_jump(self, leading: Prediction) -> Any:
         """Return the loops before the last ones."""
         own = self.measurement
         if not self.known or not self.kept.all():

@@ -71,7 +71,7 @@ class Waves:
         """Return that nothing is left to chance."""
         return np.zeros((len(prediction.values), 0))
 
-    def before_jump(self) -> None:
+    def before_jump(self, leading: Prediction) -> None:
         """Return nothing: no motion jumps."""
 
     def has_made(self, prediction: Prediction) -> bool:

@@ -158,8 +158,11 @@ class Experiment(Protocol):
         """Return modes (M, any), of unit variance, of what a prediction leaves to chance: which point slips first."""
         return np.zeros((len(prediction.values), 0))
 
-    def before_jump(self) -> Experiment | None:
-        """Return the part of the measurement before its motion jumps to another one; None where it does not."""
+    def before_jump(self, leading: Prediction) -> Experiment | None:
+        """Return the part of the measurement before its motion jumps to another one.
+
+        None where it does not, or where the `leading` prediction jumps as it does.
+        """
         return None
 
     def finer(self) -> Experiment | None:

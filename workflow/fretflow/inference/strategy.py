@@ -244,9 +244,10 @@ def begin_before_jump(found: Search) -> None:
     """Fit what explains a measurement until its motion jumps, if anything does, to all of it.
 
     The parameters with which a motion jumps when the recorded one did lie in a valley that is too narrow for starts
-    from afar, and nearly straight before the jump.
+    from afar, and nearly straight before the jump. Where the leading fit jumps as well, nothing has to be led there.
     """
-    before = found.experiment.before_jump()
+    leading = min(found.fits.values(), key=lambda fit: fit.objective)
+    before = found.experiment.before_jump(leading.prediction)
     if before is None or found.stated is None:
         return
     point = found.stated.prediction.point

@@ -91,16 +91,25 @@ class RigExperiment(Experiment):
             return np.zeros((len(prediction.values), 0))
         return np.nan_to_num(neighbours(self.rig, simulation_of(prediction), drawn))
 
-    def before_jump(self) -> Experiment | None:
-        """Return the same with the loops before the measured motion jumps alone; None where it does not."""
+    def before_jump(self, leading: Prediction) -> Experiment | None:
+        """Return the same with the loops before the measured motion jumps alone.
+
+        None where it does not, or where the `leading` prediction is of the measured motion throughout.
+        """
         last = self.last_before_jump
-        if last is None:
+        if last is None or not self._is_other_motion(leading):
             return None
         kept, seen = self.rig.observation.until(last)
         rig, *checks = (replace(one, observation=seen) for one in (self.rig, *(self.checks or ())))
         return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None,
                        correction=self.correction[kept], code_error=self.code_error[kept],
                        embedded=None if self.embedded is None else self.embedded[kept])
+
+    def _is_other_motion(self, prediction: Prediction) -> bool:
+        """Tell whether a prediction is of another motion than the measured one anywhere."""
+        seen = self.rig.observation
+        return any(is_other_motion(*(seen.fundamental(of[piece.place]) for of in (seen.values, prediction.values)))
+                   for piece in seen.pieces if piece.channel == "displacement")
 
     @cached_property
     def last_before_jump(self) -> int | None:

@@ -57,7 +57,7 @@ SMALLEST_SHARE = 0.05  # step in which further forces or the excitation are rais
 # Violation of the contact law over the solver's tolerance, and at least, that counts as one: ten times what was seen of
 # the direction of sliding, and a hundred times of all else.
 UNLAWFUL, LEAST_UNLAWFUL = 1e3, 1e-6
-PATIENCE = 8  # steps of Newton in which the residual of any structure has to halve
+PATIENCE = 8  # steps of Newton in which the residual has to halve: of any structure, and of a rig that has settled
 
 
 class _Settings(Protocol):
@@ -182,20 +182,23 @@ class QuasiStaticSolver:
                 return _solution(problem, equations, *newton.refine(at, self.settings.max_iterations))
         except NonConvergenceError as failure:
             error = failure
-        return _solution(problem, equations, *self._where_it_settles(problem, equations, newton, start, error))
+        return _solution(problem, equations, *self._where_it_settles(problem, equations, march, start, error))
 
-    def _where_it_settles(self, problem: PeriodicProblem, equations: InternalEquations, newton: InternalNewton,
+    def _where_it_settles(self, problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
                           start: PeriodicSolution | None, error: NonConvergenceError, ringing: bool = True
                           ) -> tuple[Iterate, tuple[float, ...]]:
         """Return the root by the motion in time from phase zero of `start`; `error` came of what was tried before.
+
+        Newton begins close to a root there, or creeps where kinks between the samples leave none: it has patience only.
 
         Raises
         ------
         NonConvergenceError
             With what that motion tells of the reason.
         """
+        newton = self._newton(equations, march, PATIENCE)
         near, settled = None if start is None else at_phase_zero(problem, start), None
-        for settled in settled_starts(problem, equations, newton.march, near, ringing):
+        for settled in settled_starts(problem, equations, march, near, ringing):
             try:
                 return newton.solve(iter([settled.start]), settled.contact, self.settings.max_iterations)
             except NonConvergenceError as failure:
@@ -206,7 +209,10 @@ class QuasiStaticSolver:
                    ) -> tuple[InternalEquations, ContactMarch, InternalNewton]:
         equations = self._internal(problem, samples)
         march = ContactMarch.of(problem, equations.seen)
-        return equations, march, InternalNewton(equations, march, self.settings.tolerance, patience, self.takes_stalled)
+        return equations, march, self._newton(equations, march, patience)
+
+    def _newton(self, equations: InternalEquations, march: ContactMarch, patience: int | None) -> InternalNewton:
+        return InternalNewton(equations, march, self.settings.tolerance, patience, self.takes_stalled)
 
     def _internal(self, problem: PeriodicProblem, samples: int) -> InternalEquations:
         """Return the structure's equations: the last ones where nothing that they are made of is another."""
@@ -232,7 +238,7 @@ class QuasiStaticSolver:
                 raise
             with suppress(NonConvergenceError):  # across a play, or beyond a fold of the response
                 return self._kept(problem, equations, self._where_it_settles(
-                    problem, equations, newton, start, error, ringing=False))
+                    problem, equations, march, start, error, ringing=False))
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
