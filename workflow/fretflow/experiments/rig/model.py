@@ -165,7 +165,7 @@ class RigModel:
         """Return the same with twice as many samples and harmonics."""
         return replace(self, samples=2 * self.samples)
 
-    def solver(self, settles: bool = True) -> QuasiStaticSolver:
+    def solver(self, settles: float = np.inf) -> QuasiStaticSolver:
         """Return the periodic solver. What it leaves stalled is less than a tenth of the noise."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
                                         tolerance=self.tolerance, estimate_error=False),
@@ -190,14 +190,15 @@ class RigModel:
             except NonConvergenceError:
                 if hypothesis.effects:  # seeking them from nothing takes long, and in vain
                     raise
-        cycle = PeriodicCycle(self.solver(), self.case_problem(hypothesis), hypothesis.effects)
+        known = near is not None and _alike(near, hypothesis)
+        cycle = PeriodicCycle(self.solver(settles=1 if known else np.inf), self.case_problem(hypothesis),
+                              hypothesis.effects)
         coefficient = hypothesis.wear * self.wear_coefficient
         counts, last = self.observation.counts, max(self.observation.counts)
         settings = WearSettings(coefficient=coefficient, cycles=max(last, 1), scheme=WearScheme.IMPLICIT,
                                 stops=tuple(sorted({count for count in counts if 0 < count < last})),
                                 tolerance=self.wear_tolerance)
         joint = WearingJoint(cycle, settings)
-        known = near is not None and _alike(near, hypothesis)
         scheme: Implicit[PeriodicSolution] = Implicit(joint, anew=not known)
 
         def period(step: WearStep, state: PeriodicSolution) -> Period:
@@ -257,7 +258,7 @@ class RigModel:
         """Return the period at another condition, at the end of the test."""
         model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
         problem, of = model.problem(end.step.slow), {"block": "sweep", "condition": condition.id}
-        solver = self.solver(settles=not anew)
+        solver = self.solver(settles=0 if anew else 1)
 
         def beginning(solution: PeriodicSolution | None) -> Period:
             return Period(problem, solver.solve(problem, solution), end.step, end.elapsed, model.baseline)
@@ -292,7 +293,7 @@ class RigModel:
         NonConvergenceError
             If `SMALLEST_SHARE` of the way is still too far.
         """
-        solver, bare, found, share, step = self.solver(settles=False), cycle.model.baseline, end.solution, 0.0, 0.5
+        solver, bare, found, share, step = self.solver(settles=0), cycle.model.baseline, end.solution, 0.0, 0.5
         there = at_condition(bare, condition)
         while share < 1.0:
             target = min(1.0, share + step)

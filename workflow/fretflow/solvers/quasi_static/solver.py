@@ -14,7 +14,6 @@ forces, then the excitation, are raised from nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import fields, replace
 from itertools import chain
 from operator import is_not
@@ -87,12 +86,13 @@ class QuasiStaticSolver:
 
     Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
     two thirds of the time, and within its tolerance depends on where it began. A rig's period that Newton loses near
-    another one is sought where the motion settles in time if it `settles`; whoever can take a shorter step need not.
+    another one is sought where the motion settles in time, unless that was in vain as often as it `settles`, as it
+    takes longest: whoever can take a shorter step need not, and what is not found there is seldom found a step before.
     Where kinks fall between the samples, these may leave no root: it `takes_stalled` residuals of ten times the
     tolerance, for which that has to be well below what the samples miss.
     """
 
-    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settles: bool = True,
+    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settles: float = np.inf,
                  takes_stalled: bool = False) -> None:
         self.settings = settings
         self.keeps_tangents = keeps_tangents
@@ -234,11 +234,13 @@ class QuasiStaticSolver:
                 first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
         except NonConvergenceError as error:
-            if not (settles and self.settles):
+            if not settles or self.settles <= 0:
                 raise
-            with suppress(NonConvergenceError):  # across a play, or beyond a fold of the response
+            try:  # across a play, or beyond a fold of the response
                 return self._kept(problem, equations, self._where_it_settles(
                     problem, equations, march, start, error, ringing=False))
+            except NonConvergenceError:
+                self.settles -= 1
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
