@@ -16,8 +16,8 @@ from fretflow.experiments.facts.experiment import FactsExperiment
 from fretflow.experiments.facts.model import worn_test
 from fretflow.experiments.facts.quantities import quantity_of
 from fretflow.experiments.facts.run import case_of, model_of
-from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.setup import ELEMENTS
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.pipeline.diagnose import kept_models, reduced_problem
 from scipy.stats import norm
 

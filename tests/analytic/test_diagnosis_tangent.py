@@ -16,7 +16,8 @@ from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
 from fretflow.experiments.rig.experiment import BASELINE, RigExperiment, hypothesis
-from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.model import RigModel
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import Parameters

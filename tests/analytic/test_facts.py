@@ -19,7 +19,7 @@ from fretflow.experiments.facts.experiment import FactsExperiment, shown
 from fretflow.experiments.facts.run import case_of as case_of_facts
 from fretflow.experiments.facts.run import detect, model_of, refitted, told
 from fretflow.experiments.independent import in_turn
-from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Point
 from fretflow.inference.posterior import decide, detected
 from fretflow.inference.strategy import search

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fretflow.experiments.rig.experiment import BASELINE, RigExperiment
 from fretflow.experiments.rig.held_out import held_out
-from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import FAST, Search

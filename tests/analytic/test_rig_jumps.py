@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.experiments.rig.experiment import RigExperiment
-from fretflow.experiments.rig.model import Hypothesis
 from fretflow.experiments.rig.observation import is_other_motion
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.recordings.schema import SweepCondition
 

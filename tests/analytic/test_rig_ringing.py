@@ -13,8 +13,9 @@ import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.backlash import Backlash
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
-from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.setup import is_seen
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.strategy import correct_task

@@ -17,8 +17,9 @@ from fretflow.effects.friction_run_in import FrictionRunIn
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.effects.support_nonlinearity import SupportNonlinearity
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, resensed
-from fretflow.experiments.rig.model import DENSER, SAMPLES, Hypothesis, RigModel
+from fretflow.experiments.rig.model import DENSER, SAMPLES, RigModel
 from fretflow.experiments.rig.setup import first_simulation
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.beginnings import beginnings_task
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter

@@ -14,7 +14,7 @@ from fretflow.case.config import WearScheme
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.model import EffectModel
 from fretflow.effects.wear_threshold import frictional_power
-from fretflow.experiments.rig.model import Hypothesis
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.wear.history import WearSettings
 from fretflow.wear.implicit import Implicit

@@ -13,7 +13,7 @@ from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig import run
 from fretflow.experiments.rig.experiment import BASELINE, measured
-from fretflow.experiments.rig.model import DENSER, Hypothesis
+from fretflow.experiments.rig.model import DENSER
 from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
 from fretflow.experiments.rig.setup import (
     case_of,
@@ -23,6 +23,7 @@ from fretflow.experiments.rig.setup import (
     first_wear,
     friction_from_energy,
 )
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.parameters import Parameters
 from fretflow.inference.posterior import Found, Posterior

@@ -24,7 +24,8 @@ from fretflow.experiments.facts.model import Condition, worn_test
 from fretflow.experiments.facts.quantities import quantity_of
 from fretflow.experiments.independent import IndependentExperiment
 from fretflow.experiments.rig.experiment import rig_effects
-from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.model import RigModel
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Measurement, Point, Prediction
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.recordings.kinds.facts import PARAMETERS, Fact, FactsFile

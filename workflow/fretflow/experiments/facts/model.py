@@ -14,7 +14,8 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import Array
 from fretflow.effects.cycle import PeriodicCycle
 from fretflow.experiments.facts.quantities import WornTest
-from fretflow.experiments.rig.model import MOST_PERIODS, Hypothesis, RigModel
+from fretflow.experiments.rig.model import MOST_PERIODS, RigModel
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import TOLERANCE
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.structure.two_mass_rig.joint import rig_of

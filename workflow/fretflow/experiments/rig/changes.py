@@ -14,9 +14,10 @@ import numpy as np
 
 from fretflow.effects.initial_gap import InitialGap
 from fretflow.experiments.rig.experiment import simulation_of
-from fretflow.experiments.rig.model import Period, RigModel, harmonics_of
+from fretflow.experiments.rig.model import RigModel, harmonics_of
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.phases import Strokes
+from fretflow.experiments.rig.simulation import Period
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
 from fretflow.recordings.repeatability import SMOOTH

@@ -12,10 +12,11 @@ import numpy as np
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
-from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation, at_condition
+from fretflow.experiments.rig.model import RigModel, at_condition
 from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, is_other_motion
 from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.setup import errors_of, is_seen
+from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction

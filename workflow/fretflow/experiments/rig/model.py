@@ -11,19 +11,24 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
-from scipy.spatial import cKDTree
 
 from fretflow.case.config import Solver, WearScheme
-from fretflow.contact.interface import Interface
 from fretflow.core.errors import FretflowError, NonConvergenceError
 from fretflow.effects.cycle import PeriodicCycle, true_signals
-from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece, is_other_motion
+from fretflow.experiments.rig.simulation import (
+    Hypothesis,
+    Period,
+    Resolution,
+    Simulation,
+    arm_approach,
+    asperity_motion,
+)
 from fretflow.inference.experiment import TOLERANCE
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
@@ -59,58 +64,6 @@ def no_solution_beyond_bounds() -> Iterator[None]:
         raise
     except FretflowError as error:
         raise NonConvergenceError(f"the hypothesis leaves what a joint may be: {error}") from error
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """Factors on friction, wear coefficient, moving mass, the specimens' compliance and the hinge's damping.
-
-    Effects are sorted by id.
-    """
-
-    effects: tuple[Effect, ...] = ()
-    friction: float = 1.0
-    wear: float = 1.0
-    mass: float = 1.0
-    compliance: float = 1.0
-    damping: float = 1.0
-
-
-class Resolution(NamedTuple):
-    """How finely a simulation is made: a simulation of another one is a start, and not the same prediction."""
-
-    nodes: int
-    samples: int
-    wear_tolerance: float
-
-
-@dataclass(frozen=True)
-class Period:
-    """One solved period of a simulation, and the joint it is of."""
-
-    problem: PeriodicProblem
-    solution: PeriodicSolution
-    step: WearStep
-    elapsed: float
-    condition: PeriodicProblem  # the baseline's, at the period's drive, load and frequency
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """All that a recording shows of a hypothesis."""
-
-    hypothesis: Hypothesis
-    model: EffectModel
-    coefficient: float
-    loops: tuple[Period, ...]
-    sweep: tuple[Period, ...]
-    steps: tuple[WearStep, ...]
-    resolution: Resolution
-
-    @property
-    def depth(self) -> Array:
-        """Return the depth (nodes,) at the end, m."""
-        return self.steps[-1].depth
 
 
 @dataclass(frozen=True)
@@ -190,7 +143,7 @@ class RigModel:
             except NonConvergenceError:
                 if hypothesis.effects:  # seeking them from nothing takes long, and in vain
                     raise
-        known = near is not None and _alike(near, hypothesis)
+        known = near is not None and near.has_effects_of(hypothesis)
         cycle = PeriodicCycle(self.solver(settles=1 if known else np.inf), self.case_problem(hypothesis),
                               hypothesis.effects)
         coefficient = hypothesis.wear * self.wear_coefficient
@@ -240,9 +193,8 @@ class RigModel:
         NonConvergenceError
             If a period is not found.
         """
-        near = _on_mesh(coarse, self.problem.interface) if coarse.resolution.nodes != self.resolution.nodes else coarse
         try:
-            return self.simulate(coarse.hypothesis, near)
+            return self.simulate(coarse.hypothesis, coarse.on_mesh(self.problem.interface))
         except NonConvergenceError:
             return self.simulate(coarse.hypothesis)
 
@@ -418,54 +370,11 @@ class RigModel:
         return (found.upper_observation - found.lower_observation)[:, 0]
 
 
-def asperity_motion(period: Period, problem: PeriodicProblem, without: PeriodicProblem) -> Array:
-    """Return by how much springs between the faces that `problem` has make these slide more than they move, (N,) m.
-
-    A sensor sees the faces of the bodies, on either side of asperities and debris. The same problem `without` has none.
-    """
-    bare, sprung = without.boundary.flexibility, problem.boundary.flexibility
-    if sprung is bare:
-        return np.zeros(len(period.solution.force))
-    soft = np.diag(sprung)[::3] - np.diag(bare)[::3]
-    areas = problem.interface.areas
-    return np.asarray(period.solution.force[:, :, 0] @ (soft * areas / areas.sum()))
-
-
 def heavier(rig: LumpedRig, factor: float) -> LumpedRig:
     """Return the rig with another moving mass and the same in-phase mode, which is measured apart from it."""
     total = (rig.moving_mass * factor + rig.arm_mass) / (rig.moving_mass + rig.arm_mass)
     return replace(rig, moving_mass=rig.moving_mass * factor, ground_stiffness=rig.ground_stiffness * total,
                    ground_damping=rig.ground_damping * total)
-
-
-def _alike(near: Simulation, hypothesis: Hypothesis) -> bool:
-    """Return whether the periods of `near` are good guesses at other conditions: those of the same effects."""
-    return [one.id for one in near.hypothesis.effects] == [one.id for one in hypothesis.effects]
-
-
-def _on_mesh(simulation: Simulation, interface: Interface) -> Simulation:
-    """Return a simulation whose periods, for others to begin from, are on another mesh of the faces: by nearest nodes.
-
-    The rig moves as it did. Wear is left on the mesh that it was found on.
-    """
-    own = simulation.loops[0].problem.interface
-    nearest = cKDTree(own.nodes).query(interface.nodes)[1]
-    share = (interface.areas / own.areas[nearest])[:, None]
-
-    def moved(period: Period) -> Period:
-        found = period.solution
-        return replace(period, solution=replace(
-            found, displacement=found.displacement[:, nearest], force=found.force[:, nearest] * share,
-            state=found.state[:, nearest]))
-
-    return replace(simulation, loops=tuple(map(moved, simulation.loops)), sweep=tuple(map(moved, simulation.sweep)))
-
-
-def arm_approach(period: Period) -> Array:
-    """Return how far the specimens' backs have come toward each other, (N,) m, from where they would just touch."""
-    found, joint = period.solution, rig_of(period.problem.structure).quasi_static()
-    bulk = found.force.reshape(len(found.state), -1) @ joint.upper_compliance[2]
-    return np.asarray(bulk - found.upper_observation[:, 2])
 
 
 def channel(signals: Signals, piece: Piece) -> Array:

@@ -20,7 +20,7 @@ from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_ou
 from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
-from fretflow.experiments.rig.model import Hypothesis, RigModel, Simulation
+from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.observation import Array, measured_loops, observe
 from fretflow.experiments.rig.setup import (
     ELEMENTS,
@@ -37,6 +37,7 @@ from fretflow.experiments.rig.setup import (
     model_of,
     worn_as_much,
 )
+from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates

@@ -21,16 +21,9 @@ from scipy.linalg import expm
 from fretflow.core.errors import FretflowError
 from fretflow.effects.derivative import directions_to
 from fretflow.effects.model import EffectModel
-from fretflow.experiments.rig.model import (
-    Hypothesis,
-    Period,
-    RigModel,
-    Simulation,
-    asperity_motion,
-    channel,
-    harmonics_of,
-)
+from fretflow.experiments.rig.model import RigModel, channel, harmonics_of
 from fretflow.experiments.rig.observation import Array
+from fretflow.experiments.rig.simulation import Hypothesis, Period, Simulation, asperity_motion
 from fretflow.recordings.schema import MeasuredAt
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem

@@ -12,8 +12,9 @@ from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case
 from fretflow.case.sections import SIDES
 from fretflow.effects.catalogue import catalogue, described, tables
-from fretflow.experiments.rig.model import Hypothesis, RigModel
+from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.setup import first_friction
+from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, is_bent
 from fretflow.inference.posterior import Found, estimate
