@@ -49,10 +49,14 @@ def is_untold(found: Search, beginning: Beginning, fit: Fit | None) -> bool:
     return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
 
 
-def elsewhere(fitter: Fitter, beginning: Beginning) -> list[Task]:
-    """Return an effect at the other points of its ranges than the one that it was begun at."""
+def elsewhere(fitter: Fitter, beginning: Beginning, begun: Fit | None) -> list[Task]:
+    """Return an effect at the other points of its ranges than the one that it was begun at, and may have a fit of.
+
+    Near that one they take a third of the time that they take near its origin, where they have a solution.
+    """
     point, origin = beginning.point, beginning.origin
-    return [Task(fitter, one, origin.prediction, 0)
+    near = (begun or origin).prediction
+    return [Task(fitter, one, near, 0)
             for one in _laid(fitter.experiment, origin, point.effects - origin.effects)
             if _signed(one) == _signed(point) and (one.z != point.z).any()]
 

@@ -292,7 +292,7 @@ def begin_all(found: Search) -> list[Task]:
         left = begin_beside(found, origin)
         if is_explained(found):
             return []  # what may be left to tell is small, and of first order
-        untold = untold or [task for one in left for task in elsewhere(found.maker(origin), one)]
+        untold = untold or [task for one, fit in left for task in elsewhere(found.maker(origin), one, fit)]
         if min(fit.objective for fit in found.fits.values()) < found.baseline.objective - 2.0 * NEGLIGIBLE:
             break
     return untold
@@ -319,8 +319,11 @@ def begun_beside(found: Search, asked: Sequence[tuple[Fitter, Fit]]) -> list[dic
     return [even | odd for even, odd in zip(begun[0::2], begun[1::2], strict=True)]
 
 
-def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
-    """Fit every effect from its best start beside a baseline; return the starts of which first order does not tell."""
+def begin_beside(found: Search, origin: Fit) -> list[tuple[Beginning, Fit | None]]:
+    """Fit every effect from its best start beside a baseline; return the starts of which first order does not tell.
+
+    With them comes what they are there, None where that has no solution.
+    """
     fitter = found.maker(origin)  # what the origin's model leaves out is no effect's change
     (beginnings,) = begun_beside(found, [(fitter, origin)])
     # first what is simulated at many points, as it takes longest
@@ -340,7 +343,7 @@ def begin_beside(found: Search, origin: Fit) -> list[Beginning]:
                 going.append(fit)
             found.keep([fit])
     go_on(found, sorted(going, key=lambda one: one.promise)[:found.effort.going], found.effort.last_steps)
-    return [one for one, fit in zip(laid, first_fits, strict=True) if is_untold(found, one, fit)]
+    return [(one, fit) for one, fit in zip(laid, first_fits, strict=True) if is_untold(found, one, fit)]
 
 
 def may_hold(found: Search, sets: Sequence[Names]) -> Sequence[Names]:
