@@ -51,7 +51,7 @@ def test_a_cubic_force_is_felt_in_its_own_harmonics():
                     for forces in ((), (ArmSupport(0.0, cubic),)))
     free, held = bare.balance(seen), pushed.balance(seen)
     assert held.residual - free.residual == pytest.approx(0.75 * cubic * x**3 * np.eye(33)[place], abs=1e-9)
-    assert (held.jacobian - free.jacobian)[place, place] == pytest.approx(2.25 * cubic * x**2)
+    assert (held.linear.jacobian - free.linear.jacobian)[place, place] == pytest.approx(2.25 * cubic * x**2)
     motion = np.outer(pushed.synthesis @ seen, [0.0, 1.0])
     problem = SimpleNamespace(boundary=SimpleNamespace(forces=pushed.forces), omega=pushed.omega)
     assert further_force(problem, motion) == pytest.approx(-0.75 * cubic * x**2 * motion, abs=1e-9)

@@ -98,7 +98,7 @@ def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directio
     weights = np.zeros((columns.energy.shape[0], len(directions)))
     weights[size + np.arange(len(in_contact)), in_contact] = 1.0
     pushed = equations.coefficients(columns.outputs[:, :len(equations.seen)])  # dPhi by all columns
-    jacobian = balance.jacobian - pushed[:, :size]
+    jacobian = balance.linear.jacobian - pushed[:, :size]
     weights[:size] = np.linalg.solve(jacobian, rig.seen + pushed @ weights)
     return _collect(problem, solution, directions, equations, rig, weights[:size], columns.combined(weights))
 
@@ -135,7 +135,8 @@ class _RigChange:
                 load[:, :, i] += to_complex(equations.analysis @ direction.force)
         on_other, on_seen = (to_real(load[:, part]).reshape(-1, len(directions))
                              for part in (equations.other, equations.seen))
-        return cls(on_seen + balance.carried @ on_other, balance.other_by_load @ on_other, balance.other_by_seen)
+        linear = balance.linear
+        return cls(on_seen + linear.carried @ on_other, linear.other_by_load @ on_other, linear.other_by_seen)
 
 
 def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: InternalEquations,

@@ -172,7 +172,7 @@ class ContinuationSystem:
         contact = self._period(e, point.seen, e.directions(), point.end, point.history, point.norm)
         h = RATE_STEP * point.omega
         ahead, back = (self.equations(point.omega + s).balance(point.seen, point.other).residual for s in (h, -h))
-        return np.column_stack([e.balance(point.seen, point.other).jacobian - e.coefficients(contact.tangent),
+        return np.column_stack([e.balance(point.seen, point.other).linear.jacobian - e.coefficients(contact.tangent),
                                 (ahead - back) / (2.0 * h)])
 
     def correct(self, plane: Plane, start: SampleState, known: CurvePoint | None = None) -> CurvePoint:

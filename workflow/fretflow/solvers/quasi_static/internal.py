@@ -11,6 +11,7 @@ Coefficients of several coordinates stand harmonic after harmonic, ``(2 H + 1) d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -31,32 +32,45 @@ SMALLEST_STEP = 1e-3
 Indices = NDArray[np.intp]
 
 
+class Linearisation(NamedTuple):
+    """The derivative of a's residual by a with b eliminated, (n_a, n_a) N/m; all on real coefficients.
+
+    b moves by ``other_by_seen da + other_by_load dg_b``, and dg_b acts on a as ``carried dg_b``.
+    """
+
+    jacobian: Array
+    other_by_seen: Array
+    other_by_load: Array
+    carried: Array
+
+
 @dataclass(frozen=True)
 class InternalBalance:
     """The structure at a motion of a, the contact's force left out; all on real coefficients.
 
-    `residual` (n_a,) N, of a, and its `jacobian`; `other` (n_b,) m is b; with b eliminated it moves by ``other_by_seen
-    da + other_by_load dg_b``, and dg_b acts on a as ``carried dg_b``. `imbalance` (n_b,) N is what is left of the
-    equation of b; None where b follows a.
+    `residual` (n_a,) N is that of a, `other` (n_b,) m is b, and `imbalance` (n_b,) N what is left of the equation of b;
+    None where b follows a. Of several motions that are tried one is linearised, which takes longer than the rest.
     """
 
     residual: Array
-    jacobian: Array
     other: Array
-    other_by_seen: Array
-    other_by_load: Array
-    carried: Array
+    linearise: Callable[[], Linearisation]
     imbalance: Array | None = None
+
+    @cached_property
+    def linear(self) -> Linearisation:
+        """Return the derivatives there."""
+        return self.linearise()
 
     @property
     def reduced(self) -> Array:
         """Return the residual (n_a,) N once b has moved to its balance, to first order."""
-        return self.residual if self.imbalance is None else self.residual + self.carried @ self.imbalance
+        return self.residual if self.imbalance is None else self.residual + self.linear.carried @ self.imbalance
 
     def other_step(self, step: Array) -> Array:
         """Return how b moves (n_b,) m with a step of a, and to its balance, to first order."""
-        moved: Array = self.other_by_seen @ step
-        return moved if self.imbalance is None else moved - self.other_by_load @ self.imbalance
+        moved: Array = self.linear.other_by_seen @ step
+        return moved if self.imbalance is None else moved - self.linear.other_by_load @ self.imbalance
 
     @property
     def size(self) -> float:
@@ -161,10 +175,9 @@ class InternalEquations:
             If the motion of b under the further forces is not found.
         """
         if not self.forces:
-            return InternalBalance(self.impedance @ seen - self.load, self.impedance, self.free_other(seen),
-                                   *self._linear_transfer)
+            return InternalBalance(self.impedance @ seen - self.load, self.free_other(seen), lambda: self._linear)
         found, at = self._follow(seen, self.free_other(seen) if other is None else other)
-        return self._linearised(seen, found, at)
+        return self._balanced(seen, found, at)
 
     def beside_balance(self, seen: Array, other: Array) -> InternalBalance:
         """Return the structure at coefficients of a and b, whether or not b is in balance."""
@@ -172,15 +185,18 @@ class InternalEquations:
             return self.balance(seen)
         at, z = self._forces(other, seen), self._blocks
         left = z["bb"] @ other + z["ba"] @ seen - self._other_load - self._felt(at, self.other)
-        return replace(self._linearised(seen, other, at), imbalance=left)
+        return replace(self._balanced(seen, other, at), imbalance=left)
 
-    def _linearised(self, seen: Array, other: Array, at: ForceAndSlopes) -> InternalBalance:
+    def _balanced(self, seen: Array, other: Array, at: ForceAndSlopes) -> InternalBalance:
+        residual = (self._blocks["ab"] @ other + self._blocks["aa"] @ seen - self._seen_load
+                    - self._felt(at, self.seen))
+        return InternalBalance(residual, other, lambda: self._linearised(at))
+
+    def _linearised(self, at: ForceAndSlopes) -> Linearisation:
         jacobian = {name: block - self._slopes(at, name) for name, block in self._blocks.items()}
         by_load = np.linalg.inv(jacobian["bb"])
         by_seen, carried = -by_load @ jacobian["ba"], -jacobian["ab"] @ by_load
-        residual = (self._blocks["ab"] @ other + self._blocks["aa"] @ seen - self._seen_load
-                    - self._felt(at, self.seen))
-        return InternalBalance(residual, jacobian["aa"] + jacobian["ab"] @ by_seen, other, by_seen, by_load, carried)
+        return Linearisation(jacobian["aa"] + jacobian["ab"] @ by_seen, by_seen, by_load, carried)
 
     def _follow(self, seen: Array, other: Array) -> tuple[Array, ForceAndSlopes]:
         """Find the coefficients of b by Newton with halved steps."""
@@ -263,11 +279,12 @@ class InternalEquations:
         return {r + c: real_blocks(self.whole_impedance[:, place[r][:, None], place[c]]) for r in "ab" for c in "ab"}
 
     @cached_property
-    def _linear_transfer(self) -> tuple[Array, Array, Array]:
+    def _linear(self) -> Linearisation:
+        """Return the derivatives without further forces."""
         zbb = self.whole_impedance[:, self.other[:, None], self.other]
         by_load = np.linalg.inv(zbb)
         carried = -self.whole_impedance[:, self.seen[:, None], self.other] @ by_load
-        return real_blocks(self.following[0]), real_blocks(by_load), real_blocks(carried)
+        return Linearisation(self.impedance, real_blocks(self.following[0]), real_blocks(by_load), real_blocks(carried))
 
 
 def seen_coordinates(boundary: MasslessBoundary) -> Indices:

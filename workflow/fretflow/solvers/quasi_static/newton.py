@@ -187,7 +187,7 @@ class InternalNewton:
         From kink to kink such steps only creep, where whole ones lead across, to a smaller residual a few steps later
         (R. M. Chamberlain et al., Math. Program. Stud. 16 (1982) 1-17): where patience has an end those come first.
         """
-        step = np.linalg.solve(now.balance.jacobian - tangent, -now.balance.reduced)
+        step = np.linalg.solve(now.balance.linear.jacobian - tangent, -now.balance.reduced)
         moved, length = now.balance.other_step(step), 1.0
         bound = ACROSS * self.smallest if self.patience and lagged_below and shortest < 1.0 else 0.0
         while length >= shortest:
