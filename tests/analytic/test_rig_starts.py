@@ -3,6 +3,7 @@
 Recordings are predictions of the small rig itself, so that what was put in is known.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Effort, Search
 from fretflow.inference.strategy import correct
 from fretflow.recordings.schema import SweepCondition
+from fretflow.solvers.quasi_static import solver
 from fretflow.solvers.time_integration import integrate
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
@@ -188,6 +190,12 @@ def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatc
     marched = integrate(period.problem, period.solution, 20, 512)
     assert marched.change[-1] < 0.01
     assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.01)
+    once, tried = rig.solver(settles=1), []
+    monkeypatch.setattr(solver, "settled_starts", lambda *_: tried.append(once) or iter(()))
+    for _ in range(2):  # what was in vain once is not tried again
+        with suppress(NonConvergenceError):
+            once.solve(period.problem, before.loops[0].solution)
+    assert len(tried) == 1
 
 
 def test_a_condition_too_far_for_newton_is_followed(monkeypatch):
