@@ -27,7 +27,7 @@ from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Effort, Search
 from fretflow.inference.strategy import correct
 from fretflow.recordings.schema import SweepCondition
-from fretflow.solvers.quasi_static import solver
+from fretflow.solvers.quasi_static import solver as quasi_static
 from fretflow.solvers.time_integration import integrate
 
 SD = {"displacement": 3e-8, "friction_force": 0.15}
@@ -191,7 +191,7 @@ def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatc
     assert marched.change[-1] < 0.01
     assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.01)
     once, tried = rig.solver(settles=1), []
-    monkeypatch.setattr(solver, "settled_starts", lambda *_: tried.append(once) or iter(()))
+    monkeypatch.setattr(quasi_static, "settled_starts", lambda *_: tried.append(once) or iter(()))
     for _ in range(2):  # what was in vain once is not tried again
         with suppress(NonConvergenceError):
             once.solve(period.problem, before.loops[0].solution)

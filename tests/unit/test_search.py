@@ -53,7 +53,9 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     experiment = Bent(measurement(cosine() + wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    begin_elsewhere(found, begin_all(found))
+    untold = begin_all(found)
+    assert {task.near.point.effects for task in untold if task.near} == {frozenset({"viscous"})}  # near where it began
+    begin_elsewhere(found, untold)
     fit = found.fits[frozenset({"viscous"})]
     assert fit.z[1] == pytest.approx(1.3247, abs=0.005)  # the real root of t^3 - t = 1
     assert fit.chi_squared < 0.01 * found.baseline.chi_squared
