@@ -20,8 +20,8 @@ from fretflow.experiments.facts.run import case_of as case_of_facts
 from fretflow.experiments.facts.run import detect, model_of, refitted, told
 from fretflow.experiments.independent import in_turn
 from fretflow.experiments.rig.simulation import Hypothesis
+from fretflow.inference.decision import decide, detected
 from fretflow.inference.experiment import Point
-from fretflow.inference.posterior import decide, detected
 from fretflow.inference.strategy import search
 from fretflow.inference.verdict import Verdict
 from fretflow.pipeline.problem import rig_problem

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fretflow.inference.decision import decide
 from fretflow.inference.evidence import (
     FORMS,
     SIZES,
@@ -27,7 +28,7 @@ from fretflow.inference.experiment import Measurement, Point
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.parameters import Array, Coordinate, Parameters
-from fretflow.inference.posterior import decide, left_out, mostly_by_form
+from fretflow.inference.posterior import left_out, mostly_by_form
 from fretflow.inference.search import FAST, Search, Start
 from fretflow.inference.verdict import Verdict
 from scipy.linalg import block_diag

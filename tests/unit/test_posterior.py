@@ -11,29 +11,19 @@ from typing import cast
 import numpy as np
 import pytest
 from fretflow.experiments.wear_series.run import left_to_chance
+from fretflow.inference import decision
 from fretflow.inference import posterior as posteriors
+from fretflow.inference.decision import Decision, beyond_noise, decide, detected, held_to, ruled_out
 from fretflow.inference.parameters import Array, Parameters
-from fretflow.inference.posterior import (
-    Found,
-    Posterior,
-    beyond_forms,
-    beyond_noise,
-    decide,
-    detected,
-    faint,
-    held_to,
-    largest_odds,
-    ruled_out,
-    taken_of_effects,
-)
+from fretflow.inference.posterior import Posterior, beyond_forms, faint, largest_odds, taken_of_effects
 from fretflow.inference.search import Search, Start
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 
-def found(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Found:
+def found(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Decision:
     """Return a verdict whose posterior gives nothing the probability `none`."""
     sets = () if verdict in (Verdict.NONE, Verdict.UNKNOWN) else (frozenset({"viscous"}),)
-    return Found(verdict, sets, frozenset({"viscous"}), explained, 0.7, (), Posterior({frozenset(): none}, 0.1, {}))
+    return Decision(verdict, sets, frozenset({"viscous"}), explained, 0.7, (), Posterior({frozenset(): none}, 0.1, {}))
 
 
 def detection_at(p: float) -> Detection:
@@ -266,8 +256,8 @@ def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPa
     """Of viscous, viscous with backlash, and a scar's edge: the first alone, or with the second, counts for it."""
     sets = [frozenset({"viscous"}), frozenset({"viscous", "backlash"}), frozenset({"scar-edge"})]
     known = {**dict(sorted(zip(sets, shares, strict=True), key=lambda one: -one[1])), frozenset(): 0.05}
-    monkeypatch.setattr(posteriors, "posterior", lambda _: Posterior(known, 0.95 - sum(shares), {}))
-    monkeypatch.setattr(posteriors, "_ranking", lambda *_: ())
+    monkeypatch.setattr(decision, "posterior", lambda _: Posterior(known, 0.95 - sum(shares), {}))
+    monkeypatch.setattr(decision, "_ranking", lambda *_: ())
     said = decide(cast(Search, SimpleNamespace(explained=lambda _: 1.0)))
     assert (said.verdict, said.effects) == (verdict, named)
     assert said.probability == pytest.approx(probability)

@@ -24,9 +24,10 @@ from fretflow.experiments.rig.setup import (
     friction_from_energy,
 )
 from fretflow.experiments.rig.simulation import Hypothesis
+from fretflow.inference.decision import Decision
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.parameters import Parameters
-from fretflow.inference.posterior import Found, Posterior
+from fretflow.inference.posterior import Posterior
 from fretflow.inference.verdict import Verdict
 from fretflow.recordings.kinds.joints import FRETTING_RIG
 from fretflow.recordings.loopset import LoopSet
@@ -333,7 +334,7 @@ def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
     z[[one.field == "damping" for one in space.coordinates]] = 3.5  # of the hinge, and of the dashpot
     z[-1] = 5.0  # an effect's own range may be too narrow
     fit = SimpleNamespace(prediction=SimpleNamespace(point=None), parameters=space, z=z)
-    found = Found(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))
+    found = Decision(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))
     hypotheses: Any = SimpleNamespace(fits={names: fit})
     problem = SimpleNamespace(friction_coefficient=np.full(4, 0.5))
     experiment: Any = SimpleNamespace(rig=SimpleNamespace(problem=problem))
@@ -361,7 +362,7 @@ def test_a_motion_that_does_not_repeat_itself_with_a_drive_that_does_is_of_no_mo
         channels["excitation"] = np.cos(plain.loops.phase) + noise + (off if drive == "wandering" else 0.0)
     names, none = frozenset({"viscous"}), 0.05 if first is Verdict.NAMED else 0.95
     sets = {frozenset(): none, names: 0.96 - none}
-    found = Found(first, (names,) if first is Verdict.NAMED else (), names, 0.9, max(sets.values()), (),
+    found = Decision(first, (names,) if first is Verdict.NAMED else (), names, 0.9, max(sets.values()), (),
                   Posterior(sets, 0.04, {}))
     judged = run.periodic(found, replace(plain, loops=replace(plain.loops, channels=channels)))
     if said == "named":

@@ -8,8 +8,9 @@ import pytest
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig.observation import check_blocks
 from fretflow.experiments.rig.words import at_bounds, next_measurement, sentence, separating, unfinished
+from fretflow.inference.decision import Decision, held_to
 from fretflow.inference.parameters import Parameters
-from fretflow.inference.posterior import Found, Posterior, held_to
+from fretflow.inference.posterior import Posterior
 from fretflow.inference.verdict import Candidate, HeldOut, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import after_model
 
@@ -19,12 +20,12 @@ LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m"
 REST = Remainder(share=0.07, times_noise=4.7, where="friction force, the knee")
 
 
-def found(verdict: Verdict, *sets: set[str], explained: float = 0.93, probability: float = 0.95) -> Found:
+def found(verdict: Verdict, *sets: set[str], explained: float = 0.93, probability: float = 0.95) -> Decision:
     """Return a verdict on some alternatives; backlash explains 30 % in the ranking."""
     near = Candidate(effects=("backlash",), probability=0.1, explained=0.3, chi_squared=9.0, degrees_of_freedom=5,
                      log_evidence=0.0)
     names = tuple(map(frozenset, sets))
-    return Found(verdict, names, names[0] if names else frozenset(), explained, probability, (near,),
+    return Decision(verdict, names, names[0] if names else frozenset(), explained, probability, (near,),
                  Posterior({frozenset(): 0.0}, 0.0, {}))
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from fretflow.inference import strategy
 from fretflow.inference.beginnings import beside
+from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point, Prediction, differences
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array, Coordinate, Parameters
-from fretflow.inference.posterior import decide
 from fretflow.inference.search import FAST, Search, log_gain
 from fretflow.inference.strategy import (
     begin_all,

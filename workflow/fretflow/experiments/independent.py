@@ -17,11 +17,11 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from fretflow.inference.decision import estimate
 from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, drawn, size_prior, sizes
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, Coordinate
-from fretflow.inference.posterior import estimate
 from fretflow.inference.search import Names, Search, basis
 from fretflow.inference.verdict import Estimate
 

@@ -15,19 +15,18 @@ counts by Wilks' test too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb, e, exp, inf, log, prod, sqrt
 
 import numpy as np
 from scipy.special import logit
-from scipy.stats import chi2, f, norm
+from scipy.stats import chi2, norm
 
 from fretflow.effects.catalogue import catalogue
 from fretflow.inference.evidence import DRAWS, FORMS
 from fretflow.inference.law_forms import density, law_form_errors
 from fretflow.inference.parameters import HALF, Array, Coordinate
 from fretflow.inference.search import NEGLIGIBLE, Names, Search, Start, basis, extends
-from fretflow.inference.verdict import FALSE_ALARMS, Candidate, Detection, Estimate, HeldOut, Verdict
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.readings import SEED
 
@@ -55,136 +54,9 @@ class Posterior:
         return 1.0 - self.none - self.unlisted
 
 
-@dataclass(frozen=True)
-class Found:
-    """The verdict: the sets that are left as alternatives, the one that "after" is predicted with, and how sure."""
-
-    verdict: Verdict
-    sets: tuple[Names, ...]
-    after: Names
-    explained: float
-    probability: float
-    ranking: tuple[Candidate, ...]
-    posterior: Posterior
-    against: str = ""  # what the set that would be named does, so that it is not
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Return all effects that the verdict names."""
-        return tuple(sorted(frozenset().union(*self.sets)))
-
-    @property
-    def rivals(self) -> tuple[Names, ...]:
-        """Return the sets of the verdict, then those that with them hold all but a twentieth of the effects' share."""
-        found, held = list(self.sets), sum(self.posterior.sets.get(names, 0.0) for names in self.sets)
-        for names, own in self.posterior.sets.items() if found else ():
-            if held >= (1.0 - FALSE_ALARMS) * self.posterior.listed:
-                break
-            if names and names not in found:
-                found.append(names)
-                held += own
-        return tuple(found)
-
-
-def decide(found: Search) -> Found:
-    """Return the verdict on a finished search: what is most probable of none, the catalogue and something else."""
-    known = posterior(found)
-    ranked = [names for names in known.sets if names]
-    best = ranked[0] if ranked else frozenset()
-    ranking = _ranking(found, known)
-    if known.none >= max(known.listed, known.unlisted):
-        return Found(Verdict.NONE, (), frozenset(), 0.0, known.none, ranking, known)
-    if known.unlisted >= known.listed:
-        return Found(Verdict.UNKNOWN, (), best, found.explained(best), known.unlisted, ranking, known)
-    sets, total = [best], known.sets[best]
-    for names in ranked[1:]:
-        if total > known.listed / 2.0 and total > 0.5:
-            break
-        sets.append(names)
-        total += known.sets[names]
-    if all(best <= names for names in sets):  # whatever acts beside it, it does
-        acts = sum(own for names, own in known.sets.items() if best <= names)
-        return Found(Verdict.NAMED, (best,), best, found.explained(best), acts, ranking, known)
-    return Found(Verdict.AMBIGUOUS, tuple(sets), best, found.explained(best), total, ranking, known)
-
-
-def detected(found: Found, detection: Detection) -> Found:
-    """Return a verdict held to the classical test of whether the baseline leaves anything: what it misses is nothing.
-
-    The reverse does not hold: the test's null knows the errors of the measurement and not what codes differ by, so that
-    a small p-value alone is no physics.
-    """
-    return found if detection.p_value < detection.false_alarm_rate else _nothing(found, detection.p_value)
-
-
-def beyond_noise(found: Found, search: Search) -> Found:
-    """Return a verdict held to what repeats explain: where the baseline leaves no more, there is nothing to explain.
-
-    What takes more of that than noise would let the best of so many sets take (Wilks' test) is still something.
-    """
-    left, expected = search.chi_squared(frozenset()), search.experiment.measurement.expected
-    if left > expected:
-        return found
-    p = float(chi2.sf(left, expected))
-    if found.sets:
-        more = freedom(search, found.after) - freedom(search, frozenset())
-        sets = comb(len(search.experiment.candidates()), len(found.after))
-        p = min(p, sets * float(chi2.sf(left - search.chi_squared(found.after), more)))
-    return found if p < FALSE_ALARMS else _nothing(found, p)
-
-
 def freedom(found: Search, names: Names) -> int:
     """Return how many coordinates a set has, those of what it leaves to chance among them."""
     return len(found.fits[names].z) + found.by_chance(names).shape[1]
-
-
-def _nothing(found: Found, p: float) -> Found:
-    """Return that nothing is left out, at least as probable as the p-value alone of a test of that leaves it."""
-    if found.verdict is Verdict.NONE:
-        return found
-    before, none = found.posterior.none, max(found.posterior.none, 1.0 / (1.0 + largest_odds(p)))
-    return replace(shared_anew(found, none, (1.0 - none) / (1.0 - before) if before < 1.0 else 0.0),
-                   verdict=Verdict.NONE, sets=(), after=frozenset(), explained=0.0, probability=none)
-
-
-def ruled_out(found: Found, against: str, p: float = 0.0) -> Found:
-    """Return that something else acts than what would be named, at least as probable as a test of that leaves it.
-
-    With a p-value of zero all that the catalogue held falls to what it lacks.
-    """
-    none, listed = found.posterior.none, found.posterior.listed
-    kept = min(listed, (1.0 - none) / (1.0 + largest_odds(p)))
-    return replace(shared_anew(found, none, kept / listed if listed > 0.0 else 0.0), verdict=Verdict.UNKNOWN, sets=(),
-                   probability=1.0 - none - kept, against=against)
-
-
-def shared_anew(found: Found, none: float, left: float) -> Found:
-    """Return a verdict's posterior and ranking with another probability of nothing, and what is `left` of all sets'.
-
-    The rest falls to what the catalogue lacks.
-    """
-    sets = {names: left * share if names else none for names, share in found.posterior.sets.items()}
-    ranking = sorted((replace(one, probability=sets.get(frozenset(one.effects), 0.0)) for one in found.ranking),
-                     key=lambda one: -one.probability)
-    return replace(found, ranking=tuple(ranking), posterior=replace(
-        found.posterior, sets=sets, unlisted=1.0 - sum(sets.values())))
-
-
-def held_to(found: Found, error: HeldOut | None, rows: int) -> Found:
-    """Return a verdict that names nothing which explains nothing, or predicts what was held out worse than without it.
-
-    Worse is beyond a standard deviation of the mean square of so many independent `rows`; how sure that makes, says the
-    F test of both.
-    """
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
-        return found
-    if found.explained <= 0.0:
-        return ruled_out(found, "explains nothing")
-    count = max(rows, 1)
-    if error is None or error.after**2 <= error.before**2 * (1.0 + sqrt(2.0 / count)):
-        return found
-    p = float(f.sf((error.after / error.before)**2, count, count)) if error.before > 0.0 else 0.0
-    return ruled_out(found, "predicts what was held out worse than the baseline", p)
 
 
 def posterior(found: Search) -> Posterior:
@@ -431,33 +303,3 @@ def _related(one: str, other: str) -> bool:
     return one == other or extends(one, other) or extends(other, one)
 
 
-def estimate(coordinate: Coordinate, z: float, half: float, draws: Array, told: tuple[str, str]) -> Estimate:
-    """Return a parameter at coordinate `z` with its interval `half` to either side, its unit and meaning as told."""
-    ends = sorted(coordinate.value(z + way * half) for way in (-1.0, 1.0))
-    return Estimate(name=coordinate.name, value=coordinate.value(z), low=ends[0], high=ends[1], unit=told[0],
-                    meaning=told[1], draws=coordinate.values(draws))
-
-
-def smallest_visible(found: Search) -> dict[str, float]:
-    """Return the share of its plausible range at which each effect would have been as probable as none.
-
-    The signature is taken as linear in the effect's size.
-    """
-    least = visible(len(found.experiment.candidates()))
-    seen: dict[str, float] = {}
-    for one in found.starts:
-        size = float(np.linalg.norm(one.changes[:, 0]))
-        seen[one.effect] = min(seen.get(one.effect, 1.0), least / size if size > least else 1.0)
-    return seen
-
-
-def _ranking(found: Search, known: Posterior) -> tuple[Candidate, ...]:
-    """Return all sets that hold a share of the posterior, the most probable first, then those that were fitted."""
-    rest = [names for names in (*found.best(1), *found.best(2)) if names not in known.sets]
-    expected = found.experiment.measurement.expected
-    return tuple(Candidate(
-        effects=tuple(sorted(names)), probability=known.sets.get(names, 0.0), explained=found.explained(names),
-        chi_squared=found.chi_squared(names), degrees_of_freedom=round(expected) - len(found.fits[names].z),
-        log_evidence=found.log_evidence(names, None if names in known.sets else frozenset()),
-        converged=found.fits[names].converged)
-        for names in (*known.sets, *rest))

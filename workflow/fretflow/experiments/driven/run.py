@@ -26,10 +26,10 @@ from fretflow.experiments.driven.views import (
 )
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
 from fretflow.experiments.rig.words import sentence
+from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
-from fretflow.inference.posterior import decide
 from fretflow.inference.search import FAST, FULL
 from fretflow.inference.strategy import Progress, begin_all, search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict

@@ -17,10 +17,10 @@ from fretflow.experiments.rig.observation import Observation
 from fretflow.experiments.rig.run import RigTools
 from fretflow.experiments.rig.setup import CONFIRMING, ELEMENTS, bare_case
 from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
+from fretflow.inference.decision import Decision, decide, detected, smallest_visible
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, detected, smallest_visible
 from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
 from fretflow.inference.strategy import Progress, search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
@@ -119,7 +119,7 @@ def detect(found: FactsSearch) -> Detection:
     return Detection(p_value=p, statistic=name, tests={name: p}, false_alarm_rate=FALSE_ALARMS)
 
 
-def told(recording: FactsRecording, case: Case, hypotheses: FactsSearch, found: Found, detection: Detection
+def told(recording: FactsRecording, case: Case, hypotheses: FactsSearch, found: Decision, detection: Detection
          ) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     base, after = hypotheses.baseline, hypotheses.fits[found.after]
@@ -173,7 +173,7 @@ def listed_misses(hypotheses: FactsSearch, fit: Fit) -> str:
     return listed(missed) if missed else ""
 
 
-def locate(hypotheses: FactsSearch, found: Found) -> Location:
+def locate(hypotheses: FactsSearch, found: Decision) -> Location:
     """Return which facts the refitted baseline misses."""
     own, square = hypotheses.experiment.measurement, hypotheses.baseline.residual**2
     places = tuple(Place(cut="channel", where=label, share=float(one / max(square.sum(), 1e-300)),
@@ -187,7 +187,7 @@ def locate(hypotheses: FactsSearch, found: Found) -> Location:
                     text=f"The refitted baseline misses the {missed}." if missed else "")
 
 
-def sentence(found: Found, remainder: Remainder, location: Location) -> str:
+def sentence(found: Decision, remainder: Remainder, location: Location) -> str:
     """Return the verdict in one sentence."""
     share, left = f"{100.0 * found.explained:.0f} %", f"it still misses the {remainder.where}" if remainder.where else (
         "all facts are then within their uncertainty")

@@ -41,19 +41,19 @@ from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
-from fretflow.inference.experiment import STEP, Point, Prediction
-from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.posterior import (
-    Found,
+from fretflow.inference.decision import (
+    Decision,
     beyond_noise,
     decide,
     detected,
     held_to,
-    largest_odds,
     ruled_out,
     shared_anew,
     smallest_visible,
 )
+from fretflow.inference.experiment import STEP, Point, Prediction
+from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, Pool, Search
 from fretflow.inference.strategy import Progress, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
@@ -140,7 +140,7 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
         smallest_visible={}, remainder=whole, warnings=told, notes=told)
 
 
-def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Found, before: Fit,
+def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Decision, before: Fit,
           detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: RigTools,
           fast: bool, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
@@ -180,7 +180,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
         after_model=after_model(found.verdict, found.after))
 
 
-def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Found:
+def plausible(found: Decision, hypotheses: Search, experiment: RigExperiment) -> Decision:
     """Return a verdict that names nothing where the fit asks for a rig that is not the stated one.
 
     That is a friction coefficient that no dry contact has, or a parameter of the baseline that less than one in a
@@ -201,7 +201,7 @@ def plausible(found: Found, hypotheses: Search, experiment: RigExperiment) -> Fo
     return ruled_out(found, f"needs {listed(beyond)} far from what is stated", float(p.min())) if beyond else found
 
 
-def periodic(found: Found, recording: Recording) -> Found:
+def periodic(found: Decision, recording: Recording) -> Decision:
     """Return a verdict held to repeats of a motion that are no repeats: with a drive that has its own, no model is so.
 
     What drives the rig may wander itself where it is not recorded.
@@ -221,7 +221,7 @@ def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
     return Fitter(experiment, experiment.measurement.covariance()).linearised(fit.prediction, slopes)
 
 
-def _remainder(experiment: RigExperiment, hypotheses: Search, found: Found, after: Fit) -> Remainder:
+def _remainder(experiment: RigExperiment, hypotheses: Search, found: Decision, after: Fit) -> Remainder:
     """Return what the model of the verdict leaves."""
     place = locate(experiment, after, cut=False)
     where = ", ".join(part for part in (place.channel, f"the {place.phase}" if place.phase else "", place.condition)

@@ -15,9 +15,9 @@ from fretflow.effects.catalogue import catalogue, described, tables
 from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.setup import first_friction
 from fretflow.experiments.rig.simulation import Hypothesis
+from fretflow.inference.decision import Decision, estimate
 from fretflow.inference.evidence import drawn
 from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters, is_bent
-from fretflow.inference.posterior import Found, estimate
 from fretflow.inference.verdict import Estimate, Location, Remainder, ResidualLaw, Verdict
 from fretflow.inference.words import blocks_of as blocks_of
 from fretflow.inference.words import listed, not_enough, percent, probability
@@ -44,7 +44,7 @@ def assumed(recording: Recording) -> tuple[str, ...]:
     return tuple(told)
 
 
-def sentence(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
+def sentence(found: Decision, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
     """Return the verdict in one sentence: what is known, how sure it is, and what stays unexplained."""
     share = f"{percent(found.explained)} of the difference"
     if found.verdict is Verdict.NONE:
@@ -64,7 +64,7 @@ def sentence(found: Found, remainder: Remainder, location: Location, law: Residu
     return _unknown(found, remainder, location, law)
 
 
-def _taken_as_noise(found: Found) -> str:
+def _taken_as_noise(found: Decision) -> str:
     """Return in words what would be more probable than nothing if what it takes were no noise."""
     shares = {listed(names): own for names, own in found.posterior.sets.items() if names}
     shares["something that the catalogue lacks"] = found.posterior.unlisted
@@ -95,7 +95,7 @@ def _rest(remainder: Remainder) -> str:
     return f"what remains ({little} of the difference, {times}) is not explained{where}"
 
 
-def _unknown(found: Found, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
+def _unknown(found: Decision, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []

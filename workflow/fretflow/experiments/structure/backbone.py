@@ -13,8 +13,8 @@ from fretflow.core.units import pretty_quantity
 from fretflow.experiments.structure.experiment import THIRDS, StructureExperiment
 from fretflow.experiments.structure.observation import MATRICES
 from fretflow.experiments.structure.responses import response_curves
+from fretflow.inference.decision import Decision
 from fretflow.inference.experiment import Covariance, Prediction
-from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search, Task
 from fretflow.inference.strategy import chance_task
 from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
@@ -26,7 +26,7 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
 
 
-def told(experiment: StructureExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
+def told(experiment: StructureExperiment, found: Search, judged: Decision, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
     location, after = _locate(experiment, found, judged), found.fits[judged.after]
     return {"location": location, "sentence": _sentence(judged, found, left, location.text, experiment.or_finer),
@@ -62,7 +62,7 @@ def held_out(experiment: StructureExperiment, found: Search, names: Names) -> He
     return HeldOut(what=f"amplitudes above {above}", before=sizes[0], after=sizes[1], floor=1.0)
 
 
-def _locate(experiment: StructureExperiment, found: Search, judged: Found) -> Location:
+def _locate(experiment: StructureExperiment, found: Search, judged: Decision) -> Location:
     """Return by channel and amplitude where the baseline and the recording part."""
     if judged.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
@@ -149,7 +149,7 @@ def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[Measured
     return backbones + response_curves(experiment.recording.responses, experiment.structure, models)
 
 
-def _sentence(judged: Found, found: Search, left: Remainder, where: str, or_finer: bool = False) -> str:
+def _sentence(judged: Decision, found: Search, left: Remainder, where: str, or_finer: bool = False) -> str:
     """Return the verdict in a sentence or two."""
     verdict, sets, explained = judged.verdict, judged.sets, found.explained(judged.after)
     if verdict is Verdict.NONE:

@@ -18,10 +18,10 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.inference.decision import Decision, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
 from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
@@ -235,7 +235,7 @@ def beyond_stated(recording: StructureRecording | WornRecording, made: Iterable[
     return notes
 
 
-def remainder(found: Search, judged: Found) -> Remainder:
+def remainder(found: Search, judged: Decision) -> Remainder:
     """Return what the model of the verdict leaves, and the channel where it leaves most."""
     own = found.experiment.measurement
     square = np.square(own.values - found.fits[judged.after].predicted) / own.variance

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.inference.decision import Decision
 from fretflow.inference.least_squares import Fitter
-from fretflow.inference.posterior import Found
 from fretflow.inference.search import Names, Search
 from fretflow.inference.verdict import HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
 from fretflow.inference.words import blocks_of, listed, not_enough, percent
@@ -20,7 +20,7 @@ REGIONS = ("borders of the scar", "middle of the scar")
 NEXT = "profiles of each body, of shorter tests, and at other frequencies and loads"
 
 
-def told(experiment: ProfileExperiment, found: Search, judged: Found, left: Remainder) -> dict[str, Any]:
+def told(experiment: ProfileExperiment, found: Search, judged: Decision, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of worn profiles alone."""
     location = _locate(found, judged)
     return {"location": location, "sentence": _sentence(judged, found, left, location.text),
@@ -28,7 +28,7 @@ def told(experiment: ProfileExperiment, found: Search, judged: Found, left: Rema
             "notes": (*map(str, experiment.recording.notes), *_areas(experiment, found, judged.after))}
 
 
-def _sentence(judged: Found, found: Search, left: Remainder, where: str) -> str:
+def _sentence(judged: Decision, found: Search, left: Remainder, where: str) -> str:
     share = percent(found.explained(judged.after))
     if judged.verdict is Verdict.NONE:
         return "One wear coefficient explains the worn profiles."
@@ -59,7 +59,7 @@ def held_out(experiment: ProfileExperiment, found: Search, names: Names) -> Held
     return HeldOut(what="each profile from the others", before=sizes[0], after=sizes[1], floor=1.0)
 
 
-def _locate(found: Search, judged: Found) -> Location:
+def _locate(found: Search, judged: Decision) -> Location:
     if judged.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
     own = found.experiment.measurement

@@ -20,10 +20,11 @@ from fretflow.experiments.wear_series.data import WearData, scatter_odds, tests_
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
+from fretflow.inference.decision import Decision, decide, detected, shared_anew
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
-from fretflow.inference.posterior import Found, decide, detected, largest_odds, shared_anew
+from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
 from fretflow.inference.strategy import Progress, search
 from fretflow.inference.verdict import (
@@ -101,7 +102,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
         after_model=after_model(found.verdict, found.after))
 
 
-def left_to_chance(found: Found, p: float) -> Found:
+def left_to_chance(found: Decision, p: float) -> Decision:
     """Return a verdict with as much probability of nothing as a p-value leaves at least.
 
     Few tests do not tell their scatter well. Each hypothesis' evidence takes the growth of scatter for known, the tests
