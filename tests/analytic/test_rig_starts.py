@@ -185,12 +185,12 @@ def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatc
     before = rig.simulate(narrow)
     period = rig.simulate(wide, before).loops[0]
     with pytest.raises(NonConvergenceError):  # whoever can take a shorter step marches nothing
-        rig.solver(settles=0).solve(period.problem, before.loops[0].solution)
+        rig.solver(settlings=0).solve(period.problem, before.loops[0].solution)
     moved = period.solution.displacement[:, :, 0].mean(axis=1)
     marched = integrate(period.problem, period.solution, 20, 512)
     assert marched.change[-1] < 0.01
     assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.01)
-    once, tried = rig.solver(settles=1), []
+    once, tried = rig.solver(settlings=1), []
     monkeypatch.setattr(quasi_static, "settled_starts", lambda *_: tried.append(once) or iter(()))
     for _ in range(2):  # what was in vain once is not tried again
         with suppress(NonConvergenceError):
@@ -216,7 +216,7 @@ def test_a_condition_too_far_for_newton_is_followed(monkeypatch):
             return solver.solve(problem, start)
 
     cycle = PeriodicCycle(solver, rig.case_problem(Hypothesis()))
-    monkeypatch.setattr(RigModel, "solver", lambda self, settles=np.inf: Short())
+    monkeypatch.setattr(RigModel, "solver", lambda self, settlings=np.inf: Short())
     found = rig._followed(cycle, end, condition)
     assert tried[-1] == 90.0
     assert len(tried) > 4

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -118,11 +118,11 @@ class RigModel:
         """Return the same with twice as many samples and harmonics."""
         return replace(self, samples=2 * self.samples)
 
-    def solver(self, settles: float = np.inf) -> QuasiStaticSolver:
+    def solver(self, settlings: float = np.inf) -> QuasiStaticSolver:
         """Return the periodic solver. What it leaves stalled is less than a tenth of the noise."""
         return QuasiStaticSolver(Solver(samples=self.samples, harmonics=self.harmonics or harmonics_of(self.samples),
                                         tolerance=self.tolerance, estimate_error=False),
-                                 keeps_tangents=True, settles=settles, takes_stalled=True)
+                                 keeps_tangents=True, settlings=settlings, takes_stalled=True)
 
     @no_solution_beyond_bounds()
     @np.errstate(over="ignore", invalid="ignore")  # a hypothesis far off may leave all bounds on its way
@@ -144,7 +144,7 @@ class RigModel:
                 if hypothesis.effects:  # seeking them from nothing takes long, and in vain
                     raise
         known = near is not None and near.has_effects_of(hypothesis)
-        cycle = PeriodicCycle(self.solver(settles=1 if known else np.inf), self.case_problem(hypothesis),
+        cycle = PeriodicCycle(self.solver(settlings=1 if known else np.inf), self.case_problem(hypothesis),
                               hypothesis.effects)
         coefficient = hypothesis.wear * self.wear_coefficient
         counts, last = self.observation.counts, max(self.observation.counts)
@@ -210,29 +210,27 @@ class RigModel:
         """Return the period at another condition, at the end of the test."""
         model = replace(cycle.model, baseline=at_condition(cycle.model.baseline, condition))
         problem, of = model.problem(end.step.slow), {"block": "sweep", "condition": condition.id}
-        solver = self.solver(settles=0 if anew else 1)
 
-        def beginning(solution: PeriodicSolution | None) -> Period:
+        def period(solver: QuasiStaticSolver, solution: PeriodicSolution | None) -> Period:
             return Period(problem, solver.solve(problem, solution), end.step, end.elapsed, model.baseline)
 
-        def starts() -> Iterator[PeriodicSolution | None]:
-            nonlocal solver
-            yield start.solution
+        def starts() -> Iterator[tuple[QuasiStaticSolver, PeriodicSolution | None]]:
+            solver = self.solver(settlings=0 if anew else 1)
+            yield solver, start.solution
             if not anew:
                 return
             like = self._like_measured(start, **of)
             if like is not None:
-                yield like
+                yield solver, like
             with suppress(NonConvergenceError):
-                yield self._followed(cycle, end, condition)
-            yield None  # beyond a fold of the response nothing leads there
-            solver = self.solver()  # at last where it settles in time, as that takes longest
-            yield start.solution
+                yield solver, self._followed(cycle, end, condition)
+            yield solver, None  # beyond a fold of the response nothing leads there
+            yield self.solver(), start.solution  # at last where it settles in time, as that takes longest
 
         failure = NonConvergenceError(f"condition {condition.id}: no period was found")
-        for one in starts():
+        for solver, one in starts():
             try:
-                return self._measured_motion(beginning(one), beginning, **of)
+                return self._measured_motion(period(solver, one), partial(period, solver), **of)
             except NonConvergenceError as error:
                 failure = error
         raise failure
@@ -245,7 +243,7 @@ class RigModel:
         NonConvergenceError
             If `SMALLEST_SHARE` of the way is still too far.
         """
-        solver, bare, found, share, step = self.solver(settles=0), cycle.model.baseline, end.solution, 0.0, 0.5
+        solver, bare, found, share, step = self.solver(settlings=0), cycle.model.baseline, end.solution, 0.0, 0.5
         there = at_condition(bare, condition)
         while share < 1.0:
             target = min(1.0, share + step)

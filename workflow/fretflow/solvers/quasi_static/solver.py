@@ -86,17 +86,17 @@ class QuasiStaticSolver:
 
     Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
     two thirds of the time, and within its tolerance depends on where it began. A rig's period that Newton loses near
-    another one is sought where the motion settles in time, unless that was in vain as often as it `settles`, as it
+    another one is sought where the motion settles in time, unless that was in vain as often as `settlings` says, as it
     takes longest: whoever can take a shorter step need not, and what is not found there is seldom found a step before.
     Where kinks fall between the samples, these may leave no root: it `takes_stalled` residuals of ten times the
     tolerance, for which that has to be well below what the samples miss.
     """
 
-    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settles: float = np.inf,
+    def __init__(self, settings: _Settings, keeps_tangents: bool = False, settlings: float = np.inf,
                  takes_stalled: bool = False) -> None:
         self.settings = settings
         self.keeps_tangents = keeps_tangents
-        self.settles = settles
+        self.settlings = settlings
         self.takes_stalled = takes_stalled
         self._kept_equations: tuple[tuple[object, ...], InternalEquations] | None = None
 
@@ -160,7 +160,7 @@ class QuasiStaticSolver:
         while share < 1.0:
             target = min(1.0, share + step)
             try:
-                found = self._find(at(target), samples, found, settles=False)
+                found = self._find(at(target), samples, found, settling=False)
             except NonConvergenceError:
                 step *= 0.5
                 if step < SMALLEST_SHARE:
@@ -224,7 +224,7 @@ class QuasiStaticSolver:
         return kept[1]
 
     def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
-              marched: bool = False, settles: bool = True) -> PeriodicSolution:
+              marched: bool = False, settling: bool = True) -> PeriodicSolution:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
         first = tuple(with_tangent(problem, equations, march, one) for one in first)
@@ -234,13 +234,13 @@ class QuasiStaticSolver:
                 first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
         except NonConvergenceError as error:
-            if not settles or self.settles <= 0:
+            if not settling or self.settlings <= 0:
                 raise
             try:  # across a play, or beyond a fold of the response
                 return self._kept(problem, equations, self._where_it_settles(
                     problem, equations, march, start, error, ringing=False))
             except NonConvergenceError:
-                self.settles -= 1
+                self.settlings -= 1
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
