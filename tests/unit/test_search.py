@@ -225,12 +225,15 @@ def test_an_effect_that_was_never_fitted_stands_where_it_was_begun() -> None:
     assert not begun([1.0, 2.0])
 
 
-@pytest.mark.parametrize(("objective", "ratio", "steps"), [(300.0, 0.95, 1), (90.0, 0.95, 4), (300.0, 0.4, 4)])
-def test_what_is_worse_than_nothing_goes_on_where_it_falls_as_it_must_alone(
-        objective: float, ratio: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing leaves 100, the best effect 50: where an effect moves through its ranges, but not down, it is left."""
+@pytest.mark.parametrize(("effects", "objective", "ratio", "steps"), [
+    ({"viscous"}, 300.0, 0.95, 1), ({"viscous"}, 90.0, 0.95, 4), ({"viscous"}, 300.0, 0.4, 4),
+    ({"viscous", "backlash"}, 90.0, 0.95, 1), ({"viscous", "backlash"}, 49.0, 0.999, 4),
+    ({"viscous", "backlash"}, 90.0, 0.8, 4)])
+def test_what_is_worse_than_its_parts_goes_on_where_it_falls_as_it_must_alone(
+        effects: set[str], objective: float, ratio: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing leaves 100, backlash 50: where a set moves through its ranges, but not down, it is left."""
     monkeypatch.setattr(strategy, "is_explained", lambda found: False)
-    names, taken = frozenset({"viscous"}), []
+    names, taken = frozenset(effects), []
 
     def fit(objective: float, z: float) -> Any:
         return SimpleNamespace(effects=names, objective=objective, z=np.array([z]), converged=False)
@@ -240,8 +243,8 @@ def test_what_is_worse_than_nothing_goes_on_where_it_falls_as_it_must_alone(
         return [fit(ratio * one.objective, one.z[0] + 1.0) for one in asked]
 
     found: Any = SimpleNamespace(
-        pool=pool, further=lambda one, count: one, keep=lambda fits: None, baseline=fit(100.0, 0.0),
-        fits={frozenset({"backlash"}): SimpleNamespace(objective=50.0)})
+        pool=pool, further=lambda one, count: one, keep=lambda fits: None,
+        fits={frozenset(own): SimpleNamespace(objective=left) for own, left in (((), 100.0), ({"backlash"}, 50.0))})
     strategy.go_on(found, [fit(objective, 0.0)], 4)
     assert len(taken) == steps
 

@@ -368,14 +368,17 @@ def is_where_begun(found: Search, fit: Fit) -> bool:
 def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
     """Fit some sets of a size on step by step, those that may become the best of that size, or of smaller ones.
 
-    They fall by factors that would bring them there in the steps that are left, or are better than nothing and still
-    move through their ranges, so that nobody knows where they will end, and nothing else explains all.
+    They fall by factors that would bring them there in the steps that are left, or are better than all that they are
+    made of and still move through their ranges, so that nobody knows where they will end, and nothing explains all.
     """
+    def is_more(fit: Fit) -> bool:
+        return fit.objective < min(less.objective for names, less in found.fits.items() if names < fit.effects)
+
     for left in reversed(range(steps)):
         fits = found.pool(fit_task, [found.further(one, 1) for one in going])
         found.keep(fits)
         best = {size: min(one.objective for names, one in found.fits.items() if 0 < len(names) <= size)
                 for size in {len(fit.effects) for fit in going}}
         going = [fit for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged and (
-            (fit.objective < found.baseline.objective and has_moved(fit, before.z) and not is_explained(found))
+            (is_more(fit) and has_moved(fit, before.z) and not is_explained(found))
             or fit.objective * (fit.objective / before.objective)**left <= best[len(fit.effects)])]

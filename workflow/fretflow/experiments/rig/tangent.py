@@ -24,6 +24,7 @@ from fretflow.effects.model import EffectModel
 from fretflow.experiments.rig.model import RigModel, channel, harmonics_of
 from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.simulation import Hypothesis, Period, Simulation, asperity_motion
+from fretflow.inference.experiment import STEP
 from fretflow.recordings.schema import MeasuredAt
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
@@ -87,6 +88,8 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
     if not chosen:
         return columns
     moved = _Moved.of(simulation, chosen)
+    if not all(np.isfinite(worn).all() for worn in moved.worn.values()):
+        return columns
     found = _shown(rig, simulation, chosen, moved)
     evolving = [v for v, one in enumerate(chosen) if one.model.over_cycles]
     if evolving:
@@ -228,7 +231,10 @@ def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivi
 
 def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]
           ) -> dict[int, Array]:
-    """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts."""
+    """Integrate the change of depth (nodes, V) of each neighbour over the recorded cycle counts.
+
+    It is nan from where the faces are unstable, as where what is pressed more wears less: no change stays small there.
+    """
     depth = np.zeros((len(simulation.depth), len(beside)))
     found, before = {0: depth}, simulation.loops[0]
     rate = _rate_change(before, beside, changes[before.step.cycles])
@@ -255,12 +261,18 @@ def _feedback(simulation: Simulation, period: Period, changes: dict[int, PeriodS
 
 
 def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:
-    """Return w(1) (n, V) of ``w' = J w + first + t (last - first)``, ``w(0) = start``, for J (n, n) of any size."""
+    """Return w(1) (n, V) of ``w' = J w + first + t (last - first)``, ``w(0) = start``, for J (n, n) of any size.
+
+    It is nan where the step of derivatives would grow to all that was uncertain, which is no change of first order.
+    """
     n = len(jacobian)
     blocks = np.zeros((3 * n, 3 * n))
     blocks[:n, :n] = jacobian
     blocks[:2 * n, n:] += np.eye(2 * n)
-    exponential, constant, ramp = np.hsplit(expm(blocks)[:n], 3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        exponential, constant, ramp = np.hsplit(expm(blocks)[:n], 3)
+    if not STEP * np.abs(exponential).max() < 1.0:
+        return np.full_like(start, np.nan)
     return np.asarray(exponential @ start + constant @ first + ramp @ (last - first))
 
 
