@@ -28,8 +28,8 @@ COUNTS = (0, 5000, 20000, 60000)
 CONDITIONS = (SweepCondition(id=0, excitation_amplitude="75 N"), SweepCondition(id=1, normal_load="50 N"),
               SweepCondition(id=2, excitation_frequency="80 Hz"))
 # exponentially: of another order friction hardly moves the wear; a scar that fills late and ends near: no fold is near;
-# friction that settles over all counts, between which changes count as linear
-GENTLE = {"order": 1.0, "depth_scale": 4e-6, "reach": 1.2, "energy": 300.0}
+# friction that settles over all counts, between which changes count as linear; a guide that is curved
+GENTLE = {"order": 1.0, "depth_scale": 4e-6, "reach": 1.2, "energy": 300.0, "curvature": 2e4}
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def counted_from(rig, channel):
 @pytest.mark.parametrize(("effects", "aligned_to"), [
     (("friction-run-in",), "excitation"), (("normal-load-drift", "sensor-path-compliance"), "excitation"),
     (("wear-power-law",), "excitation"), (("scar-edge",), "excitation"), (("third-body",), "excitation"),
-    (("directional-friction", "excitation-distortion"), "excitation"),
+    (("directional-friction", "excitation-distortion"), "excitation"), (("normal-load-coupling",), "excitation"),
     (("viscous", "sensor-path-compliance"), "displacement")])
 def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
     model, space = counted_from(rig, aligned_to), Parameters.of(BASELINE, effects)

@@ -132,7 +132,7 @@ def test_integration_in_time_stays_with_the_period(name):
         assert parted > 0.015
 
 
-@pytest.mark.parametrize("name", ["velocity", "coupling", "support", "drive"])
+@pytest.mark.parametrize("name", ["velocity", "coupling", "curved coupling", "support", "drive"])
 def test_the_check_of_runs_knows_effects(name):
     effect, _ = CASES[name]
     model = EffectModel.build(one_node(), [effect])

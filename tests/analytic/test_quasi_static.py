@@ -118,6 +118,23 @@ def test_equilibrium_of_the_contact_and_of_the_load(force, domed):
     assert np.abs(rigid[:, :, 1]).max() < 1e-14
 
 
+@pytest.mark.parametrize("domed", [False, True])
+def test_faces_bear_what_a_curved_wedge_presses(domed):
+    """Equilibrium along z under ``N + s x + b x^2``, and the arm comes down by what the contact's flexibility gives."""
+    slope, bend = 5e5, 2e10
+    whole = problem(60.0, DOME if domed else None)
+    found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
+        replace(whole, structure=change_rig(JOINT, load_slope=slope, load_bend=bend)))
+    arm = found.rig_displacement[:, 1]
+    pressed = LOAD + slope * arm + bend * arm**2
+    assert np.ptp(bend * arm**2) > 0.03 * LOAD
+    assert found.force[:, :, 2].sum(axis=1) == pytest.approx(pressed, rel=1e-8)
+    forces = found.force.reshape(len(arm), -1)
+    rigid = (found.displacement.reshape(forces.shape) - forces @ JOINT.flexibility).reshape(len(arm), NODES, 3)
+    assert np.ptp(rigid, axis=1).max() < 1e-14
+    assert rigid[:, 0, 2] == pytest.approx(found.output("approach"), abs=1e-14)
+
+
 @pytest.mark.parametrize("force", [53.0, 75.0])
 def test_work_of_the_excitation_is_friction_and_damping(force):
     """Work over a period by Fourier series of the motion alone; friction by forces times slips."""

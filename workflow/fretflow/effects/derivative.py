@@ -37,7 +37,7 @@ class _Data:
            ) -> _Data:
         """Return those of `problem`; what it shares with a problem that is `like` it is taken from there."""
         rig = rig_of(problem.structure).rig
-        load = problem.normal_load + rig.load_slope * motion.internal[:, 1]
+        load = problem.normal_load + rig.load_at(motion.internal[:, 1])
         if not load.min() > 0.0:
             raise NonConvergenceError("the normal load vanishes during the motion; lower the load's slope or the drive")
         pressed = like is not None and problem.preload is like[0].preload

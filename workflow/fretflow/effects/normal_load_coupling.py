@@ -2,38 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from fretflow.contact.law import FactorAndSlopes
 from fretflow.core import units as u
 from fretflow.effects.effect import ALL_KINDS, Array, Block, Effect, Motion, Sketch, parameter
 from fretflow.effects.sketches import AMPLITUDE
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import change_rig, rig_of
 from fretflow.wear.slow import SlowState
-
-
-@dataclass(frozen=True)
-class _CurvedGuide:
-    """``(N_0 + s x + s k x^2) / (N_0 + s x)``, what the curvature of a guide adds to friction."""
-
-    load: float
-    slope: float
-    curvature: float
-
-    def __call__(self, position: Array, velocity: Array) -> FactorAndSlopes:
-        straight, bent = self.load + self.slope * position, self.slope * self.curvature * position
-        by_position = (2.0 * bent - bent * position * self.slope / straight) / straight
-        return FactorAndSlopes(1.0 + bent * position / straight, by_position, np.zeros_like(position))
 
 
 class NormalLoadCoupling(Effect):
     """Normal load ``N_0 + s x (1 + k x)``, x the position of the moving specimen, k how a guide is curved.
 
-    What the curvature adds acts on friction and on the record of the load; how it spreads the pressure is left aside.
     Where a measured motion drives the joint, the friction limit follows as ``1 + s x / N_0``, with N_0 given here.
     """
 
@@ -55,20 +38,11 @@ class NormalLoadCoupling(Effect):
                                              -5e4, 5e4, rig_only=True)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
-        """Let the load follow the arm, and friction a curved guide."""
-        found = replace(problem, structure=change_rig(
-            problem.structure, load_slope=rig_of(problem.structure).rig.load_slope + self.slope))
-        if self.curvature == 0.0:
-            return found
-        curved = _CurvedGuide(problem.normal_load, self.slope, self.curvature)
-        return replace(found, law=replace(found.law, motion_factors=(*found.law.motion_factors, curved)))
-
-    def sense(self, signals: Signals) -> Signals:
-        """Add what the curvature presses to the normal force."""
-        if self.curvature == 0.0 or signals.normal_force is None:
-            return signals
-        more = self.slope * self.curvature * signals.arm**2
-        return replace(signals, normal_force=signals.normal_force + more)
+        """Let the load follow the arm."""
+        rig = rig_of(problem.structure).rig
+        return replace(problem, structure=change_rig(
+            problem.structure, load_slope=rig.load_slope + self.slope,
+            load_bend=rig.load_bend + self.slope * self.curvature))
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factor at each position; a load cannot pull."""

@@ -216,7 +216,8 @@ def refuse_unknown(problem: PeriodicProblem, method: str) -> None:
     for what, known in (
             ("friction that depends on the direction", law.asymmetry == 0.0),
             ("friction that depends on the motion", not law.motion_factors),
-            ("a normal load that depends on the motion", linear or not np.any(problem.boundary.free_coupling)),
+            ("a normal load that depends on the motion", linear or not (np.any(
+                problem.boundary.free_coupling) or problem.boundary.bending is not None)),
             ("further forces on the structure", linear)):
         if not known:
             raise InputError(f'{method} does not know {what}; use solver.method = "quasi-static"')

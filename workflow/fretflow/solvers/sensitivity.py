@@ -148,13 +148,16 @@ def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: Inte
                            np.require(solution.state, dtype=np.int8, requirements=["C", "W"]))
     system = ContactSystem.of(problem, equations.seen)
     load = b.inputs.index(NORMAL_LOAD)
-    loaded = replace(system, coupling=np.hstack([system.coupling, b.input_pull[:, load:load + 1]]),
-                     transfer=np.vstack([system.transfer, np.zeros(3 * system.size)]))
     directions_of_seen = equations.directions()
+    pulls = [system.coupling, *([] if system.bending is None else [system.bending]), b.input_pull[:, load:load + 1]]
+    coupling = np.hstack(pulls)
+    loaded = replace(system, coupling=coupling, bending=None, transfer=np.vstack([
+        system.transfer, np.zeros((coupling.shape[1] - len(system.transfer), 3 * system.size))]))
     around = Surroundings.of(problem, equations.seen)
     factor = around.friction_factor(period.position)
     still = np.zeros((samples, 1, directions_of_seen.shape[2]))
-    solved = SolvedContact(loaded, period, factor, np.concatenate([directions_of_seen, still], axis=1),
+    moved = system.moved(period.position, directions_of_seen)
+    solved = SolvedContact(loaded, period, factor, np.concatenate([moved, still], axis=1),
                            around.factor_slope(factor, directions_of_seen))
     found = differentiate_contact(solved, directions, _outputs(problem, system, loaded))
     lever = np.linalg.solve(b.free.T @ b.bare_stiffness @ b.free, b.free.T @ b.bare_stiffness)
@@ -176,13 +179,14 @@ def _outputs(problem: PeriodicProblem, system: ContactSystem, loaded: ContactSys
     series = b.free.T @ lever
     free = np.linalg.solve(series, lever.T)
     seen = seen_coordinates(b)
-    free_by = np.hstack([-free @ b.motion[:, seen] - np.linalg.solve(series, b.free_coupling[:, seen]),
+    bent = [] if b.free_bending is None else [-np.linalg.solve(series, b.free_bending[:, seen])]
+    free_by = np.hstack([-free @ b.motion[:, seen] - np.linalg.solve(series, b.free_coupling[:, seen]), *bent,
                          -free @ b.input_motion[:, load:load + 1]
                          - np.linalg.solve(series, b.input_free[:, load:load + 1])])
     none = np.zeros((1 + len(free), 3 * len(areas)))
     return LinearOutputs(
         np.vstack([by_displacement[:d], mean, free, by_displacement[d:]]), np.vstack([sums[:d], none, sums[d:]]),
-        np.vstack([by_coordinate[:d], np.zeros((1, d + 1)), free_by, by_coordinate[d:]]))
+        np.vstack([by_coordinate[:d], np.zeros((1, free_by.shape[1])), free_by, by_coordinate[d:]]))
 
 
 def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],

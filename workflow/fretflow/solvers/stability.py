@@ -104,7 +104,8 @@ def monodromy_matrix(internal: Internal, system: ContactSystem, period: PeriodHi
         history = np.column_stack([slope, np.zeros((len(slope), sees + 1))])
         factor_slope = np.concatenate([np.zeros(size), around.factor.by_position[j] * around.sliding,
                                        [around.factor.by_velocity[j]]])
-        moved, force = solver.tangent(SampleState.of(period, j), period.displacement[j - 1], history, motion,
+        moved, force = solver.tangent(SampleState.of(period, j), period.displacement[j - 1], history,
+                                      system.moved(period.position[j], motion),
                                       float(around.factor.factor[j]), factor_slope)
         position, velocity = step.advance(j, position, velocity, felt, force)
         own = np.vstack([position[around.seen], around.sliding @ velocity[around.seen]])

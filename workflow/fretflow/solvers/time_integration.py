@@ -20,7 +20,7 @@ of the motion that is extrapolated from the step before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -251,15 +251,21 @@ class _Step:
         load = load + b.input_force @ driven + total_force(b.forces, x1[None], v1[None]).force[0]
         free = self.flexibility @ load
         factor = self.problem.law.factor(x1[None] @ b.sliding, v1[None] @ b.sliding).factor
-        contact = self._press(free, b.input_pull @ driven, now, float(factor[0]))
+        pull = [b.input_pull @ driven] * 2
+        if b.bending is not None:
+            pull = [whole + b.bending @ at**2 for whole, at in zip(pull, (x1, rig.x), strict=True)]
+        contact = self._press(free, pull, now, float(factor[0]))
         x = free + self.response @ contact.force
         a = (x - ahead) / (B * h**2)
         slid = (contact.displacement - now.contact.displacement).reshape(-1, 3)[:, :2]
         return AtInstant(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
                       now.work - float(np.sum(contact.force.reshape(-1, 3)[:, :2] * slid)))
 
-    def _press(self, free: Array, pull: Array, now: AtInstant, factor: float) -> SampleState:
-        """Return the contact when the coordinates would, without contact, go to `free` (d,), in m."""
+    def _press(self, free: Array, pull: Sequence[Array], now: AtInstant, factor: float) -> SampleState:
+        """Return the contact when the coordinates would, without contact, go to `free` (d,), in m.
+
+        Both under the `pull` there and that where they are now, beside their own.
+        """
         last, b = now.contact, self.problem.boundary
         # a rigid contact knows its force no better than its stiffness times the round-off of displacements
         largest = max(float(np.abs(free).max(initial=0.0)), float(np.abs(last.displacement).max()))
@@ -271,7 +277,7 @@ class _Step:
         self.before = last
         held = now.motion.x - self.response @ last.force  # here the contact would stay as it is
         pulls = [whole - self.carried @ (b.transfer @ whole) for whole in
-                 (pull + b.coupling @ there for there in (free, held))]
+                 (own + b.coupling @ there for own, there in zip(pull, (free, held), strict=True))]
         return self.solver.solve(pulls[0], last.displacement, guess, pulls[1], factor)
 
 

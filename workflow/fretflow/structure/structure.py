@@ -4,16 +4,17 @@ The contact is massless (C. D. Monjaraz Tec, J. Gross, M. Krack, Comput. Struct.
 mode synthesis): with internal coordinates q, loads i at named inputs and static coordinates s that are free of mass and
 spring, the relative displacement u of the contact points under the contact force f on the upper ones is
 
-    u = B q + B_s s + W i + G f,    B_s^T f = L i + E q,    M q'' + C q' + S q = A i + F(q, q') + T f
+    u = B q + B_s s + W i + G f,    B_s^T f = L i + E q + F q^2,    M q'' + C q' + S q = A i + N(q, q') + T f
 
 G is the flexibility of what the internal coordinates leave out. T is B^T unless something else drives q. The free
 coordinates are condensed statically: with K = G^-1, l = K B_s and k = B_s^T l,
 
-    f = K' u - R q - P i,    K' = K - l k^-1 l^T,    R = K' B - l k^-1 E,    P = K' W - l k^-1 L
-    s = k^-1 (l^T (u - B q - W i) - L i - E q)
+    f = K' u - R q - R_2 q^2 - P i,    K' = K - l k^-1 l^T
+    R = K' B - l k^-1 E,    R_2 = -l k^-1 F,    P = K' W - l k^-1 L
+    s = k^-1 (l^T (u - B q - W i) - L i - E q - F q^2)
 
-so that to the contact there is only one kind of surroundings: a stiffness and a pull ``R q + P i``. A normal load that
-follows the motion is another E, hence another R. Outputs are linear in q, s, f and i.
+so that to the contact there is only one kind of surroundings: a stiffness and a pull ``R q + R_2 q^2 + P i``. A normal
+load that follows the motion is another E, and F where a guide is curved. Outputs are linear in q, s, f and i.
 """
 
 from __future__ import annotations
@@ -109,6 +110,7 @@ class MasslessBoundary:
     sliding: Array = quantity("1", "(d,), motion of the moving faces along x")
     forces: tuple[InternalForce, ...] = ()
     contact_mass: Array | None = quantity("kg", "(3 n, 3 n), inertia left out, by u alone; None: unknown", default=None)
+    free_bending: Array | None = quantity("N/m2", "(s, d), F; None where it is zero", default=None)
 
     @property
     def nodes(self) -> int:
@@ -135,6 +137,11 @@ class MasslessBoundary:
         return self._pull(self.motion, self.free_coupling)
 
     @cached_property
+    def bending(self) -> Array | None:
+        """Return R_2 (3 n, d) in N/m^2; None where it is zero."""
+        return None if self.free_bending is None else self._pull(np.zeros_like(self.motion), self.free_bending)
+
+    @cached_property
     def input_pull(self) -> Array:
         """Return P (3 n, i)."""
         return self._pull(self.input_motion, self.input_free)
@@ -143,7 +150,10 @@ class MasslessBoundary:
         """Return s (N, s) for q (N, d), u (N, 3 n) and loads (N, i)."""
         lever, series = self._free_series
         felt = (u - q @ self.motion.T - i @ self.input_motion.T) @ lever
-        return np.asarray(np.linalg.solve(series, (felt - i @ self.input_free.T - q @ self.free_coupling.T).T).T)
+        load = i @ self.input_free.T + q @ self.free_coupling.T
+        if self.free_bending is not None:
+            load = load + q**2 @ self.free_bending.T
+        return np.asarray(np.linalg.solve(series, (felt - load).T).T)
 
     def observe(self, q: Array, u: Array, f: Array, i: Array) -> dict[str, Array]:
         """Return all outputs, (N,) or (N, k), of N samples of q, u, f and the loads."""

@@ -341,7 +341,7 @@ class RigModel:
     def signals(self, period: Period) -> Signals:
         """Return the true channels of a period, in the harmonics that are compared."""
         found = period.solution
-        load = period.problem.normal_load + rig_of(period.problem.structure).rig.load_slope * found.output("arm")
+        load = period.problem.normal_load + rig_of(period.problem.structure).rig.load_at(found.output("arm"))
         true = true_signals(period.problem, found, self.displacement(period), period.elapsed)
         return replace(true, approach=arm_approach(period), normal_force=load).band_limited(self.observation.harmonics)
 

@@ -350,7 +350,7 @@ def _more_excitation(period: Period, other: PeriodicProblem) -> Array:
 
 def _load(problem: PeriodicProblem, period: Period, moved: Array | float) -> Array:
     """Return the normal load (N,) of a problem as the arm moves by `moved` more than in the period."""
-    return problem.normal_load + rig_of(problem.structure).rig.load_slope * (period.solution.output("arm") + moved)
+    return problem.normal_load + rig_of(problem.structure).rig.load_at(period.solution.output("arm") + moved)
 
 
 def _more_asperity_motion(period: Period, other: PeriodicProblem, bare: PeriodicProblem, force: Array) -> Array:

@@ -283,16 +283,16 @@ class ContactMarch:
                 before, slope, last, self._returning = run.end, run.slope, np.inf, np.zeros((0, 0))  # misled
                 run = self._pass(position, forcing, before, slope, near, run)
             if self._repeats(run, before, slope) and not (shot and self._drift(run, before, slope) > 1.0):
-                return PeriodicMarch(run.history, run.tangent, period + 1)
+                return PeriodicMarch(run.history, run.tangent[:, :position.shape[1]], period + 1)
         raise NonConvergenceError(
             f"the contact did not repeat itself within {MAX_PERIODS} periods; it may ratchet under this load")
 
     def _forcing(self, position: Array, directions: Array) -> Forcing:
         """Return what a period of the coordinates (N, d) is under, and its derivatives by `directions` (N, d, p)."""
-        pull = position @ self.system.coupling.T + self.system.pull
+        pull = self.system.pulled(position)
         self.surroundings.check(pull)
         factor = self.surroundings.friction_factor(position)
-        return Forcing(*map(plain, (pull, factor.factor, directions,
+        return Forcing(*map(plain, (pull, factor.factor, self.system.moved(position, directions),
                                     self.surroundings.factor_slope(factor, directions))))
 
     def _pass(self, position: Array, forcing: Forcing, start: SampleState, slope: Array, guess: PeriodHistory | None,

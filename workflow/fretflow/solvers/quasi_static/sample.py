@@ -3,7 +3,7 @@
 The contact is massless (see `structure.structure`), so at each sample the relative displacement u and the contact force
 f obey, the internal coordinates q and loads i being given,
 
-    f = K u - p,    p = R q + P i
+    f = K u - p,    p = R q + S q^2 + P i
     f_z >= 0,  gap + u_z >= 0,  f_z (gap + u_z) = 0
     stick: u_t = u_t(previous sample), |f_t| <= mu f_z
     slip:  f_t = -mu f_z (u_t - u_t(previous)) / |u_t - u_t(previous)|
@@ -17,7 +17,7 @@ closed node makes the equations regular.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,7 +40,8 @@ class ContactSystem:
     """The contact of a structure: stiffness, nodes and friction.
 
     `stiffness` K (3 n, 3 n) and `coupling` R (3 n, d) in N/m, `transfer` T (d, 3 n), `gap` (n,) m, `pull` P i at rest
-    (3 n,) N; `load` is the size of the normal forces together, N, to which accuracies are relative.
+    (3 n,) N; `load` is the size of the normal forces together, N, to which accuracies are relative. The squares of the
+    coordinates may pull as well, by `bending` S (3 n, d) in N/m^2: they are d coordinates more in the compiled loops.
     """
 
     stiffness: Array
@@ -51,6 +52,7 @@ class ContactSystem:
     pull: Array
     load: float
     penalty: float  # rho in N/m
+    bending: Array | None = None
 
     @classmethod
     def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp] | None = None) -> ContactSystem:
@@ -59,8 +61,9 @@ class ContactSystem:
         which = np.arange(b.size) if seen is None else seen
         pull = b.input_pull @ problem.loads(0)[0].real
         load = problem.normal_load or float(np.abs(pull).sum()) or problem.excitation.amplitude or 1.0
-        return cls.of_parts(b.stiffness, b.coupling[:, which], b.transfer[which], problem.interface.gap,
-                            problem.nodal_law, pull, load)
+        found = cls.of_parts(b.stiffness, b.coupling[:, which], b.transfer[which], problem.interface.gap,
+                             problem.nodal_law, pull, load)
+        return found if b.bending is None else replace(found, bending=b.bending[:, which])
 
     @classmethod
     def of_parts(cls, stiffness: Array, coupling: Array, transfer: Array, gap: Array, law: Coulomb, pull: Array,
@@ -82,6 +85,17 @@ class ContactSystem:
         """Return the number of nodes."""
         return len(self.gap)
 
+    def pulled(self, position: Array) -> Array:
+        """Return the pull (N, 3 n), N, at coordinates (N, d)."""
+        pull = position @ self.coupling.T + self.pull
+        return pull if self.bending is None else pull + position**2 @ self.bending.T
+
+    def moved(self, position: Array, directions: Array) -> Array:
+        """Return derivatives (..., d, p) of coordinates (..., d) as the compiled loops take them."""
+        if self.bending is None:
+            return directions
+        return np.concatenate([directions, 2.0 * position[..., None] * directions], axis=-2)
+
     @cached_property
     def felt_stiffness(self) -> Array:
         """Return ``T R`` (d, d) in N/m: that of the stuck contact to the coordinates."""
@@ -90,9 +104,11 @@ class ContactSystem:
     @cached_property
     def data(self) -> Contact:
         """Return the data of the compiled loops."""
-        law = self.law
-        return Contact(plain(self.stiffness), plain(self.coupling), plain(self.transfer @ self.stiffness),
-                       plain(self.felt_stiffness), plain(self.gap), plain(self.friction),
+        law, coupling, transfer = self.law, self.coupling, self.transfer
+        if self.bending is not None:
+            coupling, transfer = np.hstack([coupling, self.bending]), np.vstack([transfer, np.zeros_like(transfer)])
+        return Contact(plain(self.stiffness), plain(coupling), plain(transfer @ self.stiffness),
+                       plain(transfer @ coupling), plain(self.gap), plain(self.friction),
                        plain(np.broadcast_to(law.reference_force, self.size)), float(law.exponent),
                        float(law.asymmetry), float(self.penalty))
 
@@ -158,7 +174,7 @@ class SampleSolver:
 
     def solve(self, pull: Array, previous: Array, guess: SampleState, pull_before: Array,
               friction_factor: float = 1.0) -> SampleState:
-        """Return the contact under the pull ``R q + P i`` (3 n,), N, after a sample with displacement `previous`.
+        """Return the contact under the pull ``p`` (3 n,), N, after a sample with displacement `previous`.
 
         If Newton fails, the pull is brought there from `pull_before` in ever smaller parts, the sample's own history
         unchanged: each part starts from the solution of the one before.
@@ -185,7 +201,7 @@ class SampleSolver:
         history : (3 n, p)
             Derivative of `previous`.
         motion : (d, p)
-            Derivative of the coordinates.
+            Derivative of the coordinates, and of their squares where these pull (`ContactSystem.moved`).
         factor, factor_slope : float, (p,)
             That on friction, and its derivative, by default none.
 
@@ -197,7 +213,8 @@ class SampleSolver:
         slope = np.zeros(motion.shape[1]) if factor_slope is None else factor_slope
         change = SampleChange(motion, np.outer(self.system.friction, slope), np.zeros((0, motion.shape[1])))
         moved = self.differentiate(sample, previous, history, change, factor).displacement
-        return moved, self.system.data.felt @ moved - self.system.felt_stiffness @ motion
+        d, data = len(self.system.transfer), self.system.data
+        return moved, data.felt[:d] @ moved - data.felt_coupling[:d] @ motion
 
     def differentiate(self, sample: SampleState, previous: Array, history: Array, change: SampleChange,
                       factor: float = 1.0) -> SampleDerivative:

@@ -26,7 +26,8 @@ MATRICES = ("moving_mass", "arm_mass", "ground_stiffness", "hinge_stiffness", "g
 class LumpedRig:
     """Masses, springs and dashpots of the rig (a `structure.structure.Internal`), and what else acts on it.
 
-    Further forces act on block and arm along x; where the arm runs up a wedge, the normal load is ``N + load_slope x``.
+    Further forces act on block and arm along x; where the arm runs up a wedge, which may be curved, the normal load is
+    ``N + load_slope x + load_bend x^2``.
     """
 
     moving_mass: float = quantity("kg")
@@ -36,6 +37,7 @@ class LumpedRig:
     ground_damping: float = quantity("N s/m")
     hinge_damping: float = quantity("N s/m")
     load_slope: float = quantity("N/m", default=0.0)
+    load_bend: float = quantity("N/m2", default=0.0)
     forces: tuple[InternalForce, ...] = ()
 
     @classmethod
@@ -56,6 +58,10 @@ class LumpedRig:
             moving_mass=moving_mass, arm_mass=arm_mass, ground_stiffness=ground, hinge_stiffness=hinge,
             ground_damping=2.0 * damping_ratio * float(np.sqrt(ground * total)),
             hinge_damping=2.0 * hinge_ratio * float(np.sqrt(hinge * arm_mass)))
+
+    def load_at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what a wedge adds to the normal load at positions of the arm in m, N."""
+        return (self.load_slope + self.load_bend * position) * position
 
     @property
     def mass(self) -> NDArray[np.float64]:
