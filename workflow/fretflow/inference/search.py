@@ -254,7 +254,7 @@ class Search:
 
     def sign(self, sets: Iterable[Names]) -> None:
         """Predict some sets with each of their effects out of work."""
-        asked = [(names, one) for names in sets if names and (
+        asked = [(names, one) for names in dict.fromkeys(sets) if names and (
             names not in self._signatures or self._signatures[names][0] is not self.fits[names])
             for one in sorted(names)]
         tasks = [Task(self.fitter_of(names), replace(self.fits[names].prediction.point, neutral=frozenset({one})),

@@ -85,7 +85,7 @@ def leading(found: Search) -> list[Names]:
 
     These may be improbable for what they leave, as the stronger one of two is. Laws of other forms are allowed for.
     Where one leaves noise alone there is nothing that pairs without it could explain more of, and where none leaves
-    that, nothing that two could. What leaves more than nothing does is no base, however probable.
+    that, nothing that two could. What leaves more than nothing does takes no other's place, however probable.
     """
     if found.leaves_noise(frozenset()):
         return []
@@ -94,8 +94,10 @@ def leading(found: Search) -> list[Names]:
     first = singles[:2 * found.effort.bases]
     if any(map(found.leaves_noise, first)):
         return found.promising(first)[:found.effort.bases]
-    found.sign(first)
-    probable = sorted(first, key=lambda names: -found.log_evidence(names))[:found.effort.bases]
+    every = found.best(1)[:2 * found.effort.bases]
+    found.sign([*first, *every])
+    probable = [one for sets in (first, every)
+                for one in sorted(sets, key=lambda names: -found.log_evidence(names))[:found.effort.bases]]
     return list(dict.fromkeys([*probable, *sorted(singles, key=found.chi_squared)[:found.effort.bases]]))
 
 
