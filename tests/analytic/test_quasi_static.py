@@ -124,7 +124,7 @@ def test_faces_bear_what_a_curved_wedge_presses(domed):
     slope, bend = 5e5, 2e10
     whole = problem(60.0, DOME if domed else None)
     found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
-        replace(whole, structure=change_rig(JOINT, load_slope=slope, load_bend=bend)))
+        replace(whole, structure=change_rig(JOINT, load_slope=slope, load_curvature=bend)))
     arm = found.rig_displacement[:, 1]
     pressed = LOAD + slope * arm + bend * arm**2
     assert np.ptp(bend * arm**2) > 0.03 * LOAD

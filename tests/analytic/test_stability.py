@@ -73,7 +73,7 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
 
 def pull(contact, arm):
     """Return the pull (3 n,) at a position (1,) of the arm."""
-    bent = 0.0 if contact.bending is None else contact.bending @ arm**2
+    bent = 0.0 if contact.curvature is None else contact.curvature @ arm**2
     return contact.pull + contact.coupling @ arm + bent
 
 
@@ -157,7 +157,7 @@ def test_friction_and_load_that_follow_the_motion_take_part():
     system, point = converged(60.0, frequency, samples, own)
     problem = replace(
         system.problem, law=replace(system.problem.law, motion_factors=(Weakening(),)),
-        structure=change_rig(system.problem.structure, load_slope=4e4, load_bend=5e9)).vary(frequency=frequency)
+        structure=change_rig(system.problem.structure, load_slope=4e4, load_curvature=5e9)).vary(frequency=frequency)
     motion = system.motion(point)
     speed = time_derivative(motion[:, 1], problem.omega)
     # a period of its own under these laws: the arm's motion as it is, the contact marched until it repeats

@@ -156,7 +156,7 @@ def test_what_a_backbone_does_not_know_is_followed_by_continuation(monkeypatch):
     solver = Solver(harmonics=7, samples=64)
     case = replace_range(start="95 Hz", stop="115 Hz").model_copy(update={"solver": solver})
     problem = replace(PROBLEM, structure=change_rig(PROBLEM.structure, load_slope=5e4))
-    curved = replace(PROBLEM, structure=change_rig(PROBLEM.structure, load_bend=5e9))
+    curved = replace(PROBLEM, structure=change_rig(PROBLEM.structure, load_curvature=5e9))
     for other in (problem, curved):
         with pytest.raises(InputError, match="backbone does not know a normal load that depends on the motion"):
             BackboneSolver.of(other, 7, 64).solve(other)

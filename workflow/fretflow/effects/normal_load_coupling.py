@@ -42,7 +42,7 @@ class NormalLoadCoupling(Effect):
         rig = rig_of(problem.structure).rig
         return replace(problem, structure=change_rig(
             problem.structure, load_slope=rig.load_slope + self.slope,
-            load_bend=rig.load_bend + self.slope * self.curvature))
+            load_curvature=rig.load_curvature + self.slope * self.curvature))
 
     def limit(self, motion: Motion) -> tuple[Array | float, Array | float]:
         """Return the factor at each position; a load cannot pull."""

@@ -217,7 +217,7 @@ def refuse_unknown(problem: PeriodicProblem, method: str) -> None:
             ("friction that depends on the direction", law.asymmetry == 0.0),
             ("friction that depends on the motion", not law.motion_factors),
             ("a normal load that depends on the motion", linear or not (np.any(
-                problem.boundary.free_coupling) or problem.boundary.bending is not None)),
+                problem.boundary.free_coupling) or problem.boundary.curvature is not None)),
             ("further forces on the structure", linear)):
         if not known:
             raise InputError(f'{method} does not know {what}; use solver.method = "quasi-static"')

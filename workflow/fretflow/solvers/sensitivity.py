@@ -149,9 +149,9 @@ def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: Inte
     system = ContactSystem.of(problem, equations.seen)
     load = b.inputs.index(NORMAL_LOAD)
     directions_of_seen = equations.directions()
-    pulls = [system.coupling, *([] if system.bending is None else [system.bending]), b.input_pull[:, load:load + 1]]
+    pulls = [system.coupling, *([] if system.curvature is None else [system.curvature]), b.input_pull[:, load:load + 1]]
     coupling = np.hstack(pulls)
-    loaded = replace(system, coupling=coupling, bending=None, transfer=np.vstack([
+    loaded = replace(system, coupling=coupling, curvature=None, transfer=np.vstack([
         system.transfer, np.zeros((coupling.shape[1] - len(system.transfer), 3 * system.size))]))
     around = Surroundings.of(problem, equations.seen)
     factor = around.friction_factor(period.position)
@@ -179,7 +179,7 @@ def _outputs(problem: PeriodicProblem, system: ContactSystem, loaded: ContactSys
     series = b.free.T @ lever
     free = np.linalg.solve(series, lever.T)
     seen = seen_coordinates(b)
-    bent = [] if b.free_bending is None else [-np.linalg.solve(series, b.free_bending[:, seen])]
+    bent = [] if b.free_curvature is None else [-np.linalg.solve(series, b.free_curvature[:, seen])]
     free_by = np.hstack([-free @ b.motion[:, seen] - np.linalg.solve(series, b.free_coupling[:, seen]), *bent,
                          -free @ b.input_motion[:, load:load + 1]
                          - np.linalg.solve(series, b.input_free[:, load:load + 1])])

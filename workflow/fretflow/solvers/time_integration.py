@@ -252,8 +252,8 @@ class _Step:
         free = self.flexibility @ load
         factor = self.problem.law.factor(x1[None] @ b.sliding, v1[None] @ b.sliding).factor
         pull = [b.input_pull @ driven] * 2
-        if b.bending is not None:
-            pull = [whole + b.bending @ at**2 for whole, at in zip(pull, (x1, rig.x), strict=True)]
+        if b.curvature is not None:
+            pull = [whole + b.curvature @ at**2 for whole, at in zip(pull, (x1, rig.x), strict=True)]
         contact = self._press(free, pull, now, float(factor[0]))
         x = free + self.response @ contact.force
         a = (x - ahead) / (B * h**2)

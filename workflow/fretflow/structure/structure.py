@@ -110,7 +110,7 @@ class MasslessBoundary:
     sliding: Array = quantity("1", "(d,), motion of the moving faces along x")
     forces: tuple[InternalForce, ...] = ()
     contact_mass: Array | None = quantity("kg", "(3 n, 3 n), inertia left out, by u alone; None: unknown", default=None)
-    free_bending: Array | None = quantity("N/m2", "(s, d), F; None where it is zero", default=None)
+    free_curvature: Array | None = quantity("N/m2", "(s, d), F; None where it is zero", default=None)
 
     @property
     def nodes(self) -> int:
@@ -137,9 +137,9 @@ class MasslessBoundary:
         return self._pull(self.motion, self.free_coupling)
 
     @cached_property
-    def bending(self) -> Array | None:
+    def curvature(self) -> Array | None:
         """Return R_2 (3 n, d) in N/m^2; None where it is zero."""
-        return None if self.free_bending is None else self._pull(np.zeros_like(self.motion), self.free_bending)
+        return None if self.free_curvature is None else self._pull(np.zeros_like(self.motion), self.free_curvature)
 
     @cached_property
     def input_pull(self) -> Array:
@@ -151,8 +151,8 @@ class MasslessBoundary:
         lever, series = self._free_series
         felt = (u - q @ self.motion.T - i @ self.input_motion.T) @ lever
         load = i @ self.input_free.T + q @ self.free_coupling.T
-        if self.free_bending is not None:
-            load = load + q**2 @ self.free_bending.T
+        if self.free_curvature is not None:
+            load = load + q**2 @ self.free_curvature.T
         return np.asarray(np.linalg.solve(series, (felt - load).T).T)
 
     def observe(self, q: Array, u: Array, f: Array, i: Array) -> dict[str, Array]:

@@ -46,8 +46,8 @@ class Patches:
         system = ContactSystem.of_parts(
             self._sums(self._sums(c.stiffness).T), self._sums(c.coupling), self._means(c.transfer.T).T,
             self.mean(c.gap), law, self._sums(c.pull), c.load)
-        if c.bending is not None:
-            system = replace(system, bending=self._sums(c.bending))
+        if c.curvature is not None:
+            system = replace(system, curvature=self._sums(c.curvature))
         return ContactMarch(system, Surroundings(around.law, around.omega, around.sliding, self._means(around.free)),
                             lambda: self.state(march.preloaded()))
 

@@ -3,7 +3,7 @@
 The contact is massless (see `structure.structure`), so at each sample the relative displacement u and the contact force
 f obey, the internal coordinates q and loads i being given,
 
-    f = K u - p,    p = R q + S q^2 + P i
+    f = K u - p,    p = R q + R_2 q^2 + P i
     f_z >= 0,  gap + u_z >= 0,  f_z (gap + u_z) = 0
     stick: u_t = u_t(previous sample), |f_t| <= mu f_z
     slip:  f_t = -mu f_z (u_t - u_t(previous)) / |u_t - u_t(previous)|
@@ -41,7 +41,7 @@ class ContactSystem:
 
     `stiffness` K (3 n, 3 n) and `coupling` R (3 n, d) in N/m, `transfer` T (d, 3 n), `gap` (n,) m, `pull` P i at rest
     (3 n,) N; `load` is the size of the normal forces together, N, to which accuracies are relative. The squares of the
-    coordinates may pull as well, by `bending` S (3 n, d) in N/m^2: they are d coordinates more in the compiled loops.
+    coordinates may pull as well, by `curvature` R_2 (3 n, d) in N/m^2: to compiled loops they are d coordinates more.
     """
 
     stiffness: Array
@@ -52,7 +52,7 @@ class ContactSystem:
     pull: Array
     load: float
     penalty: float  # rho in N/m
-    bending: Array | None = None
+    curvature: Array | None = None
 
     @classmethod
     def of(cls, problem: PeriodicProblem, seen: NDArray[np.intp] | None = None) -> ContactSystem:
@@ -63,7 +63,7 @@ class ContactSystem:
         load = problem.normal_load or float(np.abs(pull).sum()) or problem.excitation.amplitude or 1.0
         found = cls.of_parts(b.stiffness, b.coupling[:, which], b.transfer[which], problem.interface.gap,
                              problem.nodal_law, pull, load)
-        return found if b.bending is None else replace(found, bending=b.bending[:, which])
+        return found if b.curvature is None else replace(found, curvature=b.curvature[:, which])
 
     @classmethod
     def of_parts(cls, stiffness: Array, coupling: Array, transfer: Array, gap: Array, law: Coulomb, pull: Array,
@@ -88,11 +88,11 @@ class ContactSystem:
     def pulled(self, position: Array) -> Array:
         """Return the pull (N, 3 n), N, at coordinates (N, d)."""
         pull = position @ self.coupling.T + self.pull
-        return pull if self.bending is None else pull + position**2 @ self.bending.T
+        return pull if self.curvature is None else pull + position**2 @ self.curvature.T
 
     def moved(self, position: Array, directions: Array) -> Array:
         """Return derivatives (..., d, p) of coordinates (..., d) as the compiled loops take them."""
-        if self.bending is None:
+        if self.curvature is None:
             return directions
         return np.concatenate([directions, 2.0 * position[..., None] * directions], axis=-2)
 
@@ -105,8 +105,8 @@ class ContactSystem:
     def data(self) -> Contact:
         """Return the data of the compiled loops."""
         law, coupling, transfer = self.law, self.coupling, self.transfer
-        if self.bending is not None:
-            coupling, transfer = np.hstack([coupling, self.bending]), np.vstack([transfer, np.zeros_like(transfer)])
+        if self.curvature is not None:
+            coupling, transfer = np.hstack([coupling, self.curvature]), np.vstack([transfer, np.zeros_like(transfer)])
         return Contact(plain(self.stiffness), plain(coupling), plain(transfer @ self.stiffness),
                        plain(transfer @ coupling), plain(self.gap), plain(self.friction),
                        plain(np.broadcast_to(law.reference_force, self.size)), float(law.exponent),

@@ -112,7 +112,7 @@ class _OnRig:
     @property
     def linear(self) -> bool:
         """Return whether the rig is linear and its normal load constant."""
-        return not self.rig.forces and self.rig.load_slope == self.rig.load_bend == 0.0
+        return not self.rig.forces and self.rig.load_slope == self.rig.load_curvature == 0.0
 
 
 @record
@@ -172,7 +172,7 @@ class QuasiStaticJoint(_OnRig):
             transfer=motion.T, internal=self.rig, inputs=INPUTS, input_force=np.eye(2, 3),
             input_motion=np.zeros((size, 3)), input_free=np.array([[0.0, 0.0, 1.0]]),
             free_coupling=np.array([[0.0, self.rig.load_slope]]), sliding=np.array([0.0, 1.0]), forces=self.rig.forces,
-            free_bending=np.array([[0.0, self.rig.load_bend]]) if self.rig.load_bend else None,
+            free_curvature=np.array([[0.0, self.rig.load_curvature]]) if self.rig.load_curvature else None,
             outputs={"block": ObservedMotion(block), "arm": ObservedMotion(arm),
                      "upper": ObservedMotion(by_arm, free=np.eye(3)[:, 2:], force=self.upper_compliance),
                      "lower": ObservedMotion(none, force=-self.lower_compliance),

@@ -27,7 +27,7 @@ class LumpedRig:
     """Masses, springs and dashpots of the rig (a `structure.structure.Internal`), and what else acts on it.
 
     Further forces act on block and arm along x; where the arm runs up a wedge, which may be curved, the normal load is
-    ``N + load_slope x + load_bend x^2``.
+    ``N + load_slope x + load_curvature x^2``.
     """
 
     moving_mass: float = quantity("kg")
@@ -37,7 +37,7 @@ class LumpedRig:
     ground_damping: float = quantity("N s/m")
     hinge_damping: float = quantity("N s/m")
     load_slope: float = quantity("N/m", default=0.0)
-    load_bend: float = quantity("N/m2", default=0.0)
+    load_curvature: float = quantity("N/m2", default=0.0)
     forces: tuple[InternalForce, ...] = ()
 
     @classmethod
@@ -61,7 +61,7 @@ class LumpedRig:
 
     def load_at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what a wedge adds to the normal load at positions of the arm in m, N."""
-        return (self.load_slope + self.load_bend * position) * position
+        return (self.load_slope + self.load_curvature * position) * position
 
     @property
     def mass(self) -> NDArray[np.float64]:
