@@ -118,8 +118,7 @@ class Discrepancy:
             slopes = np.column_stack([slopes, self.covariance.whiten(chance)])
         every = np.column_stack([start, slopes, common, modulated])
         inside = left.T @ every
-        rest = every - left @ inside  # whose squares do not cancel, as the difference of both squares does
-        outside: Array = rest.T @ rest
+        outside: Array = every.T @ every - inside.T @ inside
         own, forms = len(fit.z), FORMS[:1] if blank else FORMS
         wanted = np.eye(every.shape[1] - 1)[:, :own]
         table = np.empty((len(forms), len(SIZES), len(SIZES)))
