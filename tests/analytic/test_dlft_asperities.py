@@ -13,6 +13,7 @@ from fretflow.core.errors import InputError
 from fretflow.effects.contact_stiffness import ContactStiffness
 from fretflow.effects.load_dependent_friction import LoadDependentFriction
 from fretflow.effects.model import EffectModel
+from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.effects.velocity_dependent_friction import VelocityDependentFriction
 from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.dlft.solver import Variant, build_equations, solve_equations
@@ -67,6 +68,9 @@ def test_springs_are_in_series_at_every_harmonic():
     assert series.rig == pytest.approx(same.rig, rel=1e-8, abs=1e-15)
 
 
-def test_what_dlft_does_not_know_is_refused():
-    with pytest.raises(InputError, match=r"dlft.* does not know friction that depends on the motion"):
-        build_equations(with_effects(VelocityDependentFriction()), Variant(3, 64, None))
+@pytest.mark.parametrize(("effect", "what"), [
+    (VelocityDependentFriction(), "friction"), (NormalLoadCoupling(), "a normal load"),
+    (NormalLoadCoupling().changed(curvature=2e4), "a normal load")])
+def test_what_dlft_does_not_know_is_refused(effect, what):
+    with pytest.raises(InputError, match=f"dlft.* does not know {what} that depends on the motion"):
+        build_equations(with_effects(effect), Variant(3, 64, None))

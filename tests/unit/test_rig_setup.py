@@ -363,7 +363,7 @@ def test_a_motion_that_does_not_repeat_itself_with_a_drive_that_does_is_of_no_mo
     names, none = frozenset({"viscous"}), 0.05 if first is Verdict.NAMED else 0.95
     sets = {frozenset(): none, names: 0.96 - none}
     found = Decision(first, (names,) if first is Verdict.NAMED else (), names, 0.9, max(sets.values()), (),
-                  Posterior(sets, 0.04, {}))
+                     Posterior(sets, 0.04, {}))
     judged = run.periodic(found, replace(plain, loops=replace(plain.loops, channels=channels)))
     if said == "named":
         assert judged is found

@@ -26,7 +26,7 @@ def found(verdict: Verdict, *sets: set[str], explained: float = 0.93, probabilit
                      log_evidence=0.0)
     names = tuple(map(frozenset, sets))
     return Decision(verdict, names, names[0] if names else frozenset(), explained, probability, (near,),
-                 Posterior({frozenset(): 0.0}, 0.0, {}))
+                    Posterior({frozenset(): 0.0}, 0.0, {}))
 
 
 def test_a_pair_and_a_single_effect_are_named():
