@@ -82,19 +82,19 @@ class Harmonic:
 
     def by_harmonic(self, harmonics: int) -> dict[str, NDArray[np.complex128]]:
         """Return complex amplitudes (H + 1,) in N by input; higher overtones are left out."""
-        found: dict[str, NDArray[np.complex128]] = {}
+        amplitudes: dict[str, NDArray[np.complex128]] = {}
         for order, one in ((1, self.amplitudes), *self.overtones):
             for name, force in one.items() if order <= harmonics else ():
-                found.setdefault(name, np.zeros(harmonics + 1, dtype=complex))[order] += force
-        return found
+                amplitudes.setdefault(name, np.zeros(harmonics + 1, dtype=complex))[order] += force
+        return amplitudes
 
     def at_phases(self, phase: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Return the forces (N,) in N by input at phases ``omega t`` (N,)."""
-        found: dict[str, NDArray[np.float64]] = {}
+        forces: dict[str, NDArray[np.float64]] = {}
         for order, one in ((1, self.amplitudes), *self.overtones):
             for name, force in one.items():
-                found[name] = found.get(name, 0.0) + (force * np.exp(1j * order * phase)).real
-        return found
+                forces[name] = forces.get(name, 0.0) + (force * np.exp(1j * order * phase)).real
+        return forces
 
 
 def _scaled(amplitudes: Amplitudes, share: complex) -> Amplitudes:
@@ -243,8 +243,8 @@ class PeriodicSolution:
     Examples
     --------
     >>> import fretflow as ff
-    >>> found = ff.RunResults.of("runs/test1").periods[0]  # doctest: +SKIP
-    >>> found.dissipated_energy, found.output("block").shape  # J, (N,) in m  # doctest: +SKIP
+    >>> period = ff.RunResults.of("runs/test1").periods[0]  # doctest: +SKIP
+    >>> period.dissipated_energy, period.output("block").shape  # J, (N,) in m  # doctest: +SKIP
     """
 
     method: str

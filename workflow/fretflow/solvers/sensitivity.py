@@ -159,12 +159,12 @@ def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: Inte
     moved = system.moved(period.position, directions_of_seen)
     solved = SolvedContact(loaded, period, factor, np.concatenate([moved, still], axis=1),
                            around.factor_slope(factor, directions_of_seen))
-    found = differentiate_contact(solved, directions, _outputs(problem, system, loaded))
+    derivative = differentiate_contact(solved, directions, _outputs(problem, system, loaded))
     lever = np.linalg.solve(b.free.T @ b.bare_stiffness @ b.free, b.free.T @ b.bare_stiffness)
-    for i, row in enumerate(lever):
-        first = directions_of_seen.shape[2]
-        found.outputs[:, len(equations.seen) + 1 + i, first:first + len(directions)] -= strains(period, directions, row)
-    return found
+    first = directions_of_seen.shape[2]
+    for row_of_output, row in enumerate(lever, start=len(equations.seen) + 1):
+        derivative.outputs[:, row_of_output, first:first + len(directions)] -= strains(period, directions, row)
+    return derivative
 
 
 def _outputs(problem: PeriodicProblem, system: ContactSystem, loaded: ContactSystem) -> LinearOutputs:
@@ -204,13 +204,13 @@ def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: S
     displacement, free = contact.outputs[:, len(equations.seen)], contact.outputs[:, len(equations.seen) + 1:at]
     outputs, at = dict[str, Array](), at + 1
     for name, one in b.outputs.items():
-        found = internal @ one.motion.T
+        derivative = internal @ one.motion.T
         if one.free is not None:
-            found = found + np.einsum("jsp,ks->pjk", free, one.free)
+            derivative = derivative + np.einsum("jsp,ks->pjk", free, one.free)
         if one.force is not None:
-            found = found + contact.outputs[:, at:at + len(one.force)].transpose(2, 0, 1)
+            derivative = derivative + contact.outputs[:, at:at + len(one.force)].transpose(2, 0, 1)
             at += len(one.force)
-        outputs[name] = found[:, :, 0] if found.shape[2] == 1 else found
+        outputs[name] = derivative[:, :, 0] if derivative.shape[2] == 1 else derivative
     return PeriodSensitivity(
         names=tuple(direction.name for direction in directions),
         seen=seen.T, internal=internal, outputs=outputs, relative_displacement=displacement.T,

@@ -86,8 +86,8 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
         chosen = Solver(**{"method": method, "estimate_error": False, **settings})
     except ValidationError as error:
         raise InputError(f"solve_periodic: {explain(error, {}, model=Solver)}") from error
-    found = make_solver(chosen, estimate_error=True).solve(problem, start)
-    warn_of_no_contact(found)
+    solution = make_solver(chosen, estimate_error=True).solve(problem, start)
+    warn_of_no_contact(solution)
     if chosen.method is PeriodicMethod.QUASI_STATIC:
-        warn_of_instability(problem, found)
-    return found
+        warn_of_instability(problem, solution)
+    return solution

@@ -30,7 +30,7 @@ class Trace:
     """A curve as far as it has been followed: its points, the unit chord that leads on and the arc to try."""
 
     direction: SweepDirection
-    found: list[FoundPoint]
+    points: list[FoundPoint]
     along: Array
     arc: float
     ended: bool = False
@@ -84,28 +84,28 @@ class Checkpoint:
         if saved is None or direction not in saved.points["direction"]:
             return None
         rows = np.flatnonzero(saved.points["direction"] == direction)
-        found = [_found(system, saved.points, int(row)) for row in rows]
+        points = [_point_of_row(system, saved.points, int(row)) for row in rows]
         if rows[-1] < len(saved.points["direction"]) - 1:
-            return Trace(direction, found, saved.along, saved.arc, ended=True)
+            return Trace(direction, points, saved.along, saved.arc, ended=True)
         system.begin_step((saved.derivative.copy(), saved.returning.copy()))
         for trail, left in zip(trails, saved.left, strict=True):
             trail.pass_to(int(left))
-        return Trace(direction, found, saved.along.copy(), saved.arc, saved.ended)
+        return Trace(direction, points, saved.along.copy(), saved.arc, saved.ended)
 
 
 def _columns(traces: Sequence[Trace]) -> dict[str, NDArray[Any]]:
     """Return all points of `traces` by rows; secants, up to ten a point, are filled up with zeros."""
-    found = [one for trace in traces for one in trace.found]
-    points = [one.point for one in found]
+    kept = [one for trace in traces for one in trace.points]
+    points = [one.point for one in kept]
     pairs = np.zeros((len(points), 2, len(points[0].residual), FORMER))
     for row, point in zip(pairs, points, strict=True):
         count = point.secants.defects.shape[1]
         row[0, :, :count], row[1, :, :count] = point.secants.defects, point.secants.residuals
     return {
-        "direction": np.concatenate([np.full(len(t.found), t.direction, dtype=np.int8) for t in traces]),
-        "first_harmonic_m": np.array([one.first_harmonic for one in found]),
-        "peak_to_peak_m": np.array([one.peak_to_peak for one in found]),
-        "touched": np.array([one.touched for one in found]), "bridged": np.array([one.bridged for one in found]),
+        "direction": np.concatenate([np.full(len(t.points), t.direction, dtype=np.int8) for t in traces]),
+        "first_harmonic_m": np.array([one.first_harmonic for one in kept]),
+        "peak_to_peak_m": np.array([one.peak_to_peak for one in kept]),
+        "touched": np.array([one.touched for one in kept]), "bridged": np.array([one.bridged for one in kept]),
         "seen_m": np.array([p.seen for p in points]), "other_m": np.array([p.other for p in points]),
         "omega_rad_s": np.array([p.omega for p in points]), "sticks": np.array([p.sticks for p in points]),
         "displacement_m": np.array([p.end.displacement for p in points]),
@@ -115,7 +115,7 @@ def _columns(traces: Sequence[Trace]) -> dict[str, NDArray[Any]]:
         "secants": pairs, "secant_count": np.array([p.secants.defects.shape[1] for p in points])}
 
 
-def _found(system: ContinuationSystem, columns: Mapping[str, NDArray[Any]], row: int) -> FoundPoint:
+def _point_of_row(system: ContinuationSystem, columns: Mapping[str, NDArray[Any]], row: int) -> FoundPoint:
     """Return the point of one row."""
     c = {name: values[row].copy() for name, values in columns.items()}
     defects, residuals = (np.ascontiguousarray(part[:, :int(c["secant_count"])]) for part in c["secants"])

@@ -214,15 +214,15 @@ def half_power_bracket(amplitude: NDArray[np.float64], top: int, step: int) -> t
 
 def turns(frequency: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the indices at which a sequence (P,) turns back by more than 0.1 % before it goes on."""
-    found: list[int] = []
+    indices: list[int] = []
     way, far = float(np.sign(np.diff(frequency)[:1].sum())), 0
     for k, value in enumerate(frequency):
         if way * (value - frequency[far]) >= 0.0:
             far = k
         elif way * (frequency[far] - value) > FOLD * frequency[far]:
-            found.append(far)
+            indices.append(far)
             way, far = -way, k
-    return np.array(found, dtype=np.int64)
+    return np.array(indices, dtype=np.int64)
 
 
 def label_branches(curves: list[tuple[NDArray[np.float64], NDArray[np.complex128]]]) -> list[NDArray[np.int64]]:

@@ -90,7 +90,7 @@ class Sweep:
 class _Run:
     """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
 
-    found: list[FoundPoint]
+    points: list[FoundPoint]
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
@@ -173,7 +173,7 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirecti
             follower = _Follower(face, sweep, partial(note, direction), checkpoint)
             traces.append(follower.follow(direction, traces))
             runs[direction] = follower.finish(traces[-1])
-        missed = np.any([p.touched for run in runs.values() for p in run.found], axis=0) & ~nodes
+        missed = np.any([p.touched for run in runs.values() for p in run.points], axis=0) & ~nodes
         if not missed.any():
             return _curve(problem, runs)
         nodes, checkpoint.saved = nodes | missed, None
@@ -194,10 +194,10 @@ class _Follower:
 
     def follow(self, direction: SweepDirection, others: list[Trace]) -> Trace:
         """Return the curve in `direction`, from where it was left; `others` were followed the other way."""
-        system, self.trails = self.system, [Trail(other.found) for other in others]
+        system, self.trails = self.system, [Trail(other.points) for other in others]
         trace = self.checkpoint.resume(direction, system, self.trails)
         if trace is None:
-            first = self._keep(self._start(direction, [other.found[-1].point for other in others]))
+            first = self._keep(self._start(direction, [other.points[-1].point for other in others]))
             along = np.append(np.zeros(len(first.point.seen)), float(direction))
             trace = Trace(direction, [first], system.tangent(first.point, along), self.sweep.first_arc)
             self._save(others, trace)
@@ -209,9 +209,9 @@ class _Follower:
     def finish(self, trace: Trace) -> _Run:
         """Return a curve refined, with the stability of its points."""
         self.system.begin_step(NO_MEMORY)
-        found = list(trace.found)
-        change = self.refinement.refine(found)
-        return _Run(found, *judge(found, self.refinement.top(found)), change)
+        points = list(trace.points)
+        change = self.refinement.refine(points)
+        return _Run(points, *judge(points, self.refinement.top(points)), change)
 
     def _save(self, others: list[Trace], trace: Trace) -> None:
         self.system.begin_step(self.system.memory)
@@ -246,8 +246,8 @@ class _Follower:
     def _advance(self, trace: Trace) -> None:
         """Put the next point on the curve, or the last one at the end of the range."""
         s, low, high = self.system, 2.0 * pi * self.sweep.start, 2.0 * pi * self.sweep.stop
-        now, along, found = trace.found[-1].point, trace.along, trace.found
-        if len(found) >= MAX_POINTS:
+        now, along, points = trace.points[-1].point, trace.along, trace.points
+        if len(points) >= MAX_POINTS:
             raise NonConvergenceError(f"forced response: not out of the frequency range after {MAX_POINTS} points, "
                                       f"near {now.omega / (2.0 * pi):.6g} Hz; take a smaller range")
         bridged = False
@@ -257,27 +257,27 @@ class _Follower:
             bridged, arc = True, self.sweep.first_arc
             new = self._bridge(now, float(np.sign(along[-1])), error)
         if self._returned(trace, now, new):
-            del found[1 + max(range(len(found)), key=lambda k: trace.direction * found[k].point.omega):]
-            now, along = found[-1].point, np.append(np.zeros(len(now.seen)), float(trace.direction))
+            del points[1 + max(range(len(points)), key=lambda k: trace.direction * points[k].point.omega):]
+            now, along = points[-1].point, np.append(np.zeros(len(now.seen)), float(trace.direction))
             bridged, arc = True, self.sweep.first_arc
             new = self._bridge(now, along[-1], NonConvergenceError(
                 f"forced response near {now.omega / (2.0 * pi):.6g} Hz: the curve comes back as it went"))
         if not low < new.omega < high:
-            found.append(self._keep(self._end(now, new, low if new.omega <= low else high)))
+            points.append(self._keep(self._end(now, new, low if new.omega <= low else high)))
             trace.ended = True
         elif bridged:
-            found.append(self._keep(new, bridged=True))
+            points.append(self._keep(new, bridged=True))
             way = np.append(np.zeros(len(new.seen)), float(np.sign(along[-1])))
-            trace.along, trace.arc = s.tangent(found[-1].point, way), arc
+            trace.along, trace.arc = s.tangent(points[-1].point, way), arc
         else:
-            found.append(self._keep(new))
+            points.append(self._keep(new))
             chord = (new.unknowns - now.unknowns) / now.scales
             trace.arc = self._next_arc(new, chord, arc * along)
             trace.along = chord / np.linalg.norm(chord)
 
     def _returned(self, trace: Trace, now: CurvePoint, new: CurvePoint) -> bool:
         """Tell whether a curve leaves the range where it began and by the way it came: somewhere it turned round."""
-        first = trace.found[0].point
+        first = trace.points[0].point
         if trace.direction * (new.omega - first.omega) > 0.0:
             return False
         end = self._end(now, new, first.omega)
@@ -322,16 +322,16 @@ class _Follower:
 
     def _met(self, now: CurvePoint, along: Array, arc: float) -> CurvePoint | None:
         """Return the next point of another curve, solved again from the contact at `now`, or None."""
-        reach = FAR * max(arc, self.sweep.first_arc)
+        distance = FAR * max(arc, self.sweep.first_arc)
         for trail in self.trails:
-            known = trail.ahead(now, along, reach)
+            known = trail.ahead(now, along, distance)
             if known is None:
                 continue
             with suppress(NonConvergenceError):
                 new = self.system.at_frequency(known.omega, known.seen, now.end, known)
                 chord = (new.unknowns - now.unknowns) / now.scales
                 length = float(np.linalg.norm(chord))
-                if length < reach and chord @ along > STRAIGHT * length:
+                if length < distance and chord @ along > STRAIGHT * length:
                     return new
         return None
 
@@ -353,9 +353,9 @@ class _Follower:
         begin = None if near is None else instant_of(at, self.system.motion(near), near.end)
         error = NonConvergenceError(f"forced response at {omega / (2.0 * pi):.6g} Hz: the motion does not settle")
         starts = settled_starts(at, self.system.equations(omega), march, begin)
-        for found in starts if near is None else islice(starts, 1):
+        for settled in starts if near is None else islice(starts, 1):
             try:
-                return self.system.at_frequency(omega, found.start.seen, found.contact)
+                return self.system.at_frequency(omega, settled.start.seen, settled.contact)
             except NonConvergenceError as failure:
                 error = failure
         raise error
@@ -383,18 +383,18 @@ def _backbone(problem: PeriodicProblem) -> Backbone | None:
 
 
 def _curve(problem: PeriodicProblem, runs: dict[SweepDirection, _Run]) -> ResponseCurve:
-    labels = label_branches([(np.array([p.frequency for p in run.found]),
-                              np.array([p.first_harmonic for p in run.found])) for run in runs.values()])
-    found = [p for run in runs.values() for p in run.found]
+    labels = label_branches([(np.array([p.frequency for p in run.points]),
+                              np.array([p.first_harmonic for p in run.points])) for run in runs.values()])
+    points = [p for run in runs.values() for p in run.points]
     return ResponseCurve(
         excitation=problem.excitation.amplitude, channels=channels_of(problem),
-        frequency=np.array([p.frequency for p in found]),
-        first_harmonic=np.array([p.first_harmonic for p in found]),
-        peak_to_peak=np.array([p.peak_to_peak for p in found]),
-        direction=np.concatenate([np.full(len(run.found), d, dtype=np.int8) for d, run in runs.items()]),
+        frequency=np.array([p.frequency for p in points]),
+        first_harmonic=np.array([p.first_harmonic for p in points]),
+        peak_to_peak=np.array([p.peak_to_peak for p in points]),
+        direction=np.concatenate([np.full(len(run.points), d, dtype=np.int8) for d, run in runs.items()]),
         branch=np.concatenate(labels), multiplier=np.concatenate([run.multiplier for run in runs.values()]),
-        stable=np.concatenate([run.stable for run in runs.values()]), bridged=np.array([p.bridged for p in found]),
-        iterations=np.array([p.point.iterations for p in found]),
-        residual=np.array([p.point.norm for p in found]),
-        samples=np.array([p.system.samples for p in found]),
+        stable=np.concatenate([run.stable for run in runs.values()]), bridged=np.array([p.bridged for p in points]),
+        iterations=np.array([p.point.iterations for p in points]),
+        residual=np.array([p.point.norm for p in points]),
+        samples=np.array([p.system.samples for p in points]),
         sampling_error=float(max(run.change for run in runs.values())))

@@ -36,8 +36,8 @@ class Face:
     def moved(self, internal: Array, free: Array, forces: Array, loads: Array) -> Array:
         """Return the relative displacement (N, 3 n) of all nodes under the forces (N, 3 m) of those within reach."""
         b = self.whole.boundary
-        found = forces @ b.flexibility[np.repeat(self.nodes, 3)]
-        return np.asarray(found + internal @ b.motion.T + free @ b.free.T + loads @ b.input_motion.T)
+        moved = forces @ b.flexibility[np.repeat(self.nodes, 3)]
+        return np.asarray(moved + internal @ b.motion.T + free @ b.free.T + loads @ b.input_motion.T)
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,10 @@ class Trail:
     Across a gap it does not lead: that is to be found, and said, again.
     """
 
-    def __init__(self, found: list[FoundPoint]) -> None:
+    def __init__(self, points: list[FoundPoint]) -> None:
         """Take the points in the order in which they were found."""
-        beyond = [*(p.bridged for p in found[1:]), False]
-        self._left = [(p.point, gap) for p, gap in zip(found, beyond, strict=True)]
+        beyond = [*(p.bridged for p in points[1:]), False]
+        self._left = [(p.point, gap) for p, gap in zip(points, beyond, strict=True)]
 
     @property
     def left(self) -> int:
@@ -103,31 +103,31 @@ class Trail:
         """Go on to where so many points lie ahead."""
         del self._left[left:]
 
-    def ahead(self, now: CurvePoint, along: Array, reach: float) -> CurvePoint | None:
-        """Return the next point if it lies within `reach` of `now`, where `along` leads, else None."""
+    def ahead(self, now: CurvePoint, along: Array, distance: float) -> CurvePoint | None:
+        """Return the next point if it lies within `distance` of `now`, where `along` leads, else None."""
         while self._left:
             point, gap = self._left[-1]
             chord = (point.unknowns - now.unknowns) / now.scales
             length = float(np.linalg.norm(chord))
             if chord @ along > NEARBY * length:
-                return point if not gap and length < reach and chord @ along > STRAIGHT * length else None
+                return point if not gap and length < distance and chord @ along > STRAIGHT * length else None
             self._left.pop()
         return None
 
 
-def judge(found: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
+def judge(points: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
     """Return the largest Floquet multipliers, nan where not found, and which points are stable, (P,) each.
 
-    Found are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
+    Computed are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
     ever more between points that differ. All others lie between two that agree.
     """
-    last = len(found) - 1
-    gaps = [k for k, p in enumerate(found) if p.bridged]
-    special = [*turns(np.array([p.frequency for p in found])), top, *gaps]
+    last = len(points) - 1
+    gaps = [k for k, p in enumerate(points) if p.bridged]
+    special = [*turns(np.array([p.frequency for p in points])), top, *gaps]
     todo = {*range(0, last, JUDGED), last, *(int(k + s) for k in special for s in (-1, 0, 1) if 0 <= k + s <= last)}
     judged: dict[int, tuple[float, bool]] = {}
     while todo:
-        judged |= {k: _judge_one(found[k]) for k in todo}
+        judged |= {k: _judge_one(points[k]) for k in todo}
         known = sorted(judged)
         todo = {(a + b) // 2 for a, b in pairwise(known) if b - a > 1 and judged[a][1] != judged[b][1]}
     nearest = [max(k for k in known if k <= i) for i in range(last + 1)]
@@ -135,10 +135,10 @@ def judge(found: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
             np.array([judged[k][1] for k in nearest]))
 
 
-def _judge_one(found: FoundPoint) -> tuple[float, bool]:
+def _judge_one(kept: FoundPoint) -> tuple[float, bool]:
     """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
-    system, point = found.system, found.point
+    system, point = kept.system, kept.point
     at = system.at(point.omega)
-    multipliers = floquet_multipliers(at.boundary.internal, system.march.system, system.period(point), found.frequency,
+    multipliers = floquet_multipliers(at.boundary.internal, system.march.system, system.period(point), kept.frequency,
                                       Around.of(at, system.motion(point)))
     return float(abs(multipliers[0])), is_stable(multipliers)

@@ -27,43 +27,43 @@ class Refinement:
         self.face, self.fine, self.channel, self.note = face, fine, channel, note
         self.size = len(fine.seen) * (2 * fine.harmonics + 1)
 
-    def refine(self, found: list[FoundPoint]) -> float:
+    def refine(self, points: list[FoundPoint]) -> float:
         """Insert points at the peak and at half its power; return how much the finer settings change its top."""
-        if self.top(found) in (0, len(found) - 1):
+        if self.top(points) in (0, len(points) - 1):
             return float("nan")
-        first, last = summit(self._amplitude(found))
+        first, last = summit(self._amplitude(points))
         changes = []
         for k in range(first, last + 1):
             with suppress(NonConvergenceError):  # the point then stays as coarse as it is
-                coarse, found[k] = found[k], self._keep(self._finer(found[k].point))
-                changes.append(abs(coarse.first_harmonic[self.channel] / found[k].first_harmonic[self.channel] - 1.0))
+                coarse, points[k] = points[k], self._keep(self._finer(points[k].point))
+                changes.append(abs(coarse.first_harmonic[self.channel] / points[k].first_harmonic[self.channel] - 1.0))
         with suppress(NonConvergenceError):  # the curve then stays as coarse as it is
-            self._refine_peak(found)
+            self._refine_peak(points)
         for step in (-1, 1):
             with suppress(NonConvergenceError):
-                self._refine_half_power(found, step)
+                self._refine_half_power(points, step)
         return float(max(changes, default=np.nan))
 
-    def _refine_peak(self, found: list[FoundPoint]) -> None:
+    def _refine_peak(self, points: list[FoundPoint]) -> None:
         for _ in range(MAX_INSERTIONS):
-            top = self.top(found)
-            if top in (0, len(found) - 1):
+            top = self.top(points)
+            if top in (0, len(points) - 1):
                 return
-            around = found[top - 1:top + 2]
+            around = points[top - 1:top + 2]
             motion = np.array([p.first_harmonic[self.channel] for p in around])
             arc = arc_lengths(np.array([p.frequency for p in around]), motion)
             fitted = Parabola.through(arc, np.abs(motion))
             first = top - 1 if fitted.vertex < arc[1] else top
             left, right = arc[first - top + 1], arc[first - top + 2]
             share = float(np.clip((fitted.vertex - left) / (right - left), 0.02, 0.98))
-            found.insert(first + 1, self._between(found[first], found[first + 1], share))
-            new = abs(found[first + 1].first_harmonic[self.channel])
+            points.insert(first + 1, self._between(points[first], points[first + 1], share))
+            new = abs(points[first + 1].first_harmonic[self.channel])
             if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
                 return
 
-    def _refine_half_power(self, found: list[FoundPoint], step: int) -> None:
+    def _refine_half_power(self, points: list[FoundPoint], step: int) -> None:
         for _ in range(MAX_INSERTIONS):
-            amplitude = self._amplitude(found)
+            amplitude = self._amplitude(points)
             top = int(np.argmax(amplitude))
             bracket = half_power_bracket(amplitude, top, step)
             if bracket is None:
@@ -71,8 +71,8 @@ class Refinement:
             first, last = sorted(bracket)
             target = amplitude[top] / sqrt(2.0)
             share = (target - amplitude[first]) / (amplitude[last] - amplitude[first])
-            found.insert(last, self._between(found[first], found[last], float(np.clip(share, 0.02, 0.98))))
-            if abs(abs(found[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
+            points.insert(last, self._between(points[first], points[last], float(np.clip(share, 0.02, 0.98))))
+            if abs(abs(points[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
                 return
 
     def _between(self, a: FoundPoint, b: FoundPoint, share: float) -> FoundPoint:
@@ -91,21 +91,21 @@ class Refinement:
         near = a if share < 0.5 else b
         plane = Plane(unknowns, chord / np.linalg.norm(chord), scales)
         known = near.point if near.system.samples == self.fine.samples else None
-        found = self.fine.correct(plane, near.point.end, known)
-        if np.linalg.norm((found.unknowns - unknowns) / scales) > 0.5 * np.linalg.norm(chord):
+        point = self.fine.correct(plane, near.point.end, known)
+        if np.linalg.norm((point.unknowns - unknowns) / scales) > 0.5 * np.linalg.norm(chord):
             raise NonConvergenceError("forced response: another point lies across the chord")
-        return self._keep(found)
+        return self._keep(point)
 
     def _finer(self, point: CurvePoint) -> CurvePoint:
         """Solve `point` again with the fine settings, at its frequency."""
         return self.fine.at_frequency(point.omega, _resized(point.seen, self.size), point.end)
 
-    def _amplitude(self, found: list[FoundPoint]) -> Array:
-        return np.array([abs(p.first_harmonic[self.channel]) for p in found])
+    def _amplitude(self, points: list[FoundPoint]) -> Array:
+        return np.array([abs(p.first_harmonic[self.channel]) for p in points])
 
-    def top(self, found: list[FoundPoint]) -> int:
+    def top(self, points: list[FoundPoint]) -> int:
         """Return the index of the largest amplitude."""
-        return int(np.argmax(self._amplitude(found)))
+        return int(np.argmax(self._amplitude(points)))
 
     def _keep(self, point: CurvePoint) -> FoundPoint:
         self.note(point.omega / (2.0 * pi))

@@ -194,8 +194,8 @@ class ContinuationSystem:
     def tangent(self, point: CurvePoint, along: Array) -> Array:
         """Return the unit tangent of the curve (n_a + 1,) in scaled unknowns, on the side of `along`."""
         bordered = np.vstack([self.derivative(point) * (point.scales / self.scale), along])
-        found = np.linalg.solve(bordered, np.append(np.zeros(len(point.seen)), 1.0))
-        return np.asarray(found / np.linalg.norm(found))
+        tangent = np.linalg.solve(bordered, np.append(np.zeros(len(point.seen)), 1.0))
+        return np.asarray(tangent / np.linalg.norm(tangent))
 
     def _period(self, e: InternalEquations, seen: Array, directions: Array, start: SampleState,
                 near: PeriodHistory | None, last: float) -> PeriodicMarch:

@@ -235,11 +235,11 @@ class BoltedJoint:
         free, guess = np.int8(SLIP), None if guess is None or len(guess) != len(loads) else guess
         moved = self._moved if guess is None else ~_same(guess)
         keeps = np.where(moved | (start is None), free, free if start is None else start.state[-1])
-        found: list[StaticHistory] = []
+        histories: list[StaticHistory] = []
         made, count = 0, len(loads) if moved.any() or start is None else 1
         while made < len(loads):
             now = slice(made, made + count)
-            history = self._follow_busy(loads[now], found[-1].last(1) if found else start, keeps,
+            history = self._follow_busy(loads[now], histories[-1].last(1) if histories else start, keeps,
                                         None if guess is None else guess[now])
             if history is None and np.all(keeps == free):
                 raise NonConvergenceError(f"static contact: no equilibrium under one of the loads {made + 1} to "
@@ -248,17 +248,17 @@ class BoltedJoint:
             leaving = np.ones((1, len(keeps)), dtype=bool) if history is None else self._leaving(history, keeps)
             good = int(np.argmax(np.r_[leaving.any(axis=1), True]))
             if history is not None and good:
-                found.append(history if good == len(leaving) else history.first(good))
+                histories.append(history if good == len(leaving) else history.first(good))
                 made += good
             if good < len(leaving):
                 gone, guess = leaving.any(axis=0), None
                 keeps, count = np.where(gone, free, keeps), max(count // 2, 1)
                 self._moved[gone] = True
             else:
-                states = np.concatenate([one.state for one in found])[made // 2:]
+                states = np.concatenate([one.state for one in histories])[made // 2:]
                 still = _same(states) if guess is None else _same(states) & _same(guess[made:])
                 keeps, count = np.where(still, states[-1], free), 2 * count
-        return StaticHistory.joined(found)
+        return StaticHistory.joined(histories)
 
     def _leaving(self, history: StaticHistory, keeps: States) -> NDArray[np.bool_]:
         """Return which points close (S, m) that were to stay open, or open or slide that were to stay stuck."""

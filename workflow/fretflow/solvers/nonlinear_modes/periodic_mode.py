@@ -123,8 +123,8 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
         if iteration == 0:  # from rest to the end of the stroke, and once round
             rise = np.linspace(0.0, 1.0, samples // 4)[1:, None]
             before = massless.follow(np.vstack([first[0].real + rise * (path[0] - first[0].real), path]), before)
-        before = found = massless.follow(path, before.last(1), before.state[-samples:])
-        pull = _analysis(massless.pulled(found), harmonics)
+        before = contact = massless.follow(path, before.last(1), before.state[-samples:])
+        pull = _analysis(massless.pulled(contact), harmonics)
         ratio = massless.eigenvalues[own] * (1.0 - pull[1, own] / y[1, own])
         square, loss = float(ratio.real), float(ratio.imag)  # Omega^2, 2 zeta Omega^2
         if not square > 0.0:
@@ -135,7 +135,7 @@ def periodic_mode(joint: BoltedJoint, mode: LinearMode, amplitude: float, harmon
         after[1] *= np.conj(after[1, own]) / abs(after[1, own]) * np.sign(y[1, own].real)
         history.append(float(np.abs(after - y).max()) / amplitude)
         if history[-1] < tolerance and iteration > 1:
-            return _found(massless, amplitude, y, path, found, (square, loss), history)
+            return _as_mode(massless, amplitude, y, path, contact, (square, loss), history)
         y = solve.send(after)
     raise NonConvergenceError(f"nonlinear mode: its motion still changes by {history[-1]:.1e} of the amplitude after "
                               f"{MOST_ITERATIONS} iterations; take smaller steps of amplitude, or static loads alone "
@@ -164,11 +164,11 @@ def follow_mode(joint: BoltedJoint, mode: LinearMode, amplitudes: Array, harmoni
     >>> motions = ff.follow_mode(joint, joint.linear_modes(1)[0], [1e-5, 1e-4])  # doctest: +SKIP
     >>> [motion.damping for motion in motions]  # doctest: +SKIP
     """
-    found: list[PeriodicMode] = []
+    modes: list[PeriodicMode] = []
     for amplitude in amplitudes:
-        found.append(periodic_mode(joint, mode, float(amplitude), harmonics, samples, tolerance,
-                                   found[-1] if found else None))
-    return tuple(found)
+        modes.append(periodic_mode(joint, mode, float(amplitude), harmonics, samples, tolerance,
+                                   modes[-1] if modes else None))
+    return tuple(modes)
 
 
 def _respond(eigenvalues: Array, pull: Complex, square: float, loss: float, own: int) -> Complex:
@@ -179,8 +179,8 @@ def _respond(eigenvalues: Array, pull: Complex, square: float, loss: float, own:
     return np.asarray(eigenvalues * pull / impedance)
 
 
-def _found(massless: MasslessJoint, amplitude: float, y: Complex, path: Array, history: StaticHistory,
-           square_and_loss: tuple[float, float], residuals: list[float]) -> PeriodicMode:
+def _as_mode(massless: MasslessJoint, amplitude: float, y: Complex, path: Array, history: StaticHistory,
+             square_and_loss: tuple[float, float], residuals: list[float]) -> PeriodicMode:
     square, loss = square_and_loss
     own = massless.joint.structure
     rows = list(own.outputs.values())
@@ -203,9 +203,9 @@ def _synthesis(y: Complex, samples: int) -> Array:
 
 
 def _analysis(values: Array, harmonics: int) -> Complex:
-    found = np.fft.rfft(values, axis=0)[:harmonics + 1] * (2.0 / len(values))
-    found[0] *= 0.5
-    return np.asarray(found)
+    coefficients = np.fft.rfft(values, axis=0)[:harmonics + 1] * (2.0 / len(values))
+    coefficients[0] *= 0.5
+    return np.asarray(coefficients)
 
 
 def _anderson(first: Complex) -> Generator[Complex, Complex, None]:

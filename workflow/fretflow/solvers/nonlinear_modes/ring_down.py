@@ -69,15 +69,15 @@ def ring_down(joint: BoltedJoint, mode: LinearMode, amplitude: float, periods: i
     rest = joint.preloaded
     shape = (joint.structure.coupling @ mode.contact + mode.modes)[:modes]
     still = massless.pulled(rest)[0]
-    y, found = np.zeros((count, modes)), massless.at_rest(rest)
+    y, contact = np.zeros((count, modes)), massless.at_rest(rest)
     displacement = np.zeros((count, rest.slid.shape[1]))
     y[0] = still + amplitude * shape / np.linalg.norm(shape)
     before, now = y[0], y[0]
     starting = True
     for k in range(count):
-        found = massless.follow(now[None], found)
-        y[k], displacement[k] = now, found.displacement[0]
-        pull = massless.eigenvalues * (massless.pulled(found)[0] - now)
+        contact = massless.follow(now[None], contact)
+        y[k], displacement[k] = now, contact.displacement[0]
+        pull = massless.eigenvalues * (massless.pulled(contact)[0] - now)
         if starting:  # from rest: half a step's acceleration
             before, now, starting = now, now + 0.5 * step**2 * pull, False
             continue

@@ -17,9 +17,9 @@ from fretflow.solvers.stability import Around, floquet_multipliers, is_stable
 HEAVY = 0.02  # of the kinetic energy: by Rayleigh's principle 1 % of the frequencies, to which the solvers are checked
 
 
-def warn_of_heavy_contact(problem: PeriodicProblem, found: PeriodicSolution) -> None:
+def warn_of_heavy_contact(problem: PeriodicProblem, solution: PeriodicSolution) -> None:
     """Warn (HeavyContactWarning) where the contact holds more than 2 % of the kinetic energy: `neglected_inertia`."""
-    share = neglected_inertia(problem, found)
+    share = neglected_inertia(problem, solution)
     if share > HEAVY:
         warnings.warn(
             f"contact: its own inertia, which the quasi-static solver leaves out, holds {share:.1g} of the kinetic "
@@ -27,29 +27,29 @@ def warn_of_heavy_contact(problem: PeriodicProblem, found: PeriodicSolution) -> 
             "or give contact_compliance", HeavyContactWarning, stacklevel=3)
 
 
-def warn_of_no_contact(found: PeriodicSolution) -> None:
+def warn_of_no_contact(solution: PeriodicSolution) -> None:
     """Warn (FretflowWarning) of faces that never touch, as those of a joint that nothing presses do not."""
-    if not np.any(found.state != SEPARATION):
+    if not np.any(solution.state != SEPARATION):
         warnings.warn("contact: the faces touch at no time, so that there is no friction; press them, as with "
                       "preload=ff.NormalLoad(60), or close their gap", FretflowWarning, stacklevel=3)
 
 
-def warn_of_instability(problem: PeriodicProblem, found: PeriodicSolution) -> None:
+def warn_of_instability(problem: PeriodicProblem, solution: PeriodicSolution) -> None:
     """Warn (UnstablePeriodWarning) of a period with a Floquet multiplier outside the unit circle."""
-    touching = np.any(found.state != SEPARATION, axis=0)
+    touching = np.any(solution.state != SEPARATION, axis=0)
     if touching.any():
-        problem, found = restrict(problem, touching), restrict_solution(found, touching)
+        problem, solution = restrict(problem, touching), restrict_solution(solution, touching)
     system = ContactSystem.of(problem, seen_coordinates(problem.boundary))
-    multipliers = floquet_multipliers(problem.boundary.internal, system, _history(problem, found), found.frequency,
-                                      Around.of(problem, found.internal))
+    multipliers = floquet_multipliers(problem.boundary.internal, system, _history(problem, solution),
+                                      solution.frequency, Around.of(problem, solution.internal))
     if not is_stable(multipliers):
         warnings.warn(
-            f"period at {found.frequency:.6g} Hz: unstable, its largest Floquet multiplier is "
+            f"period at {solution.frequency:.6g} Hz: unstable, its largest Floquet multiplier is "
             f"{abs(multipliers[0]):.4g}, so that a test would show another motion; march it in time with "
             "fretflow.solvers.time_integration.settle", UnstablePeriodWarning, stacklevel=3)
 
 
-def neglected_inertia(problem: PeriodicProblem, found: PeriodicSolution) -> float:
+def neglected_inertia(problem: PeriodicProblem, solution: PeriodicSolution) -> float:
     """Return the share of the period's kinetic energy in the contact's own inertia, which a massless contact lacks.
 
     The internal coordinates q and the relative displacement u carry it separately, ``2 T = q'^2 + u'^T m u'``. By
@@ -60,10 +60,10 @@ def neglected_inertia(problem: PeriodicProblem, found: PeriodicSolution) -> floa
     if mass is None:
         return 0.0
     inner, across = (time_derivative(one.reshape(len(one), -1), problem.omega)
-                     for one in (found.internal, found.displacement))
-    lost = float(np.einsum("jm,mn,jn->", across, mass, across))
+                     for one in (solution.internal, solution.displacement))
+    neglected = float(np.einsum("jm,mn,jn->", across, mass, across))
     kept = float(np.einsum("jd,de,je->", inner, problem.boundary.internal.mass, inner))
-    return lost / (lost + kept) if lost > 0.0 else 0.0
+    return neglected / (neglected + kept) if neglected > 0.0 else 0.0
 
 
 def _history(problem: PeriodicProblem, solution: PeriodicSolution) -> PeriodHistory:

@@ -137,8 +137,8 @@ class InternalEquations:
 
     def coefficients(self, values: Array) -> Array:
         """Return coefficients of samples (N, d), ((2 H + 1) d,), or of their derivatives (N, d, p), (.., p)."""
-        found = np.tensordot(self.analysis, values, axes=1)
-        return np.asarray(found.reshape(-1, *values.shape[2:]))
+        coefficients = np.tensordot(self.analysis, values, axes=1)
+        return np.asarray(coefficients.reshape(-1, *values.shape[2:]))
 
     def rates(self) -> tuple[Array, Array]:
         """Return the derivatives by omega of `impedance`, N s/m, and of `load`, N s, further forces left out.
@@ -176,8 +176,8 @@ class InternalEquations:
         """
         if not self.forces:
             return InternalBalance(self.impedance @ seen - self.load, self.free_other(seen), lambda: self._linear)
-        found, at = self._follow(seen, self.free_other(seen) if other is None else other)
-        return self._balanced(seen, found, at)
+        motion, at = self._follow(seen, self.free_other(seen) if other is None else other)
+        return self._balanced(seen, motion, at)
 
     def beside_balance(self, seen: Array, other: Array) -> InternalBalance:
         """Return the structure at coefficients of a and b, whether or not b is in balance."""
@@ -245,8 +245,8 @@ class InternalEquations:
         by_motion = sum(slope[:, rows[:, None], columns][..., None] * basis[:, None, None]
                         for slope, basis in ((at.by_displacement, grid.synthesis), (at.by_velocity, grid.rates)))
         q, samples = grid.analysis.shape
-        found = (grid.analysis @ np.reshape(by_motion, (samples, -1))).reshape(q, len(rows), len(columns), q)
-        return np.asarray(found.swapaxes(2, 3).reshape(q * len(rows), q * len(columns)))
+        coefficients = (grid.analysis @ np.reshape(by_motion, (samples, -1))).reshape(q, len(rows), len(columns), q)
+        return np.asarray(coefficients.swapaxes(2, 3).reshape(q * len(rows), q * len(columns)))
 
     def _other_motion(self, other: Array) -> Array:
         return np.asarray(self.synthesis @ other.reshape(len(self.synthesis.T), -1))

@@ -47,18 +47,18 @@ class KeptFactors:
         return sum(max(0, int(one.size[0]))**2 * one.matrix.itemsize for one in self.of_sample.values())
 
     def march(self, c: Contact, forcing: Forcing, start: PeriodHistory, guess: PeriodHistory, last: PeriodHistory,
-              limits: tuple[float, float], found: PeriodHistory) -> int:
+              limits: tuple[float, float], history: PeriodHistory) -> int:
         """March one period as `contact.kernels.march.march`, without derivatives; arguments and result are those."""
         before, b, earlier, e = start, 0, start, 0
-        for j in range(len(found.state)):
-            guess_sample(guess, found, j, forcing.pull, before, b, earlier, e)
-            self.latest = self.choose(j, found.state[j])
+        for j in range(len(history.state)):
+            guess_sample(guess, history, j, forcing.pull, before, b, earlier, e)
+            self.latest = self.choose(j, history.state[j])
             if not find_in_parts(c, self.latest, (forcing.pull[j - 1], forcing.pull[j]), forcing.friction_factor[j],
-                                 before.displacement[b], found, j, limits[0]):
+                                 before.displacement[b], history, j, limits[0]):
                 return -1 - j
-            earlier, e, before, b = before, b, found, j
-            if len(last.state) and as_before(found, last, j, limits[1]):
-                for rest in range(j + 1, len(found.state)):
-                    copy_sample(last, rest, found, rest)
+            earlier, e, before, b = before, b, history, j
+            if len(last.state) and as_before(history, last, j, limits[1]):
+                for rest in range(j + 1, len(history.state)):
+                    copy_sample(last, rest, history, rest)
                 return j
-        return len(found.state)
+        return len(history.state)

@@ -137,11 +137,11 @@ def press_frictionless(gap: Array, flexibility_zz: Array, free_z: Array, free_lo
         matrix = np.zeros((size, size))
         matrix[:c, :c], matrix[:c, c:], matrix[c:, :c] = flexibility_zz[np.ix_(i, i)], free_z[i], free_z[i].T
         try:
-            found = np.linalg.solve(matrix, np.append(-gap[i], free_load))
+            solution = np.linalg.solve(matrix, np.append(-gap[i], free_load))
         except np.linalg.LinAlgError:
             break
         force = np.zeros(len(gap))
-        force[i], free = found[:c], found[c:]
+        force[i], free = solution[:c], solution[c:]
         opening = gap + free_z @ free + flexibility_zz @ force
         new = np.where(closed, force > 0.0, opening < 0.0)
         if np.array_equal(new, closed):
@@ -299,23 +299,23 @@ class ContactMarch:
               last: _Pass | None = None) -> _Pass:
         """March one period; where it has become the `last` one, the rest is taken from there."""
         system, samples = self.system, len(position)
-        found = empty_period(samples, system.size, position.shape[1])
+        history = empty_period(samples, system.size, position.shape[1])
         tangent = np.zeros(forcing.directions.shape)
-        found.position[:] = position
+        history.position[:] = position
         none = empty_period(0, system.size, position.shape[1])
         near, former = guess or none, last.history if last else none
         limits = self.solver.tolerance, self.repeat
         if self._kept is not None and not tangent.shape[2]:
-            until, after = self._kept.march(system.data, forcing, start.alone(), near, former, limits, found), slope
+            until, after = self._kept.march(system.data, forcing, start.alone(), near, former, limits, history), slope
         else:
             until, after = march(system.data, self.solver.factors, forcing, start.alone(), plain(slope), near, former,
-                                 tangent[:0] if last is None else last.tangent, limits, found, tangent)
+                                 tangent[:0] if last is None else last.tangent, limits, history, tangent)
         if until < 0:
             raise NonConvergenceError(f"contact at time sample {-1 - until} of {samples} did not converge; use more "
                                       "samples per period")
         if last is not None and until < samples:
-            return _Pass(found, tangent, last.end, last.slope)
-        return _Pass(found, tangent, SampleState.of(found), after)
+            return _Pass(history, tangent, last.end, last.slope)
+        return _Pass(history, tangent, SampleState.of(history), after)
 
     def _newton_start(self, position: Array, directions: Array, run: _Pass) -> tuple[SampleState, Array]:
         """Return the contact, and its slope, from which a period should end as it began.

@@ -107,11 +107,11 @@ class InternalNewton:
                 if start is None:
                     break
                 period = self._march(start.seen, self._none, before, start.near, 1.0)
-                found = self._iterate(start, period.history, start.tangent)
+                iterate = self._iterate(start, period.history, start.tangent)
             except NonConvergenceError as error:
                 failure = error
                 continue
-            best = found if best is None or found.norm < best.norm else best
+            best = iterate if best is None or iterate.norm < best.norm else best
         if best is None:
             raise failure
         return best
@@ -204,10 +204,10 @@ class InternalNewton:
         directions, history, parts = e.directions(), now.history, []
         columns = max(1, TANGENT_BYTES // (8 * directions[:, :, 0].size))
         for first in range(0, directions.shape[2], columns):
-            found = self._march(now.seen, directions[:, :, first:first + columns], SampleState.of(history), history,
-                                now.norm)
-            history = found.history
-            parts.append(e.coefficients(found.tangent))
+            period = self._march(now.seen, directions[:, :, first:first + columns], SampleState.of(history), history,
+                                 now.norm)
+            history = period.history
+            parts.append(e.coefficients(period.tangent))
         other = None if now.follows else now.balance.other
         return self._iterate(InitialGuess(now.seen, other), history), np.hstack(parts)
 
@@ -215,8 +215,8 @@ class InternalNewton:
         """Return the iterate after a step, with the tangent corrected by it; None where the contact is not found."""
         near = now.history if now.norm < NEAR else None
         try:
-            found = self._march(now.seen + step, self._none, SampleState.of(now.history), near, now.norm).history
+            history = self._march(now.seen + step, self._none, SampleState.of(now.history), near, now.norm).history
         except NonConvergenceError:  # of the contact, too far from where it was
             return None
-        corrected = tangent + np.outer(self._felt(found) - now.felt - tangent @ step, step / (step @ step))
-        return self._iterate(InitialGuess(now.seen + step, now.balance.other + moved), found, corrected)
+        corrected = tangent + np.outer(self._felt(history) - now.felt - tangent @ step, step / (step @ step))
+        return self._iterate(InitialGuess(now.seen + step, now.balance.other + moved), history, corrected)

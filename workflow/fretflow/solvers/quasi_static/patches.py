@@ -35,8 +35,8 @@ class Patches:
         low, extent = interface.nodes.min(axis=0), np.ptp(interface.nodes, axis=0)
         share = (interface.nodes - low) / np.where(extent > 0.0, extent, 1.0)
         row, column = np.minimum((share * SIDE).astype(np.intp), SIDE - 1).T
-        found, of_node = np.unique(SIDE * row + column, return_inverse=True)
-        return cls(of_node, interface.areas) if 1 < len(found) <= interface.size / FEWEST else None
+        patches, of_node = np.unique(SIDE * row + column, return_inverse=True)
+        return cls(of_node, interface.areas) if 1 < len(patches) <= interface.size / FEWEST else None
 
     def joint(self, march: ContactMarch) -> ContactMarch:
         """Return the contact of the patches."""

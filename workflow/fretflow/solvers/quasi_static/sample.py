@@ -61,9 +61,9 @@ class ContactSystem:
         which = np.arange(b.size) if seen is None else seen
         pull = b.input_pull @ problem.loads(0)[0].real
         load = problem.normal_load or float(np.abs(pull).sum()) or problem.excitation.amplitude or 1.0
-        found = cls.of_parts(b.stiffness, b.coupling[:, which], b.transfer[which], problem.interface.gap,
-                             problem.nodal_law, pull, load)
-        return found if b.curvature is None else replace(found, curvature=b.curvature[:, which])
+        system = cls.of_parts(b.stiffness, b.coupling[:, which], b.transfer[which], problem.interface.gap,
+                              problem.nodal_law, pull, load)
+        return system if b.curvature is None else replace(system, curvature=b.curvature[:, which])
 
     @classmethod
     def of_parts(cls, stiffness: Array, coupling: Array, transfer: Array, gap: Array, law: Coulomb, pull: Array,
@@ -123,11 +123,11 @@ class SampleState:
 
     def alone(self, copied: bool = False) -> PeriodHistory:
         """Return it as a period of one sample."""
-        found = PeriodHistory(np.zeros((1, 0)), plain(self.displacement[None]), plain(self.force[None]),
-                              np.require(self.state[None], dtype=np.int8, requirements=["C", "W"]))
+        period = PeriodHistory(np.zeros((1, 0)), plain(self.displacement[None]), plain(self.force[None]),
+                               np.require(self.state[None], dtype=np.int8, requirements=["C", "W"]))
         if not copied:
-            return found
-        return PeriodHistory(found.position, found.displacement.copy(), found.force.copy(), found.state.copy())
+            return period
+        return PeriodHistory(period.position, period.displacement.copy(), period.force.copy(), period.state.copy())
 
     @classmethod
     def of(cls, period: PeriodHistory, j: int = -1) -> SampleState:

@@ -122,13 +122,13 @@ def differentiate_contact(solved: SolvedContact, directions: Sequence[Direction]
 
 def strains(period: PeriodHistory, directions: Sequence[Direction], weights: Array) -> Array:
     """Return ``weights . strain`` (N, P) of the initial strains that the directions put in series; weights (3 n,)."""
-    found = np.zeros((len(period.force), len(directions)))
+    strain = np.zeros((len(period.force), len(directions)))
     for column, direction in enumerate(directions):
         if direction.gap is not None:
-            found[:, column] += weights[2::3] @ direction.gap
+            strain[:, column] += weights[2::3] @ direction.gap
         if direction.flexibility is not None:
-            found[:, column] += period.force @ (direction.flexibility.T @ weights)
-    return found
+            strain[:, column] += period.force @ (direction.flexibility.T @ weights)
+    return strain
 
 
 def _memory(period: PeriodHistory, way: Array) -> tuple[int, Array]:

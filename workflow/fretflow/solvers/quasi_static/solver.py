@@ -110,27 +110,27 @@ class QuasiStaticSolver:
         AuditError
             If the period breaks the contact law at a node and sample.
         """
-        found = self._solve(problem, self.settings.resolved_samples, start)
+        solution = self._solve(problem, self.settings.resolved_samples, start)
         if self.settings.tolerance <= COARSE:
-            audit_period(problem, found, max(LEAST_UNLAWFUL, UNLAWFUL * self.settings.tolerance))
-            warn_of_heavy_contact(problem, found)
+            audit_period(problem, solution, max(LEAST_UNLAWFUL, UNLAWFUL * self.settings.tolerance))
+            warn_of_heavy_contact(problem, solution)
         if not self.settings.estimate_error:
-            return found
+            return solution
         # first order in the samples: the difference to half of them is about the error that remains
-        coarse = self._solve(problem, self.settings.resolved_samples // 2, found)
-        fine, rough = (sliding_distance(s, problem.interface) for s in (found, coarse))
-        return replace(found, error_estimate=abs(fine - rough) / max(fine, 1e-15))
+        coarse = self._solve(problem, self.settings.resolved_samples // 2, solution)
+        fine, rough = (sliding_distance(s, problem.interface) for s in (solution, coarse))
+        return replace(solution, error_estimate=abs(fine - rough) / max(fine, 1e-15))
 
     def _solve(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
         """Solve for the nodes within reach, and again for more of them if others turn out to touch."""
         nodes = candidate_nodes(problem, start)
         while not nodes.all():
             near = None if start is None else restrict_solution(start, nodes)
-            found = extend_solution(self._solve_all(restrict(problem, nodes), samples, near), problem, nodes)
-            missed = penetrating(found, problem.interface, nodes)
+            solution = extend_solution(self._solve_all(restrict(problem, nodes), samples, near), problem, nodes)
+            missed = penetrating(solution, problem.interface, nodes)
             if not missed.any():
-                return found
-            nodes, start = nodes | missed, found
+                return solution
+            nodes, start = nodes | missed, solution
         return self._solve_all(problem, samples, start)
 
     def _solve_all(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
@@ -153,23 +153,23 @@ class QuasiStaticSolver:
         return self._raised(lambda share: replace(problem, excitation=problem.excitation.scaled(share)), samples,
                             None, 0.25)
 
-    def _raised(self, at: Callable[[float], PeriodicProblem], samples: int, found: PeriodicSolution | None,
+    def _raised(self, at: Callable[[float], PeriodicProblem], samples: int, solution: PeriodicSolution | None,
                 step: float) -> PeriodicSolution:
-        """Return the period of ``at(1)`` by steps from the one `found` at zero, or from rest."""
+        """Return the period of ``at(1)`` by steps from the `solution` at zero, or from rest."""
         share = 0.0
         while share < 1.0:
             target = min(1.0, share + step)
             try:
-                found = self._find(at(target), samples, found, settling=False)
+                solution = self._find(at(target), samples, solution, settling=False)
             except NonConvergenceError:
                 step *= 0.5
                 if step < SMALLEST_SHARE:
                     raise
                 continue
             share, step = target, 2.0 * step
-        if found is None:
+        if solution is None:
             raise NonConvergenceError("quasi-static period: nothing to raise")
-        return found
+        return solution
 
     def _settled(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
         """Return the period of any structure: near `start`, of a contact that sticks, or where it settles in time."""
@@ -244,10 +244,10 @@ class QuasiStaticSolver:
         return self._kept(problem, equations, newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
-    def _kept(self, problem: PeriodicProblem, equations: InternalEquations, found: tuple[Iterate, tuple[float, ...]]
-              ) -> PeriodicSolution:
+    def _kept(self, problem: PeriodicProblem, equations: InternalEquations,
+              root_and_history: tuple[Iterate, tuple[float, ...]]) -> PeriodicSolution:
         """Return the period of a root, with its tangent where there is one and these are kept."""
-        period, tangent = _solution(problem, equations, *found), found[0].tangent
+        period, tangent = _solution(problem, equations, *root_and_history), root_and_history[0].tangent
         if not self.keeps_tangents or tangent is None:
             return period
         return PeriodWithTangent(**{one.name: getattr(period, one.name) for one in fields(period)}, tangent=tangent)
@@ -305,11 +305,11 @@ def _as_history(solution: PeriodicSolution, seen: NDArray[np.intp], samples: int
                          np.require(_resample(solution.state, samples), dtype=np.int8, requirements=["C", "W"]))
 
 
-def _solution(problem: PeriodicProblem, equations: InternalEquations, found: Iterate, history: tuple[float, ...]
+def _solution(problem: PeriodicProblem, equations: InternalEquations, root: Iterate, history: tuple[float, ...]
               ) -> PeriodicSolution:
-    period = found.history
+    period = root.history
     samples, nodes = period.state.shape
-    internal = equations.whole_motion(found.seen, found.balance.other)
+    internal = equations.whole_motion(root.seen, root.balance.other)
     loads = problem.loads_at(2.0 * np.pi * np.arange(samples) / samples)
     force = period.force.reshape(samples, nodes, 3)
     return PeriodicSolution(

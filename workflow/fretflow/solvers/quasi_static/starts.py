@@ -67,9 +67,9 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
     for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS), start=1):
         change = np.inf if last is None else float(np.abs(internal - last).max() / np.ptp(internal, axis=0).max())
         if count in SETTLING and (change < REPEATING or (ringing and count >= UNSETTLED)):
-            found = np.zeros((len(equations.analysis), internal.shape[1]))
-            found[:len(analysis)] = analysis @ internal
-            guess = InitialGuess(found[:, equations.seen].ravel(), found[:, equations.other].ravel())
+            coefficients = np.zeros((len(equations.analysis), internal.shape[1]))
+            coefficients[:len(analysis)] = analysis @ internal
+            guess = InitialGuess(coefficients[:, equations.seen].ravel(), coefficients[:, equations.other].ravel())
             yield Settled(guess, contact, count, change)
         ranges.append(float(np.ptp(internal, axis=0).max()))
         if count >= SETTLING[-1] or (count == SETTLING[0] and not ringing and len(set(np.sign(np.diff(ranges)))) > 1):
@@ -115,8 +115,8 @@ def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: 
     with suppress(NonConvergenceError):
         if (on_patches := _patches_newton(problem, equations, march)) is not None:
             newton, pressed = on_patches
-            found, _ = newton.solve(iter([_backbone_start(problem, equations, newton.march, rig)]), pressed, MOST_STEPS)
-            return InitialGuess(found.seen, tangent=newton.tangent(found))
+            root, _ = newton.solve(iter([_backbone_start(problem, equations, newton.march, rig)]), pressed, MOST_STEPS)
+            return InitialGuess(root.seen, tangent=newton.tangent(root))
     return _backbone_start(problem, equations, march, rig)
 
 
