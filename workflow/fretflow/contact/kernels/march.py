@@ -57,13 +57,13 @@ def _shift(sample: PeriodHistory, j: int, toward: PeriodHistory, b: int, away: P
 
 
 @compiled
-def as_before(found: PeriodHistory, last: PeriodHistory, j: int, limit: float) -> bool:
+def as_before(period: PeriodHistory, last: PeriodHistory, j: int, limit: float) -> bool:
     """Tell whether all slides at sample j and its forces are the last period's."""
-    for i in range(found.state.shape[1]):
-        if found.state[j, i] == STICK:
+    for i in range(period.state.shape[1]):
+        if period.state[j, i] == STICK:
             return False
-    for i in range(found.force.shape[1]):
-        if not abs(found.force[j, i] - last.force[j, i]) < limit:
+    for i in range(period.force.shape[1]):
+        if not abs(period.force[j, i] - last.force[j, i]) < limit:
             return False
     return True
 
@@ -89,7 +89,7 @@ def _copy(source: Array, target: Array) -> None:
 @compiled
 def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: PeriodHistory, slope: Array,
           guess: PeriodHistory, last: PeriodHistory, last_tangent: Array, limits: tuple[float, float],
-          found: PeriodHistory, tangent: Array) -> tuple[int, Array]:
+          period: PeriodHistory, tangent: Array) -> tuple[int, Array]:
     """March one period of N samples with its tangent.
 
     Parameters
@@ -104,7 +104,7 @@ def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: P
         A neighbouring period, and the one marched before with its tangent (N, d, p); empty if there is none.
     limits
         Tolerance of a sample's residual, and change of force below which two samples are the same, N.
-    found, tangent
+    period, tangent
         Results: the period, and the tangent (N, d, p) of the force T f on the coordinates.
 
     Returns
@@ -113,35 +113,35 @@ def march(c: Contact, factors: tuple[Factor, Factor], forcing: Forcing, start: P
         The sample j that is as in the `last` period with nothing remembered, the rest is taken from there; N if
         there is none, -1 - j if sample j was not found. The derivative of the last sample marched.
     """
-    samples, n = found.state.shape
+    samples, n = period.state.shape
     d, p = forcing.directions.shape[1:]
     none, unpressed = np.empty((0, p)), np.empty((0, p))
     moved, widened, direct = np.empty((3 * n, p)), np.empty((n, p)), np.empty((d, p))
     slope = slope.copy()
     before, b, earlier, e = start, 0, start, 0
     for j in range(samples):
-        guess_sample(guess, found, j, forcing.pull, before, b, earlier, e)
+        guess_sample(guess, period, j, forcing.pull, before, b, earlier, e)
         previous, factor = before.displacement[b], forcing.friction_factor[j]
         pulls = (forcing.pull[j - 1], forcing.pull[j])
-        if not find_in_parts(c, factors[0], pulls, factor, previous, found, j, limits[0]):
+        if not find_in_parts(c, factors[0], pulls, factor, previous, period, j, limits[0]):
             return -1 - j, slope
         if p:
             for i in range(n):
                 for k in range(p):
                     widened[i, k] = c.friction[i] * forcing.factor_slope[j, k]
             change = (forcing.directions[j], widened, none)
-            differentiate(c, factors[1], factor, previous, found, j, slope, change, moved, unpressed)
+            differentiate(c, factors[1], factor, previous, period, j, slope, change, moved, unpressed)
             slope, moved = moved, slope
             multiply(c.felt, slope, tangent[j])
             multiply(c.felt_coupling, forcing.directions[j], direct)
             for i in range(d):
                 for k in range(p):
                     tangent[j, i, k] -= direct[i, k]
-        earlier, e, before, b = before, b, found, j
+        earlier, e, before, b = before, b, period, j
         # where everything slides nothing is remembered, once the directions of sliding have been forgotten
-        if len(last.state) and as_before(found, last, j, limits[1]) and _same(tangent[j], last_tangent[j]):
+        if len(last.state) and as_before(period, last, j, limits[1]) and _same(tangent[j], last_tangent[j]):
             for rest in range(j + 1, samples):
-                copy_sample(last, rest, found, rest)
+                copy_sample(last, rest, period, rest)
                 _copy(last_tangent[rest], tangent[rest])
             return j, slope
     return samples, slope

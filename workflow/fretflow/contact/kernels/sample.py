@@ -348,18 +348,18 @@ def find_in_parts(c: Contact, factor: Factor, pulls: tuple[Array, Array], fricti
     guess = PeriodHistory(np.empty((1, 0)), np.empty((1, 3 * n)), np.empty((1, 3 * n)),
                           np.empty((1, n), dtype=np.int8))
     copy_sample(sample, j, guess, 0)
-    parts, found, there = 1, False, np.empty(3 * n)
-    while parts <= MOST_PARTS and not found:
+    parts, converged, there = 1, False, np.empty(3 * n)
+    while parts <= MOST_PARTS and not converged:
         if parts > 1:
             copy_sample(guess, 0, sample, j)
             for i in range(3 * n):
                 sample.displacement[j, i] = previous[i]
             for i in range(n):
                 sample.state[j, i] = STICK if guess.state[0, i] == SLIP else guess.state[0, i]
-        found = True
+        converged = True
         for part in range(1, parts + 1):
             for i in range(3 * n):
                 there[i] = pull[i] if part == parts else before[i] + (pull[i] - before[i]) * part / parts
-            found = found and find(c, factor, there, friction_factor, previous, sample, j, tolerance)
+            converged = converged and find(c, factor, there, friction_factor, previous, sample, j, tolerance)
         parts *= 2
-    return found
+    return converged

@@ -157,19 +157,19 @@ def _change_force(acting: Acting, j: int, force: Array) -> None:
 def _sum_outputs(weights: Weights, j: int, a: int, change: tuple[Array, Array, Array], moved: Array, sums: Sums
                  ) -> None:
     """Take in the outputs of sample j; a motions of the coordinates."""
-    motion, force, found, n = change[0], change[2], sums.outputs[j], len(sums.path)
-    multiply(weights.by_displacement, moved, found)
+    motion, force, outputs, n = change[0], change[2], sums.outputs[j], len(sums.path)
+    multiply(weights.by_displacement, moved, outputs)
     for i in range(len(motion)):
-        for r in range(len(found)):
-            for k in range(found.shape[1] if weights.by_coordinate[r, i] != 0.0 else 0):
-                found[r, k] += weights.by_coordinate[r, i] * motion[i, k]
-        for k in range(found.shape[1]):
+        for r in range(len(outputs)):
+            for k in range(outputs.shape[1] if weights.by_coordinate[r, i] != 0.0 else 0):
+                outputs[r, k] += weights.by_coordinate[r, i] * motion[i, k]
+        for k in range(outputs.shape[1]):
             sums.driven[i, k] += motion[i, k]
-    for r in range(len(found)):
+    for r in range(len(outputs)):
         for i in range(len(force)):
             weight = weights.by_force[r, i]
             for k in range(sums.pressed.shape[1] if weight != 0.0 else 0):
-                found[r, a + k] += weight * force[i, a + k]
+                outputs[r, a + k] += weight * force[i, a + k]
     for i in range(n if len(force) else 0):
         for k in range(sums.pressed.shape[1]):
             sums.pressed[i, k] += force[3 * i + 2, a + k]

@@ -218,25 +218,25 @@ def follow_loads(c: StaticContact, loads: Array, start: Array, under: Array, fir
     steps, guessing = len(state), len(guess) > 0
     from_load, reached, held, more = under.copy(), start.copy(), first.copy(), PIVOTS * len(first)
     for j in range(steps):
-        parts, found = 0 if guessing else 1, False
-        while parts <= MOST_PARTS and not found:
+        parts, converged = 0 if guessing else 1, False
+        while parts <= MOST_PARTS and not converged:
             if parts < 2:
                 u[j], state[j] = reached, held if parts else guess[j]
-                found = _step(c, loads[j], reached, u[j], f[j], state[j], tolerance, CAREFUL,
-                              CAREFUL + more * parts)
+                converged = _step(c, loads[j], reached, u[j], f[j], state[j], tolerance, CAREFUL,
+                                  CAREFUL + more * parts)
             else:
                 here, state[j] = reached.copy(), held
-                found = True
+                converged = True
                 for part in range(1, max(parts, 3) - 1):
-                    if found:
+                    if converged:
                         load = from_load + (loads[j] - from_load) * (part / (max(parts, 3) - 2))
                         _hold_still(state[j])
                         u[j] = here
                         careful = CAREFUL if parts == 2 else 0
-                        found = _step(c, load, here, u[j], f[j], state[j], tolerance, careful, careful + more)
+                        converged = _step(c, load, here, u[j], f[j], state[j], tolerance, careful, careful + more)
                         here = u[j].copy()
             parts = parts + 1 if parts < 3 else 2 * parts - 2  # one part thrice: as before, still, carefully
-        if not found:
+        if not converged:
             return j
         guessing = guessing and parts == 1
         from_load, reached, held = loads[j].copy(), u[j].copy(), state[j].copy()
