@@ -102,12 +102,12 @@ def clipped_march(steps: Array, low: Array, high: Array, begin: Array | float) -
     # clip(clip(z + a1, lo1, hi1) + a2, lo2, hi2) is clip(z + a1 + a2, lo, hi) with both bounds of 1 carried through 2
     odd = clipped_march(steps[first] + a, np.minimum(np.maximum(low[first] + a, lo), hi),
                         np.minimum(np.maximum(high[first] + a, lo), hi), begin)
-    found = np.empty_like(odd, shape=steps.shape)
-    found[second] = odd
+    z = np.empty_like(odd, shape=steps.shape)
+    z[second] = odd
     before = np.concatenate([np.broadcast_to(begin, steps.shape[1:])[None], odd[:(n - 1) // 2]])
     even = slice(0, None, 2)
-    found[even] = np.minimum(np.maximum(before + steps[even], low[even]), high[even])
-    return found
+    z[even] = np.minimum(np.maximum(before + steps[even], low[even]), high[even])
+    return z
 
 
 class ActsOnMotion(Senses, Protocol):

@@ -37,10 +37,10 @@ class InternalForce(Protocol):
 def total_force(forces: tuple[InternalForce, ...], displacement: Array, velocity: Array) -> ForceAndSlopes:
     """Return the sum of `forces` for a motion (N, d)."""
     samples, d = displacement.shape
-    found = ForceAndSlopes(np.zeros((samples, d)), np.zeros((samples, d, d)), np.zeros((samples, d, d)))
+    total = ForceAndSlopes(np.zeros((samples, d)), np.zeros((samples, d, d)), np.zeros((samples, d, d)))
     for force in forces:
-        found = ForceAndSlopes(*(a + b for a, b in zip(found, force(displacement, velocity), strict=True)))
-    return found
+        total = ForceAndSlopes(*(a + b for a, b in zip(total, force(displacement, velocity), strict=True)))
+    return total
 
 
 @dataclass(frozen=True)

@@ -187,9 +187,9 @@ class Joint:
         for k, forces in enumerate(loads):
             known = np.zeros((len(self.mass) + contact, contact + 1), dtype=complex)
             known[:-contact, -1], known[-contact:, :-1] = self._rows.T @ forces, np.eye(contact)
-            found = np.linalg.solve(self._saddle(k * omega), known)[-contact:]
-            stiffness[k] = found[:, :-1]
-            load.append(-found[:, -1])
+            solution = np.linalg.solve(self._saddle(k * omega), known)[-contact:]
+            stiffness[k] = solution[:, :-1]
+            load.append(-solution[:, -1])
         return DynamicStiffness(omega=omega, stiffness=stiffness, load=np.array(load))
 
     def motion_amplitudes(self, frequency: float, displacement: Complex, loads: Complex) -> _MatrixMotion:
@@ -327,11 +327,11 @@ def _row(size: int, name: str, where: int | Array) -> Array:
 def _padded(matrix: Array, extra: int, diagonal: float = 1.0) -> Array:
     if np.iscomplexobj(matrix):
         raise InputError("M, K and C: must be real; give damping as C or modal_damping")
-    found = np.asarray(matrix, dtype=float)
-    if not extra or found.ndim != 2 or found.shape[0] != found.shape[1]:
-        return found
-    wide = diagonal * np.eye(len(found) + extra)
-    wide[:len(found), :len(found)] = found
+    values = np.asarray(matrix, dtype=float)
+    if not extra or values.ndim != 2 or values.shape[0] != values.shape[1]:
+        return values
+    wide = diagonal * np.eye(len(values) + extra)
+    wide[:len(values), :len(values)] = values
     return wide
 
 
@@ -343,8 +343,8 @@ def _modal(stiffness: Array, mass: Array, ratio: float | None) -> Array:
         raise InputError(f"modal_damping: {ratio} is no damping ratio between 0 and 1")
     squares, phi = _eigen(stiffness, mass, "modal_damping: M", "every DOF needs a mass; give C instead")
     weighed = mass @ phi
-    found: Array = weighed @ (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))[:, None] * weighed.T)
-    return found
+    damping: Array = weighed @ (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))[:, None] * weighed.T)
+    return damping
 
 
 def _eigen(stiffness: Array, mass: Array, name: str, remedy: str) -> tuple[Array, Array]:
@@ -359,5 +359,5 @@ def _eigen(stiffness: Array, mass: Array, name: str, remedy: str) -> tuple[Array
 
 
 def _inverse(flexibility: Array) -> Array:
-    found: NDArray[Any] = np.linalg.inv(flexibility)
-    return np.asarray(0.5 * (found + found.T))
+    inverse: NDArray[Any] = np.linalg.inv(flexibility)
+    return np.asarray(0.5 * (inverse + inverse.T))

@@ -139,15 +139,15 @@ def best_width(displacement: Array, noise: float) -> int:
 
     Of the noise a polynomial over n samples follows the share ``225/64 / n``.
     """
-    found: int = WIDTHS[0]
+    best: int = WIDTHS[0]
     for width in WIDTHS:
         if 2 * width + 1 > len(displacement):
             break
         left = noise * sqrt(1.0 - CENTRE / (2 * width + 1))
         if float(np.std(displacement - _smoothed(displacement, 1.0, width, 0))) > EXCESS * left:
             break
-        found = width
-    return found
+        best = width
+    return best
 
 
 def _smoothed(values: Array, step: float, width: int, derivative: int) -> Array:

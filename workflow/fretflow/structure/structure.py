@@ -84,11 +84,11 @@ class ObservedMotion:
 
     def of(self, q: NDArray[Any], s: NDArray[Any], f: NDArray[Any], i: NDArray[Any]) -> NDArray[Any]:
         """Return y (N, k) in m of N samples or harmonics (N, d), (N, s), (N, 3 n), (N, i)."""
-        found = q @ self.motion.T
+        y = q @ self.motion.T
         for part, values in ((self.free, s), (self.force, f), (self.load, i)):
             if part is not None:
-                found = found + values @ part.T
-        return np.asarray(found)
+                y = y + values @ part.T
+        return np.asarray(y)
 
 
 @record
@@ -128,8 +128,8 @@ class MasslessBoundary:
         lever, series = self._free_series
         if not lever.shape[1]:
             return self.bare_stiffness
-        found: Array = self.bare_stiffness - lever @ np.linalg.solve(series, lever.T)
-        return 0.5 * (found + found.T)
+        stiffness: Array = self.bare_stiffness - lever @ np.linalg.solve(series, lever.T)
+        return 0.5 * (stiffness + stiffness.T)
 
     @cached_property
     def coupling(self) -> Array:
@@ -200,8 +200,8 @@ class MasslessBoundary:
 
     def _pull(self, motion: Array, free_load: Array) -> Array:
         lever, series = self._free_series
-        found: Array = self.stiffness @ motion
-        return found - lever @ np.linalg.solve(series, free_load) if lever.shape[1] else found
+        pull: Array = self.stiffness @ motion
+        return pull - lever @ np.linalg.solve(series, free_load) if lever.shape[1] else pull
 
     @cached_property
     def _free_series(self) -> tuple[Array, Array]:
@@ -272,12 +272,12 @@ def stack_loads(inputs: tuple[str, ...], named: Mapping[str, NDArray[Any]], rows
     InputError
         If there is no such input.
     """
-    found = np.zeros((rows, len(inputs)), dtype=np.result_type(float, *(np.asarray(v).dtype for v in named.values())))
+    loads = np.zeros((rows, len(inputs)), dtype=np.result_type(float, *(np.asarray(v).dtype for v in named.values())))
     for name, values in named.items():
         if name not in inputs:
             raise InputError(f"input {name!r}: unknown; choose one of {', '.join(inputs)}")
-        found[:, inputs.index(name)] = values
-    return found
+        loads[:, inputs.index(name)] = values
+    return loads
 
 
 def squeezed(values: NDArray[Any]) -> NDArray[Any]:

@@ -189,14 +189,14 @@ class _Faces(NamedTuple):
 
     def moduli(self, material: Material, materials: Mapping[str, Material]) -> list[Any]:
         """Return the cells' `elastic_moduli`, in UFL."""
-        found = fem.Function(self.cells)
-        values = np.tile(elastic_moduli(material), len(found.x.array) // 3).reshape(-1, 3)
+        moduli = fem.Function(self.cells)
+        values = np.tile(elastic_moduli(material), len(moduli.x.array) // 3).reshape(-1, 3)
         for name, own in materials.items():
             tag = _tag(self.bodies.volumes, name, "volume", self.source)
             cells = self.bodies.cell_tags.find(tag)
             values[[self.cells.dofmap.cell_dofs(one)[0] for one in cells]] = elastic_moduli(own)
-        found.x.array[:] = values.ravel()
-        return [found[k] for k in range(3)]
+        moduli.x.array[:] = values.ravel()
+        return [moduli[k] for k in range(3)]
 
     def dofs(self, group: str) -> NDArray[np.int64]:
         """Return the DOF of a group's nodes."""
@@ -325,10 +325,10 @@ def _tag(groups: Mapping[str, int], name: str, kind: str, source: str) -> int:
 
 def _candidates(above: _Side, below: _Side) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the upper and lower facets (k,) that face each other and may overlap."""
-    reach = [np.linalg.norm(one.corners - one.points[:, None], axis=2).max(axis=1) for one in (above, below)]
-    found = cKDTree(below.points).query_ball_point(above.points, (1.0 + APART) * (reach[0] + reach[1].max()))
-    own = np.repeat(np.arange(len(found)), [len(some) for some in found])
-    other = np.concatenate([np.asarray(some, dtype=np.intp) for some in found])
+    radii = [np.linalg.norm(one.corners - one.points[:, None], axis=2).max(axis=1) for one in (above, below)]
+    near = cKDTree(below.points).query_ball_point(above.points, (1.0 + APART) * (radii[0] + radii[1].max()))
+    own = np.repeat(np.arange(len(near)), [len(some) for some in near])
+    other = np.concatenate([np.asarray(some, dtype=np.intp) for some in near])
     facing = np.sum(above.normals[own] * below.normals[other], axis=1) < FACING
     return own[facing], other[facing]
 
@@ -345,6 +345,6 @@ def _frames(normals: Array, points: Array) -> Array:
 def _scipy(matrix: PETSc.Mat) -> Any:
     """Return a PETSc matrix of one rank as a sparse one, and free it."""
     rows, columns, values = matrix.getValuesCSR()
-    found = sparse.csr_matrix((values, columns, rows), shape=matrix.getSize())
+    copy = sparse.csr_matrix((values, columns, rows), shape=matrix.getSize())
     matrix.destroy()
-    return found
+    return copy

@@ -40,12 +40,12 @@ def factorise(matrix: Any) -> Callable[[Array], Array]:
     factors.setMumpsIcntl(*MUMPS_COLUMNS)
 
     def solve(right: Array) -> Array:
-        found = np.zeros((len(rows.indptr) - 1, right[0].size), order="F")  # PETSc writes into it
-        given = np.asfortranarray(right.reshape(found.shape), dtype=float)
-        own, answer = (PETSc.Mat().createDense(found.shape, array=one, comm=PETSc.COMM_SELF) for one in (given, found))
+        solution = np.zeros((len(rows.indptr) - 1, right[0].size), order="F")  # PETSc writes into it
+        given = np.asfortranarray(right.reshape(solution.shape), dtype=float)
+        own, answer = (PETSc.Mat().createDense(one.shape, array=one, comm=PETSc.COMM_SELF) for one in (given, solution))
         factor.getFactorMatrix().matSolve(own, answer)
         for one in (own, answer):
             one.destroy()
-        return found.reshape(right.shape)
+        return solution.reshape(right.shape)
 
     return solve

@@ -107,17 +107,17 @@ def _own(tree: _Front) -> list[Nodes]:
 
 def _eliminated(tree: _Front, pencil: tuple[sparse.csr_matrix, ...], start: int) -> _Condensed:
     """Eliminate a part whose DOF begin at `start`, those of the parts within first."""
-    found = []
+    condensed = []
     for part in tree.parts:
-        found.append(_eliminated(part, pencil, start))
-        start = found[-1].end
+        condensed.append(_eliminated(part, pencil, start))
+        start = condensed[-1].end
     end = start + 3 * len(tree.own)
     rows = [sparse.coo_matrix(matrix[start:end]) for matrix in pencil]
     dofs = np.unique(np.concatenate([np.arange(start, end), *(one.col[one.col >= end] for one in rows),
-                                     *(one.rest for one in found)]))
+                                     *(one.rest for one in condensed)]))
     fronts = [_front(one, dofs, start) for one in rows]
-    while found:
-        one = found.pop()
+    while condensed:
+        one = condensed.pop()
         places = np.searchsorted(dofs, one.rest)
         add_lower(fronts[0], one.value, places)
         add_lower(fronts[1], one.derivative, places)

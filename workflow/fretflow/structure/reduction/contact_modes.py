@@ -117,14 +117,14 @@ def reduce_structure(matrices: StructureMatrices, modes: int | None = None) -> R
     if matrices.damping is not None:  # large bases are not copied for nothing
         both = np.hstack([psi, phi])
         damping = np.asarray(both.T @ (matrices.damping @ both))
-    found = ReducedStructure(
+    reduced = ReducedStructure(
         stiffness=stiffness, boundary_mass=psi.T @ weighed, eigenvalues=basis.eigenvalues,
         coupling=phi.T @ weighed, areas=matrices.areas, points=matrices.points,
         gap=np.zeros(matrices.contacts) if matrices.gap is None else matrices.gap,
         preload=None if preload is None else (preload @ psi, preload @ phi), inputs=seen(matrices.inputs),
         outputs=seen(matrices.outputs), modal_damping=matrices.modal_damping, rigid_motions=basis.rigid.shape[1],
         damping=damping)
-    return found if wanted == free else _with_error(found, matrices)
+    return reduced if wanted == free else _with_error(reduced, matrices)
 
 
 def _dense_basis(matrices: StructureMatrices, wanted: int) -> _Basis:
@@ -234,7 +234,7 @@ def _rigid_count(values: Array) -> int:
     return int(np.sum(values < RIGID * reference))
 
 
-def _with_error(found: ReducedStructure, matrices: StructureMatrices) -> ReducedStructure:
+def _with_error(reduced: ReducedStructure, matrices: StructureMatrices) -> ReducedStructure:
     """Return the reduced structure with the error of its first frequencies while its joint is open."""
     from dataclasses import replace
 
@@ -246,12 +246,12 @@ def _with_error(found: ReducedStructure, matrices: StructureMatrices) -> Reduced
     else:
         k, m = sparse.csc_matrix(matrices.stiffness), sparse.csc_matrix(matrices.mass)
         full = _lowest(k, m, count, *_shifted(k, m))[0]
-    own_k, own_m = assembled(found)
+    own_k, own_m = assembled(reduced)
     own = eigh(own_k, own_m, eigvals_only=True, subset_by_index=[0, min(count, len(own_k)) - 1])
     top = float(full[-1])
     full, own = (values[values > RIGID * top] for values in (full, own))
     compared = min(COMPARED, len(full), len(own))
-    return replace(found, error=float(np.max(np.abs(np.sqrt(own[:compared] / full[:compared]) - 1.0), initial=0.0)))
+    return replace(reduced, error=float(np.max(np.abs(np.sqrt(own[:compared] / full[:compared]) - 1.0), initial=0.0)))
 
 
 def assembled(reduced: ReducedStructure, massless: bool = False) -> tuple[Array, Array]:

@@ -205,9 +205,9 @@ def _give_back() -> None:
         trim(0)
 
 
-def _check_condensed(found: NDArray[np.float64], known: NDArray[np.float64], name: str) -> None:
+def _check_condensed(computed: NDArray[np.float64], known: NDArray[np.float64], name: str) -> None:
     """Check the condensed matrix times some motions of the boundary against the factor's own solutions."""
-    error = float(np.max(np.linalg.norm(found - known, axis=0) / np.linalg.norm(known, axis=0)))
+    error = float(np.max(np.linalg.norm(computed - known, axis=0) / np.linalg.norm(known, axis=0)))
     if not error <= _RESIDUAL_LIMIT:
         raise AuditError(f"constraint modes: {name} is off by {error:.1e}; check the mesh")
 
@@ -273,10 +273,10 @@ def _lowest_modes(stiffness: PETSc.Mat, mass: PETSc.Mat, factor: PETSc.KSP,
         inverse.getPC().setType(PETSc.PC.Type.PYTHON)
         inverse.getPC().setPythonContext(_Factored(factor))
         solver.solve()
-        found = solver.getConverged()
-        errors = [solver.getErrorEstimate(i) for i in range(found)]
-        if found < count:
-            raise NonConvergenceError(f"natural modes: found {found} of {count}; ask for fewer modes", errors)
+        converged = solver.getConverged()
+        errors = [solver.getErrorEstimate(i) for i in range(converged)]
+        if converged < count:
+            raise NonConvergenceError(f"natural modes: found {converged} of {count}; ask for fewer modes", errors)
         squares = np.array([solver.getEigenvalue(i).real for i in range(count)])
         with _owned(stiffness.createVecRight()) as vector:
             modes = np.empty((vector.getLocalSize(), count), order="F")

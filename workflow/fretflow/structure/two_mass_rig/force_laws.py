@@ -22,11 +22,11 @@ class ArmSupport:
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
-        found = _nothing(len(displacement))
+        forces = _nothing(len(displacement))
         x = displacement[:, ARM]
-        found.force[:, ARM] = -(self.stiffness + self.cubic * x**2) * x
-        found.by_displacement[:, ARM, ARM] = -self.stiffness - 3.0 * self.cubic * x**2
-        return found
+        forces.force[:, ARM] = -(self.stiffness + self.cubic * x**2) * x
+        forces.by_displacement[:, ARM, ARM] = -self.stiffness - 3.0 * self.cubic * x**2
+        return forces
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class BlockPull:
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
-        found = _nothing(len(displacement))
-        found.force[:, BLOCK] = self.force
-        return found
+        forces = _nothing(len(displacement))
+        forces.force[:, BLOCK] = self.force
+        return forces
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,18 @@ class HingePlay:
 
     def __call__(self, displacement: Array, velocity: Array) -> ForceAndSlopes:
         """Return the forces for displacements and velocities (N, 2), m and m/s, of block and arm along x."""
-        found = _nothing(len(displacement))
+        forces = _nothing(len(displacement))
         apart = displacement[:, ARM] - displacement[:, BLOCK]
         half = 0.5 * self.play
         if half == 0.0:
-            return found
+            return forces
         taken, share = _clipped(apart / half, self.rounding)
         on_arm, slope = self.stiffness * half * taken, self.stiffness * share
         for i, sign in ((ARM, 1.0), (BLOCK, -1.0)):
-            found.force[:, i] = sign * on_arm
-            found.by_displacement[:, i, ARM] = sign * slope
-            found.by_displacement[:, i, BLOCK] = -sign * slope
-        return found
+            forces.force[:, i] = sign * on_arm
+            forces.by_displacement[:, i, ARM] = sign * slope
+            forces.by_displacement[:, i, BLOCK] = -sign * slope
+        return forces
 
 
 def _clipped(value: Array, rounding: float) -> tuple[Array, Array]:

@@ -155,9 +155,9 @@ def identify(forward: Callable[[Array], Array], prior: LogNormalPrior, data: Dat
     inside = 0.99 * TRUST
     points = [np.clip(prior.coordinates(start), -inside, inside) for start in starts or (prior.value,)]
     best = min(points, key=lambda z: float(np.sum(residual(z)**2)))
-    found = least_squares(residual, best, jac=jacobian, bounds=(-TRUST, TRUST), xtol=TOLERANCE,
-                          ftol=TOLERANCE, gtol=TOLERANCE)
-    best = np.asarray(found.x)
+    fit = least_squares(residual, best, jac=jacobian, bounds=(-TRUST, TRUST), xtol=TOLERANCE,
+                        ftol=TOLERANCE, gtol=TOLERANCE)
+    best = np.asarray(fit.x)
     return _judge(best, jacobian(best)[:len(data.value)], forward, prior, data)
 
 
@@ -185,16 +185,16 @@ def identify_mapped(exact: Callable[[Array], Array], rough: Callable[[Array], Ar
         return np.asarray(rough(p) * np.exp(np.clip(correction, -LARGEST_CORRECTION, LARGEST_CORRECTION)))
 
     for _ in range(MAX_ROUNDS):
-        found = identify(corrected, prior, data, starts)
-        predicted, here = exact(found.value), prior.coordinates(found.value)
-        miss, step = np.log(predicted / found.predicted), here - anchor
+        fit = identify(corrected, prior, data, starts)
+        predicted, here = exact(fit.value), prior.coordinates(fit.value)
+        miss, step = np.log(predicted / fit.predicted), here - anchor
         history.append(float(np.abs(miss / data.relative_sd).max()))
         if history[-1] < SETTLED:
-            return replace(found, predicted=predicted)
+            return replace(fit, predicted=predicted)
         # the rough model is wrong where it is anchored first, by its level and not by its slope
         if len(history) > 1 and step @ step > 0.0:
             slope = slope + np.outer(miss, step) / (step @ step)
-        shift, anchor, starts = np.log(predicted / rough(found.value)), here, [found.value]
+        shift, anchor, starts = np.log(predicted / rough(fit.value)), here, [fit.value]
     raise NonConvergenceError(f"calibration: predictions still miss by {history[-1]:.2g} standard deviations after "
                               f"{MAX_ROUNDS} rounds; state larger standard deviations of what was measured", history)
 

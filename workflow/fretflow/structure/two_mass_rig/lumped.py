@@ -97,13 +97,13 @@ class RigModes:
     def of(cls, boundary: MasslessBoundary) -> RigModes:
         """Return the modes of a rig with its contact, whose stuck faces feel ``T R`` to the internal coordinates."""
         internal, felt = boundary.internal, boundary.transfer @ boundary.coupling
-        found = {}
+        fields = {}
         for faces, stiffness in (("apart", internal.stiffness), ("stuck", internal.stiffness + felt)):
             squares, modes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), internal.mass)
             largest = modes[np.argmax(np.abs(modes), axis=0), np.arange(modes.shape[1])]
-            found[f"{faces}_frequency"] = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-            found[f"{faces}_shape"] = (modes / largest).T.copy()
-        return cls(**found)
+            fields[f"{faces}_frequency"] = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+            fields[f"{faces}_shape"] = (modes / largest).T.copy()
+        return cls(**fields)
 
 
 def _chain(ground: float, hinge: float) -> NDArray[np.float64]:
