@@ -49,10 +49,10 @@ def read_bare(path: Path, wanted: Wanted) -> Recording:
     columns = columns_of(table, name, LoopsBlock.model_validate({"file": path.name, **specs}))
     loops = series = None
     if name == "loops":
-        loops, found = loops_of(columns, test)
+        loops, more = loops_of(columns, test)
     else:
-        series, found = series_of(columns, test)
-    return Recording(path=path, title=path.stem, test=test, loops=loops, series=series, notes=(*notes, *found))
+        series, more = series_of(columns, test)
+    return Recording(path=path, title=path.stem, test=test, loops=loops, series=series, notes=(*notes, *more))
 
 
 def _specs(table: Table, wanted: Wanted) -> tuple[dict[str, dict[str, Any]], tuple[Note, ...]]:

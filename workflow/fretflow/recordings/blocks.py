@@ -117,10 +117,10 @@ def _without_spikes(block: str, values: dict[str, Array]) -> tuple[Note, ...]:
         begins[1:] |= np.diff(values[name]) != 0.0
     notes = []
     for name in [name for name in values if name not in (*INDICES, "time")]:
-        if (found := spikes(values[name], begins)).size:
+        if (rows := spikes(values[name], begins)).size:
             values[name] = values[name].copy()
-            values[name][found] = np.nan
-            notes.append(Note(block, "a spike, taken as missing", name, row_ranges(found)))
+            values[name][rows] = np.nan
+            notes.append(Note(block, "a spike, taken as missing", name, row_ranges(rows)))
     return tuple(notes)
 
 

@@ -180,7 +180,7 @@ def _without_bursts(cut: list[tuple[int, Array, Stretch]], names: tuple[str, ...
               if len(members := [i for i, (own, _, _) in enumerate(cut) if own == k]) > 2]
     if not groups:
         return cut
-    found: dict[int, set[str]] = {}
+    rough_channels: dict[int, set[str]] = {}
     for j, name in enumerate(names):
         values = [np.stack([cut[i][1][j] for i in members]) for members in groups]
         rough = [roughness(own - own.mean(axis=0)) / (1.0 - 1.0 / len(own)) for own in values]
@@ -190,8 +190,8 @@ def _without_bursts(cut: list[tuple[int, Array, Stretch]], names: tuple[str, ...
                            np.square(SPIKE * np.ptp(np.concatenate(values))))
         for members, own in zip(groups, rough, strict=True):
             if np.any(own > limit):  # half of a burst is in the mean that the others are compared with
-                found.setdefault(members[int(np.argmax((own / limit).max(axis=1)))], set()).add(name)
-    bursts = {i: min(own) for i, own in found.items() if len(own) == 1}
+                rough_channels.setdefault(members[int(np.argmax((own / limit).max(axis=1)))], set()).add(name)
+    bursts = {i: min(own) for i, own in rough_channels.items() if len(own) == 1}
     if not 0 < len(bursts) <= FEW_BURSTS * len(cut):
         return cut
     for i, name in bursts.items():

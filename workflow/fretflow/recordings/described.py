@@ -38,26 +38,26 @@ def describe_file(path: Path, folder: Path) -> Described:
     """
     table = read_table(path)
     told = columns_told(table)
-    found = {channel: (columns[0], unit_told(table, channel, columns[0]))
+    known = {channel: (columns[0], unit_told(table, channel, columns[0]))
              for channel, columns in told.items() if len(columns) == 1}
     doubtful = {channel: columns for channel, columns in told.items() if len(columns) > 1}
-    lacks = tuple(name for name in dict.fromkeys((*NEEDED, *doubtful)) if not found.get(name, ("", ""))[1])
+    lacks = tuple(name for name in dict.fromkeys((*NEEDED, *doubtful)) if not known.get(name, ("", ""))[1])
     lines = [
         'format = "fretflow-recording/1"', f"title = {_text(path.stem)}", "", "[test]",
         f"kind = {_text(str(IMPOSED_DISPLACEMENT))}  # or fretting-rig, where all of the rig is known, or lumped",
-        *_frequency(table, found), '# normal_load = "60 N"', '# excitation_amplitude = "50 N"', "",
-        "[loops]" if "cycle" in found else "[series]", f"file = {_text(os.path.relpath(path, folder))}",
+        *_frequency(table, known), '# normal_load = "60 N"', '# excitation_amplitude = "50 N"', "",
+        "[loops]" if "cycle" in known else "[series]", f"file = {_text(os.path.relpath(path, folder))}",
         '# displacement_of = "contact-faces"  # or "back-faces", or a distance from the interface such as "1 mm"',
-        *_channels(table, found, doubtful, lacks)]
-    return Described("\n".join(lines) + "\n", {channel: column for channel, (column, _) in found.items()}, lacks)
+        *_channels(table, known, doubtful, lacks)]
+    return Described("\n".join(lines) + "\n", {channel: column for channel, (column, _) in known.items()}, lacks)
 
 
-def _channels(table: Table, found: Mapping[str, tuple[str, str]], doubtful: Mapping[str, tuple[str, ...]],
+def _channels(table: Table, known: Mapping[str, tuple[str, str]], doubtful: Mapping[str, tuple[str, ...]],
               lacks: tuple[str, ...]) -> Iterator[str]:
     """Yield a line for each channel; a scale of -1 turns a sign."""
-    turned = not lacks and _gives_energy(table, *(found[name][0] for name in NEEDED))
-    for name in dict.fromkeys((*NEEDED, *found, *doubtful)):
-        heading, unit = found.get(name, ("", ""))
+    turned = not lacks and _gives_energy(table, *(known[name][0] for name in NEEDED))
+    for name in dict.fromkeys((*NEEDED, *known, *doubtful)):
+        heading, unit = known.get(name, ("", ""))
         if name in INDICES:
             yield f"{name} = {{ column = {_text(heading)} }}"
             continue
@@ -68,22 +68,22 @@ def _channels(table: Table, found: Mapping[str, tuple[str, str]], doubtful: Mapp
         yield (f"{name} = {{ column = {_text(heading)}, unit = {_text(unit)}, scale = {-1.0 if wrong else 1.0} }}"
                + (f"  # {'; '.join(told)}".replace("\n", " ") if told else ""))
     for heading in table.columns:
-        if heading not in [column for column, _ in found.values()]:
+        if heading not in [column for column, _ in known.values()]:
             yield f"# not read: {_text(heading)}"
 
 
-def _frequency(table: Table, found: Mapping[str, tuple[str, str]]) -> list[str]:
+def _frequency(table: Table, known: Mapping[str, tuple[str, str]]) -> list[str]:
     """Return the line of the frequency by which the displacement comes back, where time is known."""
-    lost = ['# excitation_frequency = "100 Hz"']
-    if "cycle" in found or not {"time", "displacement"} <= found.keys() or not found["time"][1]:
-        return lost
-    x = table.columns[found["displacement"][0]]
-    time = table.columns[found["time"][0]] * unit_size("time", found["time"][1])[0]
+    unknown = ['# excitation_frequency = "100 Hz"']
+    if "cycle" in known or not {"time", "displacement"} <= known.keys() or not known["time"][1]:
+        return unknown
+    x = table.columns[known["displacement"][0]]
+    time = table.columns[known["time"][0]] * unit_size("time", known["time"][1])[0]
     there = np.isfinite(x) & np.isfinite(time)
     turns = upward_crossings(smoothed_record(x[there])) if there.any() else np.zeros(0)
     at = np.interp(turns, np.arange(there.sum()), time[there]) if turns.size else turns
     if len(at) < 3 or not at[-1] > at[0]:
-        return lost
+        return unknown
     return [f"excitation_frequency = {_text(format_quantity((len(at) - 1) / (at[-1] - at[0]), 'Hz', 4))}"
             "  # by which the displacement comes back"]
 

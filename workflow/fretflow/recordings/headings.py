@@ -77,15 +77,16 @@ def columns_told(table: Table, taken: tuple[str, ...] = ()) -> dict[str, tuple[s
     Names tell it; where none does, a unit does if it is that of one column alone.
     """
     left = [heading for heading in table.columns if heading not in taken]
-    found = {channel: tuple(heading for heading in left if _plain_names(heading) & set(names))
-             for channel, names in ALIASES.items()}
-    unnamed = [heading for heading in left if not any(heading in columns for columns in found.values())]
+    candidates = {channel: tuple(heading for heading in left if _plain_names(heading) & set(names))
+                  for channel, names in ALIASES.items()}
+    unnamed = [heading for heading in left if not any(heading in columns for columns in candidates.values())]
     for channel in NEEDED:
-        found[channel] = found[channel] or tuple(one for one in unnamed if unit_told(table, channel, one))
-    needed = [found[channel] for channel in NEEDED]  # F_N is a force in N where there is no other, else the normal one
-    found = {channel: tuple(one for one in columns if channel in NEEDED or (one,) not in needed)
-             for channel, columns in found.items()}
-    return {channel: columns for channel, columns in found.items() if columns}
+        candidates[channel] = candidates[channel] or tuple(one for one in unnamed if unit_told(table, channel, one))
+    # F_N is a force in N where there is no other, else the normal one
+    needed = [candidates[channel] for channel in NEEDED]
+    candidates = {channel: tuple(one for one in columns if channel in NEEDED or (one,) not in needed)
+                  for channel, columns in candidates.items()}
+    return {channel: columns for channel, columns in candidates.items() if columns}
 
 
 def taken_in_words(taken: Mapping[str, str]) -> str:

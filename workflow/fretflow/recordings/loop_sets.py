@@ -41,12 +41,12 @@ class LoopsRead:
     @property
     def shown(self) -> tuple[str, ...]:
         """Return the quantities that some loop shows; the friction limit only where it tells no coefficient."""
-        found = {name for name in QUANTITIES if np.isfinite(getattr(self.readings, name).value).any()}
+        names = {name for name in QUANTITIES if np.isfinite(getattr(self.readings, name).value).any()}
         if np.isfinite(self.readings.stiffness_at_least).any():
-            found.add("tangential_stiffness")
-        if "friction_coefficient" in found:
-            found.discard("friction_limit")
-        return tuple(name for name in QUANTITIES if name in found)
+            names.add("tangential_stiffness")
+        if "friction_coefficient" in names:
+            names.discard("friction_limit")
+        return tuple(name for name in QUANTITIES if name in names)
 
     def largest(self, name: str) -> float:
         """Return the largest size of a quantity; of a stiffness that is only bounded, that of its bounds."""
@@ -134,8 +134,8 @@ def read_sets(recording: Recording, load: float | None) -> tuple[list[LoopsRead]
     if recording.loops is not None:
         add("loops", recording.loops, [load] * len(recording.loops.cycles))
     if recording.series is not None:
-        loops, found = loops_of_series(recording.series)
-        notes += found
+        loops, more = loops_of_series(recording.series)
+        notes += more
         add("series", loops, [load] * len(loops.cycles), consecutive=True)
     if recording.sweep is not None:
         add("sweep", recording.sweep.loops, [c.normal_load for c in recording.sweep.conditions],
@@ -158,11 +158,11 @@ def _differs(condition: SweepCondition, test: RecordedTest) -> str:
     return ", ".join(told) or "as the test"
 
 
-def csv_columns(found: LoopsRead) -> dict[str, Any]:
+def csv_columns(loops_read: LoopsRead) -> dict[str, Any]:
     """Return the columns of a table of all readings; units stand in their names."""
-    readings = found.readings
-    columns: dict[str, Any] = {found.index: readings.cycles, "called": found.called,
-                               "repeats": found.loops.repeats[found.loops.repeats > 0], "regime": readings.regime}
+    readings, repeats = loops_read.readings, loops_read.loops.repeats
+    columns: dict[str, Any] = {loops_read.index: readings.cycles, "called": loops_read.called,
+                               "repeats": repeats[repeats > 0], "regime": readings.regime}
     for name, unit in QUANTITIES.items():
         estimate: LoopReading = getattr(readings, name)
         tail = "" if unit == "1" else f"_{unit.replace('/', '_per_')}"
@@ -179,17 +179,17 @@ def as_json(recording: Recording, load: float | None, sets: Sequence[LoopsRead],
     return {
         "recording": str(recording.path), "title": recording.title, "kind": str(recording.kind),
         "normal_load": None if load is None else {"value": load, "unit": "N"},
-        "sets": [{"name": found.name, "told_apart_by": found.index, "aligned_to": found.loops.aligned_to,
-                  "loops": [_plain_row(found, k) for k in range(len(found.readings.cycles))],
-                  "repeatability": _plain_repeats(found.loops)} for found in sets],
+        "sets": [{"name": loops_read.name, "told_apart_by": loops_read.index, "aligned_to": loops_read.loops.aligned_to,
+                  "loops": [_plain_row(loops_read, k) for k in range(len(loops_read.readings.cycles))],
+                  "repeatability": _plain_repeats(loops_read.loops)} for loops_read in sets],
         "warnings": [{"text": note.text, "block": note.block, "channel": note.channel, "rows": note.rows}
                      for note in notes],
     }
 
 
-def _plain_row(found: LoopsRead, k: int) -> dict[str, Any]:
-    readings = found.readings
-    row: dict[str, Any] = {found.index.removesuffix("s"): int(readings.cycles[k]), "called": found.called[k],
+def _plain_row(loops_read: LoopsRead, k: int) -> dict[str, Any]:
+    readings = loops_read.readings
+    row: dict[str, Any] = {loops_read.index.removesuffix("s"): int(readings.cycles[k]), "called": loops_read.called[k],
                            "regime": readings.regime[k]}
     for name, unit in QUANTITIES.items():
         estimate: LoopReading = getattr(readings, name)
@@ -203,11 +203,11 @@ def _plain_row(found: LoopsRead, k: int) -> dict[str, Any]:
 def _plain_repeats(loops: LoopSet) -> dict[str, Any] | None:
     if loops.repeats.max() < 2:
         return None
-    found = {name: repeatability(np.where(loops.usable[:, :, None], values, np.nan))
-             for name, values in loops.channels.items()}
+    repeats = {name: repeatability(np.where(loops.usable[:, :, None], values, np.nan))
+               for name, values in loops.channels.items()}
     return {name: {"noise_sd": float(np.sqrt(np.mean(r.noise_sd**2))), "gain_sd": r.gain_sd, "offset_sd": r.offset_sd,
                    "repeat_sd": float(np.sqrt(np.mean(r.repeat_sd**2))), "unit": loops.units[name]}
-            for name, r in found.items()}
+            for name, r in repeats.items()}
 
 
 def _number(value: float) -> float | None:

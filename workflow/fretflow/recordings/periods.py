@@ -164,15 +164,15 @@ def standing_still(values: Array) -> NDArray[np.bool_]:
 
 def upward_crossings(values: Array) -> Array:
     """Return where (n,), in samples, a signal passes its middle upwards, each time having been well below it."""
-    middle, reach = 0.5 * (values.max() + values.min()), 0.5 * np.ptp(values)
-    side = np.where(values > middle + HYSTERESIS * reach, 1, np.where(values < middle - HYSTERESIS * reach, -1, 0))
+    middle, half = 0.5 * (values.max() + values.min()), 0.5 * np.ptp(values)
+    side = np.where(values > middle + HYSTERESIS * half, 1, np.where(values < middle - HYSTERESIS * half, -1, 0))
     decided = np.flatnonzero(side)
     turns = np.flatnonzero((side[decided][:-1] < 0) & (side[decided][1:] > 0))
-    found = []
+    crossings = []
     for before, after in zip(decided[turns], decided[turns + 1], strict=True):
         k = before + int(np.flatnonzero(values[before:after + 1] <= middle)[-1])
-        found.append(k + (middle - values[k]) / (values[k + 1] - values[k]))
-    return np.array(found)
+        crossings.append(k + (middle - values[k]) / (values[k + 1] - values[k]))
+    return np.array(crossings)
 
 
 def without_trend(values: Array, period: int) -> Array:
@@ -235,9 +235,9 @@ def _extrapolated(turns: Array, values: Array, degree: int) -> tuple[Array, Arra
     """Fit polynomials to values (C, m) at turns (m,); return what they are at zero (C,), and the variances of that."""
     basis = np.vander(turns / np.abs(turns).max(), degree + 1, increasing=True)
     inverse = np.linalg.inv(basis.T @ basis)
-    found = values @ basis @ inverse
-    variance = np.sum((values - found @ basis.T) ** 2, axis=1) / max(1, len(turns) - degree - 1)
-    return found[:, 0], variance * inverse[0, 0]
+    coefficients = values @ basis @ inverse
+    variance = np.sum((values - coefficients @ basis.T) ** 2, axis=1) / max(1, len(turns) - degree - 1)
+    return coefficients[:, 0], variance * inverse[0, 0]
 
 
 def resampled(turns: Array, values: Array, periods: int, at: Array, evenly: bool) -> Array:

@@ -68,7 +68,7 @@ def check_friction(where: str, coefficient: float, load: float) -> None:
         "normal_load")
 
 
-def check_motion(path: Path, block: str, kind: RecordingKind, reach: float) -> None:
+def check_motion(path: Path, block: str, kind: RecordingKind, displacement: float) -> None:
     """Check a peak-to-peak displacement (m).
 
     Raises
@@ -76,11 +76,11 @@ def check_motion(path: Path, block: str, kind: RecordingKind, reach: float) -> N
     UnreliableRecordingError
         If it is out of the range of its kind of test.
     """
-    low, high = kind.reach
-    if not low <= reach <= high:
+    low, high = kind.displacement_range
+    if not low <= displacement <= high:
         raise UnreliableRecordingError(
-            f"{path}: {block}.displacement: {pretty_quantity(reach, 'm', 4)} peak to peak is beyond {kind} tests "
-            f"({pretty_quantity(low, 'm')} to {pretty_quantity(high, 'm')}); check its unit and column")
+            f"{path}: {block}.displacement: {pretty_quantity(displacement, 'm', 4)} peak to peak is beyond {kind} "
+            f"tests ({pretty_quantity(low, 'm')} to {pretty_quantity(high, 'm')}); check its unit and column")
 
 
 def check_loops(path: Path, block: str, loops: LoopSet, test: RecordedTest, load: Array,
@@ -123,12 +123,12 @@ def _against(path: Path, block: str, loops: LoopSet, name: str, stated: Array, k
     if name not in loops.channels or not np.isfinite(stated).any():
         return ()
     mean = loops.mean(name)
-    found = 2.0 / mean.shape[1] * np.abs(np.fft.rfft(mean, axis=1)[:, 1]) if amplitude_of else mean.mean(axis=1)
+    recorded = 2.0 / mean.shape[1] * np.abs(np.fft.rfft(mean, axis=1)[:, 1]) if amplitude_of else mean.mean(axis=1)
     with np.errstate(invalid="ignore"):
-        ratio = found / stated
+        ratio = recorded / stated
     k = int(np.nanargmax(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9)))))
     worst = max(abs(ratio[k]), 1.0 / max(abs(ratio[k]), 1e-9))
-    measured, said = (pretty_quantity(float(values[k]), "N", 4) for values in (found, stated))
+    measured, said = (pretty_quantity(float(values[k]), "N", 4) for values in (recorded, stated))
     words = f"{measured} was measured where {key} says {said}"
     if worst > STATED or ratio[k] < 0.0:
         raise UnreliableRecordingError(f"{path}: {block}.{name}: {words}; correct the one that is wrong")

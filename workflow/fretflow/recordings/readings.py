@@ -239,15 +239,15 @@ def _scatter(loops: LoopSet, kept: NDArray[np.int64], load: Array, values: dict[
 
 def _scatter_of_neighbours(cycles: NDArray[np.int64], values: dict[str, Array]) -> dict[str, Array]:
     """Return the standard deviation of each reading by its differences between neighbouring cycles of one amplitude."""
-    reach = values["peak_to_peak"]
-    alike = np.flatnonzero((np.diff(cycles) == 1) & (np.abs(np.diff(reach)) < SAME_REACH * reach[:-1]))
-    found = {}
+    peak_to_peak = values["peak_to_peak"]
+    alike = np.flatnonzero((np.diff(cycles) == 1) & (np.abs(np.diff(peak_to_peak)) < SAME_REACH * peak_to_peak[:-1]))
+    scatter = {}
     for name, column in values.items():
         with np.errstate(invalid="ignore"):  # where it sticks nothing slides in either
             change = 2.0 * (column[alike + 1] - column[alike]) / np.abs(column[alike + 1] + column[alike])
         change = change[np.isfinite(change)]
-        found[name] = np.abs(column) * float(np.sqrt(np.mean(change**2) / 2.0) if change.size else 0.0)
-    return found
+        scatter[name] = np.abs(column) * float(np.sqrt(np.mean(change**2) / 2.0) if change.size else 0.0)
+    return scatter
 
 
 def _stiffness(compliance: LoopReading) -> tuple[LoopReading, Array]:

@@ -113,21 +113,21 @@ def read_joint_recording(path: Path) -> Recording:
     notes: list[Note] = []
     loops = series = sweep = None
     if file.loops is not None:
-        loops, found = loops_of(read_columns("loops", file.loops, folder), test)
+        loops, more = loops_of(read_columns("loops", file.loops, folder), test)
         check_file(toml, file, loops.cycles)
-        notes += found
+        notes += more
     if file.series is not None:
-        series, found = series_of(read_columns("series", file.series, folder), test)
-        notes += found
+        series, more = series_of(read_columns("series", file.series, folder), test)
+        notes += more
     if file.sweep is not None:
-        sweep, found = _sweep(read_columns("sweep", file.sweep, folder), file)
-        notes += found
+        sweep, more = _sweep(read_columns("sweep", file.sweep, folder), file)
+        notes += more
     tables: dict[str, Points | None] = {"frf": None, "wear_depth": None}
     for name in tables:
         block: FileBlock | None = getattr(file, name)
         if block is not None:
-            tables[name], found = _points(read_columns(name, block, folder))
-            notes += found
+            tables[name], more = _points(read_columns(name, block, folder))
+            notes += more
     if (depth := tables["wear_depth"]) is not None:
         check_wear(toml, file.wear.worn_volume, depth.channels)
     return Recording(
@@ -163,10 +163,10 @@ def _other_frequency(series: Series, stated: float | None) -> tuple[Note, ...]:
     cuts = cycle_cuts(series.channels["displacement"])
     if stated is None or not series.sampling_interval or len(cuts) < 3:
         return ()
-    found = 1.0 / (float(np.median(np.diff(cuts))) * series.sampling_interval)
-    if abs(np.log2(found / stated)) < 1.0:
+    frequency = 1.0 / (float(np.median(np.diff(cuts))) * series.sampling_interval)
+    if abs(np.log2(frequency / stated)) < 1.0:
         return ()
-    return (Note("series", f"cycles come at {found:.4g} Hz where {stated:.4g} Hz are stated; correct "
+    return (Note("series", f"cycles come at {frequency:.4g} Hz where {stated:.4g} Hz are stated; correct "
                  "excitation_frequency or the unit of time", "time"),)
 
 

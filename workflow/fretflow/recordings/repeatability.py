@@ -136,7 +136,7 @@ def is_unsteady(displacement: Array, force: Array, shapes: Sequence[Array] | Non
 
 def deviations(values: Array, shapes: Array | None = None) -> Array:
     """Return by what repeats (K, R, N) differ from their mean (any, N), without gain, offset and `shapes` (K, N)."""
-    found = [np.zeros((0, values.shape[2]))]
+    parts = [np.zeros((0, values.shape[2]))]
     for k, every in enumerate(values):
         loops = every[np.isfinite(every).all(axis=1)]
         if len(loops) < 2:
@@ -144,8 +144,8 @@ def deviations(values: Array, shapes: Array | None = None) -> Array:
         mean = loops.mean(axis=0)
         known = [mean - mean.mean(), np.ones_like(mean), *([] if shapes is None else [shapes[k]])]
         basis, _ = np.linalg.qr(np.stack(known, axis=1))
-        found.append(loops - mean - (loops - mean) @ basis @ basis.T)
-    return np.concatenate(found)
+        parts.append(loops - mean - (loops - mean) @ basis @ basis.T)
+    return np.concatenate(parts)
 
 
 def smooth_share(left: Array) -> float:

@@ -129,11 +129,11 @@ def loops_of_series(series: Series) -> tuple[LoopSet, tuple[Note, ...]]:
                       for a, b in pairwise(cuts)])
     samples = max(SHORTEST, int(np.median(spans)))
     channels = {name: _sampled(values, cuts, samples) for name, values in series.channels.items()}
-    reach = np.ptp(channels["displacement"], axis=1)
-    kept = whole & (reach > SMALLEST_CYCLE * reach[whole].max(initial=0.0))
+    peak_to_peak = np.ptp(channels["displacement"], axis=1)
+    kept = whole & (peak_to_peak > SMALLEST_CYCLE * peak_to_peak[whole].max(initial=0.0))
     if not kept.any():
         raise UnreliableRecordingError(f"series: no cycle has {SHORTEST} samples without long holes; record more")
-    notes = _cycle_notes(cuts, kept, reach, series.rows)
+    notes = _cycle_notes(cuts, kept, peak_to_peak, series.rows)
     interval = series.sampling_interval
     frequency = 1.0 / (spans[kept] * interval) if interval else np.full(int(kept.sum()), np.nan)
     loops = LoopSet(
@@ -167,7 +167,7 @@ def _sampled(values: Array, cuts: Array, samples: int) -> Array:
     return np.interp(at, np.arange(len(values) + 1), np.append(values, values[0]))
 
 
-def _cycle_notes(cuts: Array, kept: NDArray[np.bool_], reach: Array, rows: int) -> tuple[Note, ...]:
+def _cycle_notes(cuts: Array, kept: NDArray[np.bool_], peak_to_peak: Array, rows: int) -> tuple[Note, ...]:
     notes = [Note("series", "cycles have no repeats: uncertainties rest on the noise within each, and on neighbours "
                             "of the same amplitude where there are any")]
     outside = tuple((a, b) for a, b in ((1, int(cuts[0])), (int(cuts[-1]) + 1, rows)) if b > a)
@@ -177,7 +177,7 @@ def _cycle_notes(cuts: Array, kept: NDArray[np.bool_], reach: Array, rows: int) 
     refused = tuple((a, b) for a, b in ends[~kept].tolist())
     if refused:
         notes.append(Note("series", "cycles left out: too small, too short or with holes", "", refused))
-    change = np.abs(np.diff(reach)) / np.maximum(reach[1:], reach[:-1])
+    change = np.abs(np.diff(peak_to_peak)) / np.maximum(peak_to_peak[1:], peak_to_peak[:-1])
     moving = kept & (np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) > STEADY)
     if moving.any():
         numbers = ", ".join(str(k + 1) for k in np.flatnonzero(moving)[:8]) + (" ..." if moving.sum() > 8 else "")

@@ -169,19 +169,19 @@ def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: 
     at = np.interp(crossings, np.arange(there.sum()), time[there])
     if np.isfinite(given) and at[-1] - at[0] < 0.5 * (time[-1] - time[0]):
         return given  # a burst passes the middle many times in one place
-    found = float(1.0 / np.median(np.diff(at)))
-    between = round(float((at[-1] - at[0]) * found))
-    found = between / float(at[-1] - at[0])
+    frequency = float(1.0 / np.median(np.diff(at)))
+    between = round(float((at[-1] - at[0]) * frequency))
+    frequency = between / float(at[-1] - at[0])
     if not np.isfinite(given):
-        return found
-    if abs(found / given - 1.0) > OTHER_FREQUENCY:
-        raise Unusable(f"periods come at {found:.6g} Hz where {given:.6g} Hz are stated; correct excitation_frequency "
-                       "or the unit of time", "time")
-    if abs(found / given - 1.0) * (time[-1] - time[0]) * given < WHOLE:
+        return frequency
+    if abs(frequency / given - 1.0) > OTHER_FREQUENCY:
+        raise Unusable(f"periods come at {frequency:.6g} Hz where {given:.6g} Hz are stated; correct "
+                       "excitation_frequency or the unit of time", "time")
+    if abs(frequency / given - 1.0) * (time[-1] - time[0]) * given < WHOLE:
         return given
-    notes.add(f"cut into periods at the {found:.6g} Hz by which the signal comes back, not at {given:.6g} Hz", "time",
-              rows)
-    return found
+    notes.add(f"cut into periods at the {frequency:.6g} Hz by which the signal comes back, not at {given:.6g} Hz",
+              "time", rows)
+    return frequency
 
 
 def _filled(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequence[str], notes: Notebook) -> Array:

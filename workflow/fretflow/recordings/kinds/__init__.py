@@ -36,7 +36,7 @@ class RecordingKind:
     experiment: str = ""  # none where loops are read and not explained
     reader: str = "fretflow.recordings.recording:read_joint_recording"
     tables: bool = False  # takes a bare table without a recording.toml as well
-    reach: tuple[float, float] = (1e-9, 1.0)  # m, peak-to-peak displacements of such tests
+    displacement_range: tuple[float, float] = (1e-9, 1.0)  # m, peak-to-peak displacements of such tests
     full_model: bool = False  # the model predicts motion and force, from a stated load and point of measurement
     friction_alone: bool = True  # the force is that of friction, without inertia
 
@@ -80,13 +80,13 @@ def kinds() -> Mapping[str, RecordingKind]:
     InputError
         If two share an id.
     """
-    found = [kind for info in pkgutil.iter_modules(__path__)
-             for kind in getattr(importlib.import_module(f"{__name__}.{info.name}"), "KINDS", ())]
-    found += [point.load() for point in entry_points(group=GROUP)]
-    for kind in found:
-        if [one.id for one in found].count(kind.id) > 1:
+    registered = [kind for info in pkgutil.iter_modules(__path__)
+                  for kind in getattr(importlib.import_module(f"{__name__}.{info.name}"), "KINDS", ())]
+    registered += [point.load() for point in entry_points(group=GROUP)]
+    for kind in registered:
+        if [one.id for one in registered].count(kind.id) > 1:
             raise InputError(f"kind {kind.id!r} of recordings is registered twice; give one another id")
-    return MappingProxyType({kind.id: kind for kind in found})
+    return MappingProxyType({kind.id: kind for kind in registered})
 
 
 def kind_called(name: object) -> RecordingKind:

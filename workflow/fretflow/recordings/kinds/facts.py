@@ -109,14 +109,14 @@ class Fact(Section):
     def _in_si(cls, given: Any) -> Any:
         if not isinstance(given, dict) or given.get("quantity") not in QUANTITIES:
             return given
-        unit, found = QUANTITIES[given["quantity"]][0], dict(given)
+        unit, converted = QUANTITIES[given["quantity"]][0], dict(given)
         for key in ("value", "at_least", "at_most", "sd"):
             if key in given:
                 try:
-                    found[key] = parsed(given[key], unit)
+                    converted[key] = parsed(given[key], unit)
                 except ValueError as error:
                     raise ValueError(f"{key}: {error}") from error
-        return found
+        return converted
 
     @model_validator(mode="after")
     def _whole(self) -> Fact:
@@ -146,11 +146,11 @@ class Fact(Section):
         """Return 1 for a lower bound, -1 for an upper one, 0 for a value."""
         return (self.at_least is not None) - (self.at_most is not None)
 
-    def distance(self, found: float) -> float:
-        """Return how many standard deviations what is `found` lies above what is stated."""
+    def distance(self, value: float) -> float:
+        """Return how many standard deviations `value` lies above what is stated."""
         if self.factor is None:
-            return float((found - self.stated) / self.sd)
-        return math.log(max(found, math.ulp(0.0)) / self.stated) / math.log(self.factor)
+            return float((value - self.stated) / self.sd)
+        return math.log(max(value, math.ulp(0.0)) / self.stated) / math.log(self.factor)
 
     @property
     def label(self) -> str:

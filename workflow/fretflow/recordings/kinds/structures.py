@@ -311,15 +311,15 @@ def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -
     specs = {"frequency": ("Hz",), "force": ("N",), "amplitude": MOTIONS, "phase": ("rad",)}
     table = read_table(folder / block.file, [str(own.column) for name in specs
                                              if (own := getattr(block, name)) is not None])
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     unit = ""
     for name, choices in specs.items():
         spec = getattr(block, name)
         if spec is not None:
-            found[name], si = read_column(table, "frf", name, spec, choices)
+            columns[name], si = read_column(table, "frf", name, spec, choices)
             unit = si if name == "amplitude" else unit
-    _check_positive(f"{table.path}: frf", **{name: found[name] for name in ("frequency", "force", "amplitude")
-                                             if name in found})
+    _check_positive(f"{table.path}: frf", **{name: columns[name] for name in ("frequency", "force", "amplitude")
+                                             if name in columns})
     level = block.level
     if isinstance(level, str):
         try:
@@ -329,8 +329,8 @@ def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -
     if level is not None and level <= 0.0:
         raise ConfigError(f"frf.level: must be positive, got {block.level!r}")
     return ControlledResponse(control=block.control, of=block.of, at=block.at, level=level, amplitude_unit=unit,
-                              frequency=found["frequency"], force=found.get("force"), amplitude=found["amplitude"],
-                              phase=found.get("phase"))
+                              frequency=columns["frequency"], force=columns.get("force"),
+                              amplitude=columns["amplitude"], phase=columns.get("phase"))
 
 
 def _ring_down(block: FreeBlock, folder: Path) -> RingDown:

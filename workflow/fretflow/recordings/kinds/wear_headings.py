@@ -76,7 +76,7 @@ def dimension(unit: str) -> str | None:
 
 def roles_of(headings: Mapping[str, Heading]) -> dict[str, tuple[str, ...]]:
     """Return the columns that may have each role, those by its name before those by its unit alone."""
-    found: dict[str, tuple[str, ...]] = {}
+    roles: dict[str, tuple[str, ...]] = {}
     for role, (si, names) in ROLES.items():
         own = [column for column, heading in headings.items() if (dimension(heading.unit) or "1") == si]
         plain = {column: _plain(headings[column].name) for column in own}
@@ -84,8 +84,8 @@ def roles_of(headings: Mapping[str, Heading]) -> dict[str, tuple[str, ...]]:
         others = [] if role in BY_NAME_ALONE else [column for column in own if column not in named
                                                    and plain[column] not in ROLES["volume_sd"][1]]
         if named or others:
-            found[role] = (*named, *others)
-    return found
+            roles[role] = (*named, *others)
+    return roles
 
 
 def _with_factor(name: str, unit: str) -> Heading:

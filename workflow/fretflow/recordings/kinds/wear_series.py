@@ -143,36 +143,36 @@ def _size(role: str, heading: Heading) -> float:
 def _series(path: Path, title: str, values: dict[str, Array], further: Mapping[str, Array], notes: Sequence[Note]
             ) -> WearSeries:
     states = {role: values[role] for role in STATES if role in values}
-    found = list(notes)
+    all_notes = list(notes)
     for role in list(states):
         there = np.isfinite(states[role])
         if there.mean() < MOSTLY:
-            found.append(Note(path.name, "lacks most of its numbers and is not used", _word(role),
-                              row_ranges(np.flatnonzero(~there))))
+            all_notes.append(Note(path.name, "lacks most of its numbers and is not used", _word(role),
+                                  row_ranges(np.flatnonzero(~there))))
             del states[role]
     energy, relative, more = _energy(path, values, states)
-    found += more
+    all_notes += more
     usable = np.ones(len(energy), dtype=bool)
     columns = {"volume": values["volume"], "energy": energy, **states}
     for role, column in columns.items():
         for bad, text in ((~np.isfinite(column), "has no number: the test is left out"),
                           (np.nan_to_num(column, nan=1.0) <= 0.0, "is not above zero: the test is left out")):
             if (own := bad & usable).any():
-                found.append(Note(path.name, text, _word(role), row_ranges(np.flatnonzero(own))))
+                all_notes.append(Note(path.name, text, _word(role), row_ranges(np.flatnonzero(own))))
         usable &= np.isfinite(column) & (np.nan_to_num(column) > 0.0)
     if usable.sum() < LEAST_TESTS:
         raise UnreliableRecordingError(f"{path}: {int(usable.sum())} of {len(usable)} tests have all of "
                                        f"{', '.join(map(_word, columns))} above zero, at least {LEAST_TESTS} are needed"
-                                       + _first(found))
+                                       + _first(all_notes))
     sd = values.get("volume_sd")
     if sd is not None and not np.all(sd[usable] > 0.0):
-        found.append(Note(path.name, "is not above zero everywhere and is not used", "sd of the worn volume"))
+        all_notes.append(Note(path.name, "is not above zero everywhere and is not used", "sd of the worn volume"))
         sd = None
     series = WearSeries(
         path=path, title=title, rows=np.flatnonzero(usable) + 1, volume=values["volume"][usable], energy=energy[usable],
         relative=relative, volume_sd=None if sd is None else sd[usable],
         states={role: column[usable] for role, column in states.items()},
-        further={name: column[usable] for name, column in further.items()}, notes=tuple(found))
+        further={name: column[usable] for name, column in further.items()}, notes=tuple(all_notes))
     _check(series, values.get("coefficient", np.full(len(usable), np.nan))[usable])
     return series
 

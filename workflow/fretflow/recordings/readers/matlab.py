@@ -63,21 +63,21 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
     UnsupportedRecordingError
         If no loops are found in it.
     """
-    found = list(_loops(load_matlab(path), ""))
-    if not found:
+    loops = list(_loops(load_matlab(path), ""))
+    if not loops:
         raise UnsupportedRecordingError(f"{path}: no N x 2 array of displacement and force found in it; save one for "
                                         "each cycle count")
     notes: tuple[Note, ...] = ()
-    counts = [loop.cycle for loop in found]
+    counts = [loop.cycle for loop in loops]
     if None in counts:
-        counts = [float(place) for place in range(len(found))]
-        if len(found) > 1:
-            notes = (Note(path.name, f"cycle counts are not told; the {len(found)} loops count from 0 in their order"),)
+        counts = [float(place) for place in range(len(loops))]
+        if len(loops) > 1:
+            notes = (Note(path.name, f"cycle counts are not told; the {len(loops)} loops count from 0 in their order"),)
     seen: defaultdict[float | None, Iterator[int]] = defaultdict(itertools.count)
-    sizes = [len(loop.samples) for loop in found]
+    sizes = [len(loop.samples) for loop in loops]
     columns = {name: np.repeat(np.array(values, dtype=float), sizes) for name, values in (
         ("cycle", counts), ("repeat", [next(seen[count]) for count in counts]))}
-    samples = np.concatenate([loop.samples for loop in found]).T.copy()
+    samples = np.concatenate([loop.samples for loop in loops]).T.copy()
     return Table(path, columns | dict(zip(("displacement", "force"), samples, strict=True)), notes=notes)
 
 

@@ -163,25 +163,25 @@ def _content(path: Path) -> dict[str, Any]:
 
 def _grouped(flat: Mapping[str, Any]) -> dict[str, Any]:
     """Return flat names such as ``K.data`` and ``outputs/tip`` as mappings."""
-    found: dict[str, Any] = {}
+    grouped: dict[str, Any] = {}
     for name, value in flat.items():
         mark = next((one for one in "/." if one in name), None)
         group, _, own = name.partition(mark) if mark else ("", "", name)
         if group:
-            found.setdefault(group, {})[own] = value
+            grouped.setdefault(group, {})[own] = value
         else:
-            found[name] = value
-    return found
+            grouped[name] = value
+    return grouped
 
 
 def _of_hdf5(group: h5py.Group) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for name, item in group.items():
         if isinstance(item, h5py.Group):
-            found[name] = _of_hdf5(item)
+            entries[name] = _of_hdf5(item)
             if "shape" in item.attrs:
-                found[name]["shape"] = item.attrs["shape"]
+                entries[name]["shape"] = item.attrs["shape"]
             continue
         value, unit = array_of(item, CorruptRecordingError), unit_of(item)
-        found[name] = (value, unit) if unit else value
-    return found
+        entries[name] = (value, unit) if unit else value
+    return entries
