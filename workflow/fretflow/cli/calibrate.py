@@ -41,34 +41,36 @@ def calibrate(case: Path, /, *cases: Path, out: Out = Path("runs"), json: Json =
     show_files(files, "calibrated cases, for `fretflow run`")
 
 
-def _show_rig(found: Identification) -> None:
+def _show_rig(identification: Identification) -> None:
     """Print the parameters with their intervals, the fit, and what the data determine together."""
     from fretflow.core.units import pretty_quantity
     from fretflow.pipeline.calibrate import UNITS, parameter_rows
 
     console = Terminal()
     view = new_table("rig", "parameter", "case", "calibrated", "95 % interval", "by these data")
-    for row in parameter_rows(found):
+    for row in parameter_rows(identification):
         view.add_row(row["name"], row["before"], row["after"], f"{row['low']} to {row['high']}",
                      "determined" if row["determined"] else "not determined")
     console.print(view)
     view = new_table("fit", "measured", "value", "model", "off by, standard deviations")
-    for name, value, predicted, off in zip(found.data.names, found.data.value, found.predicted, found.deviation,
+    data = identification.data
+    for name, value, predicted, off in zip(data.names, data.value, identification.predicted, identification.deviation,
                                            strict=True):
         unit = "Hz" if name in UNITS else "m"
         view.add_row(name, pretty_quantity(value, unit, 4), pretty_quantity(predicted, unit, 4), f"{off:+.2f}")
     console.print(view)
     view = new_table("what the data determine together", "product of powers", "95 % interval, times", "gain over prior")
-    for index, (low, high, strength) in enumerate(zip(*found.product_interval, found.strength, strict=True)):
-        view.add_row(found.product(index), f"{low:.3g} to {high:.3g}", f"{(1.0 + strength**2) ** 0.5:.2g}")
+    products = zip(*identification.product_interval, identification.strength, strict=True)
+    for index, (low, high, strength) in enumerate(products):
+        view.add_row(identification.product(index), f"{low:.3g} to {high:.3g}", f"{(1.0 + strength**2) ** 0.5:.2g}")
     console.print(view)
 
 
-def _show_wear(name: str, found: WearCoefficient) -> None:
+def _show_wear(name: str, coefficient: WearCoefficient) -> None:
     """Print K_w and what simpler readings of the same volume would give."""
-    low, high = found.interval
+    low, high = coefficient.interval
     view = new_table(f"wear coefficient, {name}", "", "m²/N")
-    view.add_row("by the wear history", f"{found.value:.4g}, 95 % {low:.4g} to {high:.4g} by the volume's error")
-    view.add_row("if volume were proportional", f"{found.proportional:.4g}")
-    view.add_row("by the unworn contact's rate", f"{found.unworn:.4g}")
+    view.add_row("by the wear history", f"{coefficient.value:.4g}, 95 % {low:.4g} to {high:.4g} by the volume's error")
+    view.add_row("if volume were proportional", f"{coefficient.proportional:.4g}")
+    view.add_row("by the unworn contact's rate", f"{coefficient.unworn:.4g}")
     Terminal().print(view)

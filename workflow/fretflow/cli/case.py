@@ -40,14 +40,14 @@ def init(path: Path | None = None, /, *, recording: Path | None = None, json: Js
     from fretflow.recordings.schema import FILE
 
     path = path or recording.parent / FILE
-    found = describe_file(recording, path.parent)
-    _write_new(path, found.text)
-    keep_json(json, {"file": str(path), "taken": found.taken, "lacks": found.lacks})
+    described = describe_file(recording, path.parent)
+    _write_new(path, described.text)
+    keep_json(json, {"file": str(path), "taken": described.taken, "lacks": described.lacks})
     said = f"{path} written; "
-    if found.taken:
-        said += f"{taken_in_words(found.taken)}; "
-    if found.lacks:
-        said += f"tell the column and unit of {' and '.join(found.lacks)} in it; then "
+    if described.taken:
+        said += f"{taken_in_words(described.taken)}; "
+    if described.lacks:
+        said += f"tell the column and unit of {' and '.join(described.lacks)} in it; then "
     say_line(f"{said}`fretflow loops {path}` reads it, and `fretflow diagnose {path}` explains it")
 
 

@@ -48,32 +48,32 @@ def diagnose(
     home = made_folder(HOME / name_of(recording) if out is None else out)
     with Progress() as shown:
         shown.begin("diagnose")
-        found = judge(recording, fast=fast, home=home,
+        diagnosis = judge(recording, fast=fast, home=home,
                          progress=lambda share, text: shown.advance("diagnose", share, text))
-    files = _write(found, home, json, case)
+    files = _write(diagnosis, home, json, case)
     console = Terminal(highlight=False)
-    _show(console, found)
-    if case is not None and not found.case_file:
+    _show(console, diagnosis)
+    if case is not None and not diagnosis.case_file:
         console.print(f"{escape(str(case))} was not written: nothing is named that a case could add",
                       soft_wrap=True)
     show_files(files, "report and numbers")
 
 
-def _write(found: Diagnosis, home: Path, json_file: Path | None, case_file: Path | None) -> list[Path]:
+def _write(diagnosis: Diagnosis, home: Path, json_file: Path | None, case_file: Path | None) -> list[Path]:
     from fretflow.core.store import write_csv, write_whole
 
-    places = found.location.places
+    places = diagnosis.location.places
     columns: dict[str, Sequence[object]] = {
         "cut": [p.cut for p in places], "where": [p.where for p in places],
         "share": [p.share for p in places], "p_value_corrected": [p.p_value for p in places]}
-    files = [found.to_html(home / "report.html")]
+    files = [diagnosis.to_html(home / "report.html")]
     for path in _copies(home / "diagnosis.json", json_file):
-        found.to_json(path)
+        diagnosis.to_json(path)
         files.append(path)
     files.append(write_csv(home / "places.csv", columns))
-    if found.case_file:
+    if diagnosis.case_file:
         for path in _copies(home / "case.toml", case_file):
-            write_whole(path, found.case_file.encode())
+            write_whole(path, diagnosis.case_file.encode())
             files.append(path)
     return files
 
@@ -87,36 +87,36 @@ def _copies(own: Path, wanted: Path | None) -> list[Path]:
     return [own, wanted]
 
 
-def _show(console: Terminal, found: Diagnosis) -> None:
+def _show(console: Terminal, diagnosis: Diagnosis) -> None:
     """Print the verdict in short; the page has the rest."""
     from fretflow.inference import words
 
-    console.print(f"[bold]{escape(found.title or found.recording)}[/bold]", soft_wrap=True)
-    console.print(f"[bold]{words.headline(found)}.[/bold] {escape(found.sentence)}", soft_wrap=True)
-    console.print(f"probability: {words.probability(found.probability)} {words.probability_of(found)}")
-    if found.detection.tests:
-        chance = f"p = {words.p_value(found.detection.p_value)}".replace("= <", "<")
+    console.print(f"[bold]{escape(diagnosis.title or diagnosis.recording)}[/bold]", soft_wrap=True)
+    console.print(f"[bold]{words.headline(diagnosis)}.[/bold] {escape(diagnosis.sentence)}", soft_wrap=True)
+    console.print(f"probability: {words.probability(diagnosis.probability)} {words.probability_of(diagnosis)}")
+    if diagnosis.detection.tests:
+        chance = f"p = {words.p_value(diagnosis.detection.p_value)}".replace("= <", "<")
         console.print(f"by errors of measurement alone: {chance}")
-    if found.ranking:
+    if diagnosis.ranking:
         view = new_table("explanations, most probable first", "effects", "probability", "explained", "fitted")
-        for one in found.ranking[:MOST_RANKED]:
+        for one in diagnosis.ranking[:MOST_RANKED]:
             view.add_row(escape(words.together(one.effects)), words.probability(one.probability),
-                         words.explained(found, one), words.fitted(one))
+                         words.explained(diagnosis, one), words.fitted(one))
         console.print(view)
-    if found.location.text:
-        console.print(f"where: {escape(found.location.text)}", soft_wrap=True)
-    if found.parameters:
+    if diagnosis.location.text:
+        console.print(f"where: {escape(diagnosis.location.text)}", soft_wrap=True)
+    if diagnosis.parameters:
         view = new_table("parameters", "parameter", "value", "90 % interval", "unit")
-        for estimate in found.parameters:
+        for estimate in diagnosis.parameters:
             shown = words.interval(estimate)
             view.add_row(escape(estimate.name), shown.value, shown.ends, shown.unit)
         console.print(view)
-    fit = found.held_out
+    fit = diagnosis.held_out
     if fit is not None:
         console.print(f"held out ({escape(fit.what)}): error {words.number(fit.before)} before, "
                       f"{words.number(fit.after)} after, {words.number(fit.floor)} among repeats", soft_wrap=True)
-    if found.separating_measurement:
-        console.print(f"measure next: {escape(found.separating_measurement)}", soft_wrap=True)
-    for note in found.notes:
+    if diagnosis.separating_measurement:
+        console.print(f"measure next: {escape(diagnosis.separating_measurement)}", soft_wrap=True)
+    for note in diagnosis.notes:
         console.print(f"warning: {escape(note)}", soft_wrap=True)
-    console.print(f"took: {escape(words.cost(found))}", soft_wrap=True)
+    console.print(f"took: {escape(words.cost(diagnosis))}", soft_wrap=True)

@@ -62,39 +62,39 @@ def loops(
     sets, notes = read_sets(made, load)
     console = Terminal(highlight=False)
     console.print(escape(made.title))
-    for found in sets:
-        console.print(_table(found, "" if console.width >= WIDE else "\n") if made.kind.friction_alone
-                      else _lumped_table(found))
+    for loops_read in sets:
+        console.print(_table(loops_read, "" if console.width >= WIDE else "\n") if made.kind.friction_alone
+                      else _lumped_table(loops_read))
     _print_notes(console, notes)
     home = out / f"{name_of(recording)}-loops"
     home.mkdir(parents=True, exist_ok=True)
     files = []
-    for found in sets:
-        files.append(write_csv(home / f"{found.name}_readings.csv", csv_columns(found)))
-        files += provided(FIGURES, "loops")(home / f"{found.name}.png", made.title, found)
+    for loops_read in sets:
+        files.append(write_csv(home / f"{loops_read.name}_readings.csv", csv_columns(loops_read)))
+        files += provided(FIGURES, "loops")(home / f"{loops_read.name}.png", made.title, loops_read)
     if json is not None:
         files += keep_json(json, as_json(made, load, sets, notes))
     show_files(files, "pictures and numbers")
 
 
-def _table(found: LoopsRead, between: str) -> Table:
+def _table(loops_read: LoopsRead, between: str) -> Table:
     from fretflow.core.units import pretty_unit, readable_unit
     from fretflow.recordings.loop_sets import QUANTITIES
 
-    readings = found.readings
-    shown = {name: HEADINGS.get(name, name.replace("_", " ")) for name in found.shown}
-    scales = {name: readable_unit(found.largest(name), QUANTITIES[name]) for name in shown}
+    readings = loops_read.readings
+    shown = {name: HEADINGS.get(name, name.replace("_", " ")) for name in loops_read.shown}
+    scales = {name: readable_unit(loops_read.largest(name), QUANTITIES[name]) for name in shown}
     sources = _sources(readings, shown)
     ends = {"regime": readings.regime, "mostly by": sources}
     same = {heading: cells[0] for heading, cells in ends.items() if len(set(cells)) == 1}
-    title = f"{found.name}: {same['regime']}; " if "regime" in same else f"{found.name}: "
+    title = f"{loops_read.name}: {same['regime']}; " if "regime" in same else f"{loops_read.name}: "
     title += "± one standard deviation" + (f", mostly {same['mostly by']}" if "mostly by" in same else "")
-    view = new_table(title, found.index, *(", ".join(filter(None, (heading, pretty_unit(scales[name][0]))))
-                                           for name, heading in shown.items()),
+    view = new_table(title, loops_read.index, *(", ".join(filter(None, (heading, pretty_unit(scales[name][0]))))
+                                                for name, heading in shown.items()),
                      *(heading for heading in ends if heading not in same))
     rows = range(len(readings.cycles))
     for k in rows if len(rows) <= MOST_ROWS else [*rows[:MOST_ROWS // 2], *rows[-MOST_ROWS // 2:]]:
-        view.add_row(found.called[k], *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
+        view.add_row(loops_read.called[k], *(_cell(readings, name, k, scales[name][1]).replace("±", f"{between}±")
                                                     for name in shown),
                      *(cells[k] for heading, cells in ends.items() if heading not in same))
     if len(rows) > MOST_ROWS:
@@ -132,22 +132,22 @@ def with_error(value: float, sd: float) -> str:
     return f"{value:.{min(digits, 9)}f}±{sd:.{min(digits, 9)}f}"
 
 
-def _lumped_table(found: LoopsRead) -> Table:
+def _lumped_table(loops_read: LoopsRead) -> Table:
     """Show what a lumped system's record tells without a model: its force holds inertia, so no friction law."""
     import numpy as np
 
     from fretflow.core.units import pretty_unit, readable_unit
 
-    readings = found.readings
+    readings = loops_read.readings
     stroke, work = readings.peak_to_peak, readings.dissipated_energy
     mean = work.value / (2.0 * stroke.value)
     parts = [("stroke", stroke.value, stroke.sd, "m"), ("work of the force", work.value, work.sd, "J"),
              ("work / (2 stroke)", mean, mean * np.hypot(work.sd / work.value, stroke.sd / stroke.value), "N")]
     scales = [readable_unit(float(np.nanmax(np.abs(value))), unit) for _, value, _, unit in parts]
-    view = new_table(f"{found.name}: a lumped system, whose force holds its inertia; what each whole cycle tells",
-                     found.index, *(f"{name}, {pretty_unit(unit)}"
-                                    for (name, *_), (unit, _) in zip(parts, scales, strict=True)))
-    for k, called in enumerate(found.called):
+    view = new_table(f"{loops_read.name}: a lumped system, whose force holds its inertia; what each whole cycle tells",
+                     loops_read.index, *(f"{name}, {pretty_unit(unit)}"
+                                         for (name, *_), (unit, _) in zip(parts, scales, strict=True)))
+    for k, called in enumerate(loops_read.called):
         view.add_row(called, *(with_error(value[k] / size, sd[k] / size) for (_, value, sd, _), (_, size) in zip(
             parts, scales, strict=True)))
     return view

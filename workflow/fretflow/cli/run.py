@@ -84,8 +84,8 @@ def run(
     else:
         _at_once(parsed, until, out, force, workers)
     if json is not None and workers.leads:
-        found = [(one.name, out / one.name / SUMMARY_FILE) for one in parsed]
-        keep_json(json, {name: loads(file.read_text(encoding="utf-8")) for name, file in found})
+        summaries = [(one.name, out / one.name / SUMMARY_FILE) for one in parsed]
+        keep_json(json, {name: loads(file.read_text(encoding="utf-8")) for name, file in summaries})
 
 
 def _run_bolted(case: BoltedCase, out: Path) -> None:
@@ -195,9 +195,9 @@ def _summarise(case: Case, results: dict[str, StageResult], home: Path) -> None:
     from fretflow.pipeline.run import results_of
     from fretflow.pipeline.stage import SUMMARY_FILE
 
-    found = results_of(case, results, home)
-    _show_summary(case, *found.summarised, results)
-    show_warnings(found.warnings)
+    run_results = results_of(case, results, home)
+    _show_summary(case, *run_results.summarised, results)
+    show_warnings(run_results.warnings)
     files = [home / SUMMARY_FILE]
     for result in results.values():
         files += [result.folder / name for name in result.manifest.files
@@ -249,8 +249,8 @@ def _show_comparison(rows: Sequence[CaseComparison]) -> None:
                       "measured, and says what that determines and what not.")
 
 
-def _beside(found: float | None, measured: float | None, error: float | None, text: Callable[[float], str]) -> str:
-    lines = ["-" if found is None else text(found)]
+def _beside(computed: float | None, measured: float | None, error: float | None, text: Callable[[float], str]) -> str:
+    lines = ["-" if computed is None else text(computed)]
     if measured is not None:
         lines.append(text(measured) + ("" if error is None else f" ({100.0 * error:+.1f} %)"))
     return "\n".join(lines)

@@ -276,9 +276,9 @@ def load(path: Path) -> Case:
     return case
 
 
-def show_warnings(found: Sequence[str]) -> None:
+def show_warnings(texts: Sequence[str]) -> None:
     """Print warnings, a line each."""
-    for text in found:
+    for text in texts:
         Terminal(quiet=started_rank() > 0, highlight=False).print(f"warning: {escape(text)}", soft_wrap=True)
 
 

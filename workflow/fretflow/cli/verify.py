@@ -52,8 +52,8 @@ def verify(run: Path, /, *, periods: int = 3, steps: int | None = None, out: Out
     console.print(_table(checks))
     for file in files:
         console.print(f"  {file}", soft_wrap=True)
-    if (found := verdict(checks)) is not None:
-        raise FretflowError(found)
+    if (failure := verdict(checks)) is not None:
+        raise FretflowError(failure)
     console.print("verdict: time integration confirms the periodic solution within 1 %")
 
 

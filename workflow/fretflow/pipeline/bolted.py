@@ -100,11 +100,11 @@ class JointStudy:
     def figures(self) -> dict[str, float]:
         """Return the numbers that sum it up, in SI."""
         pressure = self.joint.preloaded.force[0, 2::3] / self.joint.structure.areas
-        found = {"points": self.joint.structure.contacts, "points_closed": int(self.joint.closed.sum()),
-                 "largest_pressure_Pa": float(pressure.max()), "linear_frequency_Hz": self.mode.frequency,
-                 "smallest_frequency_Hz": float(self.curve.frequency.min()),
-                 "largest_damping_ratio": float(self.curve.damping.max()), "energy_power": self.slope}
-        return found if self.worn is None else found | {"worn_volume_m3": float(self.worn.volume[-1])}
+        figures = {"points": self.joint.structure.contacts, "points_closed": int(self.joint.closed.sum()),
+                   "largest_pressure_Pa": float(pressure.max()), "linear_frequency_Hz": self.mode.frequency,
+                   "smallest_frequency_Hz": float(self.curve.frequency.min()),
+                   "largest_damping_ratio": float(self.curve.damping.max()), "energy_power": self.slope}
+        return figures if self.worn is None else figures | {"worn_volume_m3": float(self.worn.volume[-1])}
 
     def write(self, folder: Path) -> list[Path]:
         """Write figures, backbone, responses and pictures into a folder and return the files."""

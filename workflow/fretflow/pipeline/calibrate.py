@@ -76,14 +76,14 @@ class CalibratedRig:
 
     def _values(self, parameters: Array, sliding: Callable[[CalibrationTest, LumpedRig], float]) -> Array:
         rig = LumpedRig.from_modes(*map(float, parameters))
-        found = dict(zip(MODES, rig_modes(rig), strict=True))
+        frequencies = dict(zip(MODES, rig_modes(rig), strict=True))
         heavier = replace(rig, arm_mass=rig.arm_mass + self.added_mass)
-        return np.array([*(found[mode] for mode in self.modes), *(sliding(c, heavier) for c in self.conditions)])
+        return np.array([*(frequencies[mode] for mode in self.modes), *(sliding(c, heavier) for c in self.conditions)])
 
     def _period(self, condition: CalibrationTest, rig: LumpedRig) -> float:
         problem = replace(condition.problem, structure=rig_of(condition.problem.structure).with_rig(rig))
-        self._last[condition.name] = found = self.solver.solve(problem, self._last.get(condition.name))
-        return sliding_distance(found, problem.interface)
+        self._last[condition.name] = solution = self.solver.solve(problem, self._last.get(condition.name))
+        return sliding_distance(solution, problem.interface)
 
 
 def rig_modes(rig: LumpedRig) -> Array:
@@ -166,9 +166,9 @@ def calibrate_wear(case: Case, run: Callable[[Case], Mapping[str, Path]]) -> Wea
     marched = case
     for _ in range(MAX_EXTENSIONS):
         worn = RunRecords(run(marched))
-        found = identify_wear_coefficient(worn.history, worn.areas, case.wear.coefficient, cycles, volume, sd)
-        if found is not None:
-            return found
+        coefficient = identify_wear_coefficient(worn.history, worn.areas, case.wear.coefficient, cycles, volume, sd)
+        if coefficient is not None:
+            return coefficient
         longer = math.ceil(BEYOND * marched.test.total_cycles * volume / float(worn.history.volume[-1]))
         marched = case.model_copy(
             update={"test": case.test.model_copy(update={"cycles": longer, "duration": None})})
@@ -255,21 +255,22 @@ def _posterior(out: Path, rig: Identification) -> list[Path]:
                                                           for (name, unit), own in draws.items()])]
 
 
-def parameter_rows(found: Identification) -> list[dict[str, Any]]:
+def parameter_rows(identification: Identification) -> list[dict[str, Any]]:
     """Return the rig's parameters for people: before, after, 95 % interval, whether the data determine them."""
-    low, high = found.interval
+    low, high = identification.interval
     return [{"name": name, "before": pretty_quantity(before, unit, 4), "after": pretty_quantity(after, unit, 4),
              "low": pretty_quantity(a, unit, 3), "high": pretty_quantity(b, unit, 3), "determined": bool(known)}
             for (name, unit), before, after, a, b, known in zip(
-                UNITS.items(), found.prior.value, found.value, low, high, found.determined, strict=True)]
+                UNITS.items(), identification.prior.value, identification.value, low, high, identification.determined,
+                strict=True)]
 
 
-def _mean(found: Sequence[WearCoefficient]) -> float | None:
+def _mean(coefficients: Sequence[WearCoefficient]) -> float | None:
     """Return the mean coefficient, each by the inverse of its variance."""
-    if not found:
+    if not coefficients:
         return None
-    weights = [1.0 / one.sd**2 for one in found]
-    return sum(w * one.value for w, one in zip(weights, found, strict=True)) / sum(weights)
+    weights = [1.0 / one.sd**2 for one in coefficients]
+    return sum(w * one.value for w, one in zip(weights, coefficients, strict=True)) / sum(weights)
 
 
 def _remarks(rig: Identification | None, coefficients: Mapping[str, WearCoefficient]) -> list[str]:

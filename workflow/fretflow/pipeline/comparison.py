@@ -55,17 +55,17 @@ class CaseComparison:
 def compare(case: Case, folders: Mapping[str, Path], seconds: float) -> CaseComparison:
     """Return the row of `case` from its complete stages in `folders`, as far as they go."""
     measured = case.measured
-    found: dict[str, object] = {}
+    computed: dict[str, object] = {}
     run = RunRecords(folders)
     if run.has("solve"):
-        found["regime"] = sliding_regime(run.unworn, run.areas)
+        computed["regime"] = sliding_regime(run.unworn, run.areas)
         if run.has("wear"):
             history, periods = run.history, run.periods
-            found |= {"sliding": mean_sliding(history, int(history.cycles[-1])), "volume": float(history.volume[-1]),
-                      "worn_regime": sliding_regime(periods[max(periods)], run.areas)}
+            computed |= {"sliding": mean_sliding(history, int(history.cycles[-1])), "volume": float(history.volume[-1]),
+                         "worn_regime": sliding_regime(periods[max(periods)], run.areas)}
     return CaseComparison(
         case.name, measured_sliding=measured.sliding_distance, measured_volume=measured.worn_volume,
-        measured_regime=measured.regime, seconds=seconds, **found)  # type: ignore[arg-type]
+        measured_regime=measured.regime, seconds=seconds, **computed)  # type: ignore[arg-type]
 
 
 def sliding_regime(solution: PeriodicSolution, areas: NDArray[np.float64]) -> SlidingRegime:
@@ -97,8 +97,8 @@ def write_comparison(path: Path, rows: Sequence[CaseComparison]) -> Path:
     return write_csv(path, columns)
 
 
-def _relative(found: float | None, measured: float | None) -> float | None:
-    return None if found is None or measured is None else found / measured - 1.0
+def _relative(computed: float | None, measured: float | None) -> float | None:
+    return None if computed is None or measured is None else computed / measured - 1.0
 
 
 def _cell(value: float | SlidingRegime | None) -> str:

@@ -64,9 +64,9 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     Examples
     --------
     >>> import fretflow as ff
-    >>> found = ff.diagnose("my recording", fast=True)  # doctest: +SKIP
-    >>> found.verdict, found.effects, found.probability  # doctest: +SKIP
-    >>> found.to_html("report.html")  # doctest: +SKIP
+    >>> diagnosis = ff.diagnose("my recording", fast=True)  # doctest: +SKIP
+    >>> diagnosis.verdict, diagnosis.effects, diagnosis.probability  # doctest: +SKIP
+    >>> diagnosis.to_html("report.html")  # doctest: +SKIP
     """
     from fretflow.experiments.rig.run import RigTools
     from fretflow.pipeline.ensemble import LocalPool
@@ -84,11 +84,11 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
             known = sorted(kind.id for kind in kinds().values() if kind.experiment)
             raise UnsupportedRecordingError(f"{recorded.path}: test.kind {recorded.kind.id!r} has no diagnosis; there "
                                             f"is one of {', '.join(known)}")
-        found: Diagnosis = resolve_name(recorded.kind.experiment)(
+        diagnosis: Diagnosis = resolve_name(recorded.kind.experiment)(
             recorded, fast, tell, RigTools(lambda case: reduced_problem(case, models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
-    return replace(found, case_file=runnable(found, name), seconds=monotonic() - began, fast=fast, stages=tell.ended(),
-                   memory=memory())
+    return replace(diagnosis, case_file=runnable(diagnosis, name), seconds=monotonic() - began, fast=fast,
+                   stages=tell.ended(), memory=memory())
 
 
 @dataclass
@@ -122,7 +122,7 @@ def memory() -> tuple[float, float]:
     return 1024.0 * own, 1024.0 * other
 
 
-def runnable(found: Diagnosis, name: str) -> str:
+def runnable(diagnosis: Diagnosis, name: str) -> str:
     """Return the case of a diagnosis under the recording's `name`, its parameters told; none where `run` refuses it.
 
     Fitted values are rounded to six figures, far within their intervals.
@@ -131,14 +131,14 @@ def runnable(found: Diagnosis, name: str) -> str:
     from fretflow.inference import words
 
     own = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("._-")[:MOST_LETTERS] or "recorded"
-    text = _MANY_FIGURES.sub(lambda number: f"{float(number[0]):.6g}", found.case_file)
+    text = _MANY_FIGURES.sub(lambda number: f"{float(number[0]):.6g}", diagnosis.case_file)
     try:
         case = validate_case(tomllib.loads(text))
         effects = tables(parse_effects(case.effects))
     except (ConfigError, tomllib.TOMLDecodeError):
         return ""
     lines = ["# Fitted, with 90 % intervals:"]
-    for one in found.parameters:
+    for one in diagnosis.parameters:
         shown = words.interval(one)
         lines.append(f"# {one.name} = {shown.value} ({shown.ends}) {shown.unit}".rstrip())
     # Written anew: a rounded number has another unit in which it is shortest.

@@ -63,22 +63,22 @@ def step_frequencies(solver: PeriodicSolver, problem: PeriodicProblem, frequenci
     NonConvergenceError
         Naming the frequency.
     """
-    found: dict[float, PeriodicSolution] = {}
+    solutions: dict[float, PeriodicSolution] = {}
 
     def solve(frequency: float) -> None:
-        nearest = min(found, key=lambda known: abs(known - frequency), default=None)
-        found[frequency] = _solve_near(solver, problem.vary(frequency=frequency), found.get(nearest or 0.0))
-        note(len(found))
+        nearest = min(solutions, key=lambda known: abs(known - frequency), default=None)
+        solutions[frequency] = _solve_near(solver, problem.vary(frequency=frequency), solutions.get(nearest or 0.0))
+        note(len(solutions))
 
     for frequency in frequencies:
         solve(float(frequency))
     for _ in range(REFINEMENTS):
-        known = sorted(found)
-        top = max(known, key=lambda frequency: abs(first_harmonic(found[frequency])))
+        known = sorted(solutions)
+        top = max(known, key=lambda frequency: abs(first_harmonic(solutions[frequency])))
         place = known.index(top)
         for neighbour in known[max(place - 1, 0):place] + known[place + 1:place + 2]:
             solve(0.5 * (top + neighbour))
-    return dict(sorted(found.items()))
+    return dict(sorted(solutions.items()))
 
 
 def _solve_near(
@@ -115,20 +115,20 @@ def forced_response(case: Case, solver: PeriodicSolver, problem: PeriodicProblem
                           amplitude=np.abs(amplitudes), phase=np.mod(-np.angle(amplitudes), 2.0 * np.pi))
 
 
-def check_response(solver: PeriodicSolver, problem: PeriodicProblem, found: ForcedResponse) -> ForcedResponse:
+def check_response(solver: PeriodicSolver, problem: PeriodicProblem, response: ForcedResponse) -> ForcedResponse:
     """Return a response with its amplitudes compared to `solver`'s: at both ends, the peak and midway between them.
 
     Where `solver` finds no period nothing is compared.
     """
-    order, last = found.frequency, len(found.frequency) - 1
-    top = int(np.argmax(found.amplitude))
+    order, last = response.frequency, len(response.frequency) - 1
+    top = int(np.argmax(response.amplitude))
     midway = [int(np.argmin(np.abs(np.log(order**2 / (order[top] * order[end]))))) for end in (0, last)]
     errors = {}
     for place in sorted({0, midway[0], top, midway[1], last}):
         with suppress(NonConvergenceError):
             full = solver.solve(problem.vary(frequency=float(order[place])))
-            errors[float(order[place])] = float(found.amplitude[place] / abs(first_harmonic(full)) - 1.0)
-    return replace(found, checked=np.array([*errors]), error=np.array([*errors.values()]))
+            errors[float(order[place])] = float(response.amplitude[place] / abs(first_harmonic(full)) - 1.0)
+    return replace(response, checked=np.array([*errors]), error=np.array([*errors.values()]))
 
 
 def _respond(case: Case, problem: PeriodicProblem, cycles: int, progress: Callable[[float], None]) -> ForcedResponse:
@@ -178,13 +178,13 @@ def _run(context: StageContext) -> Figures:
     for index, (name, (cycles, problem)) in enumerate(states.items()):
         file = context.folder / f"{name}.h5"
         if file.is_file():  # of an interrupted run
-            found = read_record(file, ForcedResponse)
+            response = read_record(file, ForcedResponse)
         else:
-            found = _respond(case, problem, cycles, part(context, index, len(states), name))
-            write_record(file, found)
-        figures[f"{name}_resonance_Hz"] = found.resonance
-        figures[f"{name}_points"] = len(found.frequency)
-        figures[f"{name}_worst_error"] = found.worst[0]
+            response = _respond(case, problem, cycles, part(context, index, len(states), name))
+            write_record(file, response)
+        figures[f"{name}_resonance_Hz"] = response.resonance
+        figures[f"{name}_points"] = len(response.frequency)
+        figures[f"{name}_worst_error"] = response.worst[0]
     return figures
 
 

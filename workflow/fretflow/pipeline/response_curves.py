@@ -138,7 +138,7 @@ def asked_curves(case: Case, folders: Mapping[str, Path], states: Sequence[str],
         raise InputError(f"{case.name}: stage {missing} is not complete; `fretflow run CASE --until {missing}` "
                          "completes it, or give the case file instead of the folder")
     model = make_model(case, folders["reduce"])
-    found = []
+    curves = []
     for state in states:
         slow, cycles, after = model.initial(), 0, folders["reduce"].name
         if state == "worn":
@@ -149,9 +149,9 @@ def asked_curves(case: Case, folders: Mapping[str, Path], states: Sequence[str],
             settings = case.model_dump(mode="json", include={"test": {"normal_load", "excitation_frequency"},
                                                              "rig": True, "contact": True, "effects": True})
             key = slice_hash(VERSION, settings, folders["reduce"].name, after, excitation, vars(sweep))
-            found.append(AskedCurve(state, cycles, problem.vary(amplitude=excitation), sweep,
-                                    out / f"{state}-{excitation:g}N-{key}.h5"))
-    return found
+            curves.append(AskedCurve(state, cycles, problem.vary(amplitude=excitation), sweep,
+                                     out / f"{state}-{excitation:g}N-{key}.h5"))
+    return curves
 
 
 def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> RunCurve:
@@ -177,10 +177,10 @@ def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> Run
         progress(done, f"{asked.name}, {'up' if direction is SweepDirection.UP else 'down'}: {frequency:.4g} Hz")
 
     unfinished = asked.file.with_suffix(UNFINISHED)
-    found = RunCurve(state=asked.state, cycles=asked.cycles, curve=respond(asked.problem, sweep, note, unfinished))
-    write_record(asked.file, found)
+    curve = RunCurve(state=asked.state, cycles=asked.cycles, curve=respond(asked.problem, sweep, note, unfinished))
+    write_record(asked.file, curve)
     unfinished.unlink(missing_ok=True)
-    return found
+    return curve
 
 
 def read_peaks(curves: Sequence[RunCurve]) -> list[FoundPeak]:

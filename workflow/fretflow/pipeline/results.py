@@ -49,8 +49,8 @@ class RunResults(RunRecords):
     Examples
     --------
     >>> from fretflow.pipeline.results import RunResults
-    >>> found = RunResults.of("runs/test1")  # doctest: +SKIP
-    >>> found.wear.volume.isel(cycles=-1).item()  # m^3 at the end of the test  # doctest: +SKIP
+    >>> results = RunResults.of("runs/test1")  # doctest: +SKIP
+    >>> results.wear.volume.isel(cycles=-1).item()  # m^3 at the end of the test  # doctest: +SKIP
     """
 
     case: Case = field(repr=False)

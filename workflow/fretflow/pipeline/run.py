@@ -121,8 +121,8 @@ def run(case: Case | Path | str, out: Path | str = "runs", *, until: str | None 
     Examples
     --------
     >>> import fretflow as ff
-    >>> found = ff.run("examples/quick.toml", until="solve")  # doctest: +SKIP
-    >>> round(float(found.loops.sel(cycles=0).friction_force.max()), 1)  # in N  # doctest: +SKIP
+    >>> results = ff.run("examples/quick.toml", until="solve")  # doctest: +SKIP
+    >>> round(float(results.loops.sel(cycles=0).friction_force.max()), 1)  # in N  # doctest: +SKIP
     52.8
     """
     from fretflow.pipeline.stages import pipeline
@@ -136,9 +136,9 @@ def run(case: Case | Path | str, out: Path | str = "runs", *, until: str | None 
 
 def results_of(case: Case, results: Mapping[str, StageResult], home: Path) -> RunResults:
     """Return what the stages of a run in `home` hold, and write their summary."""
-    found = RunResults({name: result.folder for name, result in results.items()}, case, home)
-    write_summary(home, case, found.folders)
-    return found
+    run_results = RunResults({name: result.folder for name, result in results.items()}, case, home)
+    write_summary(home, case, run_results.folders)
+    return run_results
 
 
 def run_task(task: CaseTask) -> None:

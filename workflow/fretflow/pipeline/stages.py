@@ -86,10 +86,10 @@ def _reduce(context: StageContext) -> Figures:
     sides = _reduced_sides(context.case)
     calls = [(context.case, side, context.inputs["mesh"], context.folder, context.comm) for side in sides]
     with LocalPool(_at_once(context)) as pool:
-        found = pool(_reduce_side, calls)
-    if found[0] and len(sides) < len(SIDES):
-        found.append(_turned_over(*SIDES, context.inputs["mesh"], context.folder))
-    return {name: value for figures in found for name, value in figures.items()}
+        by_side = pool(_reduce_side, calls)
+    if by_side[0] and len(sides) < len(SIDES):
+        by_side.append(_turned_over(*SIDES, context.inputs["mesh"], context.folder))
+    return {name: value for figures in by_side for name, value in figures.items()}
 
 
 def _reduced_sides(case: Case) -> tuple[str, ...]:
@@ -119,9 +119,9 @@ def _reduce_side(call: tuple[Case, str, Path, Path, Any]) -> Figures:
 
     case, side, meshes, folder, comm = call
     summary = read_record(meshes / f"{side}.h5", MeshSummary)
-    found = reduce_specimen(meshes / summary.file, summary, getattr(case.specimen, side), case.reduction,
-                            case.mesh.degree, comm or MPI.COMM_SELF)
-    return _written(side, folder, *found) if found is not None else {}
+    reduced = reduce_specimen(meshes / summary.file, summary, getattr(case.specimen, side), case.reduction,
+                              case.mesh.degree, comm or MPI.COMM_SELF)
+    return _written(side, folder, *reduced) if reduced is not None else {}
 
 
 def _turned_over(made: str, side: str, meshes: Path, folder: Path) -> Figures:
@@ -154,12 +154,12 @@ def _preload(context: StageContext) -> Figures:
     context.progress(0.0, "pressing the specimens together")
     model = make_model(context.case, context.inputs["reduce"])
     problem = model.problem(model.initial())
-    found = _press_with_friction(problem) if problem.preload.frictional else _press_without_friction(problem)
-    write_record(context.folder / "preload.h5", found)
+    preload = _press_with_friction(problem) if problem.preload.frictional else _press_without_friction(problem)
+    write_record(context.folder / "preload.h5", preload)
     return {
-        "load_N": float(found.force.sum()),
-        "largest_pressure_Pa": float(found.pressure.max()),
-        "area_in_contact_m2": float(problem.interface.areas[found.force > 0.0].sum()),
+        "load_N": float(preload.force.sum()),
+        "largest_pressure_Pa": float(preload.pressure.max()),
+        "area_in_contact_m2": float(problem.interface.areas[preload.force > 0.0].sum()),
     }
 
 

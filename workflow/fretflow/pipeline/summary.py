@@ -72,8 +72,8 @@ def result_warnings(case: Case, folders: Mapping[str, Path]) -> list[str]:
     run = RunRecords(folders)
     if not run.has("reduce"):
         return []
-    found = reduction_warnings(dict(zip(SIDES, run.reduced, strict=True)))
-    return found + _narrow(case, run.nodes, run.static_pressure > 0.0) if run.has("preload") else found
+    texts = reduction_warnings(dict(zip(SIDES, run.reduced, strict=True)))
+    return texts + _narrow(case, run.nodes, run.static_pressure > 0.0) if run.has("preload") else texts
 
 
 def _narrow(case: Case, nodes: NDArray[np.float64], closed: NDArray[np.bool_]) -> list[str]:

@@ -64,21 +64,21 @@ def judge_all(test: Test, interface: Interface, unworn: PeriodicSolution, histor
 
 def judge(fact: Fact, cycles: int, test: WornTest) -> Trend:
     """Judge whether what a test shows lies within the 90 % interval of a fact, or beyond its bound."""
-    found = quantity_of(fact, cycles, test)
-    if found is None:
+    value = quantity_of(fact, cycles, test)
+    if value is None:
         return Trend(fact.label, None, _why(fact, cycles, test), fact.says)
-    away = fact.distance(found)
+    away = fact.distance(value)
     met = fact.side * away > 0.0 if fact.side else abs(away) <= HALF
-    text = pretty_quantity(found, QUANTITIES[fact.quantity][0], 3)
+    text = pretty_quantity(value, QUANTITIES[fact.quantity][0], 3)
     if not met:
-        text += f": {abs(away):.1f} sd too {'high' if away > 0.0 else 'low'}{_factor(found, fact.stated)}"
+        text += f": {abs(away):.1f} sd too {'high' if away > 0.0 else 'low'}{_factor(value, fact.stated)}"
     return Trend(fact.label, met, text, fact.says)
 
 
-def _factor(found: float, stated: float) -> str:
-    if not found > 0.0 or not stated > 0.0:
+def _factor(value: float, stated: float) -> str:
+    if not value > 0.0 or not stated > 0.0:
         return ""
-    factor = max(found / stated, stated / found)
+    factor = max(value / stated, stated / value)
     return f", a factor of {factor:.3g}" if factor > 2.0 else ""
 
 
