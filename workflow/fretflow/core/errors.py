@@ -181,8 +181,8 @@ def reason(error: ErrorDetails, clearer: Mapping[str, str], model: type[Any]) ->
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return a question after the nearest of `known` names where `name` begins it or is a slip of it, else nothing."""
     names = list(known)
-    found = [one for one in names if len(name) > 2 and one.startswith(name)] or get_close_matches(name, names, n=1)
-    return f"; did you mean {found[0]}?" if found else ""
+    near = [one for one in names if len(name) > 2 and one.startswith(name)] or get_close_matches(name, names, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _key_meant(model: Any, location: Sequence[int | str]) -> str:

@@ -47,13 +47,13 @@ def provided(group: str, name: str) -> Callable[..., Any]:
     PlatformError
         If no package does, or the one that does cannot be imported.
     """
-    found = tuple(entry_points(group=group, name=name))
-    if not found:
+    declared = tuple(entry_points(group=group, name=name))
+    if not declared:
         raise PlatformError(f"{group}: no installed package provides {name!r}; install fretflow whole "
                             "(`./fretflow --version` in a clone does)")
     try:
-        function: Callable[..., Any] = found[0].load()
+        function: Callable[..., Any] = declared[0].load()
     except (ImportError, AttributeError) as error:
-        raise PlatformError(f"{group}: {found[0].value} cannot be loaded ({error}); install its package again"
+        raise PlatformError(f"{group}: {declared[0].value} cannot be loaded ({error}); install its package again"
                             ) from error
     return function

@@ -56,11 +56,11 @@ def own_version() -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of fretflow, Python and those libraries that this process has loaded."""
-    found = {"fretflow": own_version(), "python": platform.python_version()}
+    by_name = {"fretflow": own_version(), "python": platform.python_version()}
     for module, distribution in _WITNESSES.items():
         if module in sys.modules:
-            found[module] = _version(module, distribution)
-    return found
+            by_name[module] = _version(module, distribution)
+    return by_name
 
 
 def _version(module: str, distribution: str) -> str:

@@ -123,8 +123,8 @@ def _elsewhere(group: h5py.Group, within: tuple[int, ...], seen: set[int]) -> st
             place = h5py.h5o.get_info(item.id).addr
             if place in within:
                 return f"{group.name.rstrip('/')}/{name}"
-            if place not in seen and (found := _elsewhere(item, within, seen)):
-                return found
+            if place not in seen and (foreign := _elsewhere(item, within, seen)):
+                return foreign
             seen.add(place)
     return None
 
@@ -242,8 +242,8 @@ def _name_dimensions(group: h5py.Group, written: Sequence[tuple[Field[Any], h5py
 
 def _symbols(f: Field[Any], axes: int) -> tuple[str, ...]:
     """Return the symbols of so many axes in the shape of field `f`, such as "(N,) or (N, k)"; empty if not there."""
-    for found in _SHAPE.findall(f.metadata.get("shape", "")):
-        symbols = tuple(part.strip() for part in found.split(",") if part.strip())
+    for shape in _SHAPE.findall(f.metadata.get("shape", "")):
+        symbols = tuple(part.strip() for part in shape.split(",") if part.strip())
         if len(symbols) == axes:
             return symbols
     return ("",) * axes

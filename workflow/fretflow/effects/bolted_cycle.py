@@ -85,12 +85,12 @@ class BoltedCycle(WearAlone):
     def cycle(self, slow: SlowState, start: StaticHistory | None) -> tuple[CycleResponse, StaticHistory]:
         """Return what the second of two cycles of load does to the worn faces, and where it ends."""
         worn = replace(self.joint, gap=self.gap(slow))
-        found = self.swing(worn, None if start is None else worn.follow(worn.bolts[None], start))
-        slid, force = (values.reshape(len(values), -1, 3) for values in (found.slid, found.force))
-        steps, closed = np.diff(slid[:, :, :2], axis=0), found.state[1:] != SEPARATION
+        history = self.swing(worn, None if start is None else worn.follow(worn.bolts[None], start))
+        slid, force = (values.reshape(len(values), -1, 3) for values in (history.slid, history.force))
+        steps, closed = np.diff(slid[:, :, :2], axis=0), history.state[1:] != SEPARATION
         response = summarise_cycle(slid[1:], force[1:], np.where(closed, np.hypot(*np.moveaxis(steps, 2, 0)), 0.0),
                                    closed, worn.clearance, self.areas)
-        return response, found.last(1)
+        return response, history.last(1)
 
     def swing(self, joint: BoltedJoint, start: StaticHistory | None = None) -> StaticHistory:
         """Return the second of two cycles of load on `joint`, its start included, from `start` or the preload on."""

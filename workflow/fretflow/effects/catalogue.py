@@ -78,9 +78,9 @@ def add_effects(folder: Path | str) -> Mapping[str, type[Effect]]:
     """
     before = os.environ.get(FOLDERS, "")
     folders = os.pathsep.join(dict.fromkeys([*filter(None, before.split(os.pathsep)), str(Path(folder).resolve())]))
-    found = _collect(folders)  # which refuses what cannot be used
+    effects = _collect(folders)  # which refuses what cannot be used
     os.environ[FOLDERS] = folders
-    return found
+    return effects
 
 
 def described(effect: str, field: str) -> tuple[str, str]:
@@ -108,19 +108,19 @@ def parse_effects(tables: Mapping[str, Mapping[str, Any]], source: str = "case")
     ConfigError
         Naming `source`, the effect and its field.
     """
-    found = []
+    effects = []
     for name in sorted(tables):
         known = catalogue()
         if name not in known:
             raise ConfigError(f"{source}: effects.{name}: there is no such effect; `fretflow effects` lists them"
                               f"{did_you_mean(name, known) or _unread()}")
         try:
-            found.append(known[name].model_validate(dict(tables[name])))
+            effects.append(known[name].model_validate(dict(tables[name])))
         except ValidationError as error:
             said = explain(error, {}, f"effects.{name}", known[name])
             raise ConfigError(f"{source}: {said}; `fretflow effects {name}` describes it") from error
-    check_together(found, source)
-    return tuple(found)
+    check_together(effects, source)
+    return tuple(effects)
 
 
 def _unread() -> str:
@@ -159,7 +159,7 @@ def table_lines(effects: Iterable[Effect]) -> list[str]:
 
 @cache
 def _collect(folders: str) -> Mapping[str, type[Effect]]:
-    found: dict[str, type[Effect]] = {}
+    effects: dict[str, type[Effect]] = {}
     origin: dict[str, str] = {}
     for kind, where in (*_own(), *_of_entry_points(), *_of_folders(folders)):
         lacking = [name for name in REQUIRED if not hasattr(kind, name)]
@@ -168,10 +168,10 @@ def _collect(folders: str) -> Mapping[str, type[Effect]]:
         if not all(isinstance(one, RecordingKind) for one in kind.kinds):
             raise InputError(f"{where}: effect {kind.id!r}: kinds must be a set of kinds of recordings, such as "
                              f"ff.ALL_KINDS, got {kind.kinds!r}")
-        if kind.id in found:
+        if kind.id in effects:
             raise InputError(f"{where}: effect {kind.id!r} is already that of {origin[kind.id]}; give it another id")
-        found[kind.id], origin[kind.id] = kind, where
-    return MappingProxyType(dict(sorted(found.items())))
+        effects[kind.id], origin[kind.id] = kind, where
+    return MappingProxyType(dict(sorted(effects.items())))
 
 
 def _effects_of(module: ModuleType) -> Iterator[type[Effect]]:

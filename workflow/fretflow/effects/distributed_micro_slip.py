@@ -65,10 +65,10 @@ class DistributedMicroSlip(Effect):
 
     def by_chance(self, nodes: int) -> tuple[Self, ...]:
         """Return the effect with the limit of each node a standard deviation higher."""
-        found = tuple(self.model_copy() for _ in range(nodes))
-        for node, one in enumerate(found):
+        effects = tuple(self.model_copy() for _ in range(nodes))
+        for node, one in enumerate(effects):
             one._node = node
-        return found
+        return effects
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Spread the friction coefficients of the contact points."""

@@ -126,10 +126,10 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
 def declared_priors(section: type[Section]) -> Mapping[str, Prior]:
     """Return the ranges of the fields of `section` that `parameter` declared."""
     extras = {name: info.json_schema_extra for name, info in section.model_fields.items()}
-    found: dict[str, Prior] = {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
-                               if isinstance(extra, dict) and "prior" in extra}
+    priors: dict[str, Prior] = {name: extra["prior"] for name, extra in extras.items()  # type: ignore[misc]
+                                if isinstance(extra, dict) and "prior" in extra}
     return MappingProxyType({name: prior if prior.source else replace(prior, source=_whose_range(section, name))
-                             for name, prior in found.items()})
+                             for name, prior in priors.items()})
 
 
 def _whose_range(section: type[Section], field: str) -> str:

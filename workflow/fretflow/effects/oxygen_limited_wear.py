@@ -54,8 +54,8 @@ class OxygenLimitedWear(Effect):
             return np.ones(face.size)
         power = float(np.average(frictional_power(response, problem)[closed], weights=face.areas[closed]))
         half = 0.5 * float(np.ptp(face.nodes[closed, 0]))
-        reach = self.distance * np.sqrt(self.reference_power / max(power, 1e-300))
-        oxygen = oxygen_share(edge_position(face.nodes, face.areas, closed), half / reach)
+        depth = self.distance * np.sqrt(self.reference_power / max(power, 1e-300))
+        oxygen = oxygen_share(edge_position(face.nodes, face.areas, closed), half / depth)
         return np.asarray(self.adhesive_share + (1.0 - self.adhesive_share) * oxygen)
 
     def sketch(self) -> Sketch:

@@ -37,5 +37,5 @@ def loop_sketch(effect: ActsOnMotion) -> Sketch:
 
 def _loop(effects: tuple[ActsOnMotion, ...], motion: Motion) -> tuple[Array, Array]:
     """Return the last period, so that what was at the start is over."""
-    found = driven_force(motion, Sliders.one(STIFFNESS, LIMIT), 0.0, effects)
-    return 1e6 * found.displacement[-SAMPLES - 1:], found.measured[-SAMPLES - 1:]
+    response = driven_force(motion, Sliders.one(STIFFNESS, LIMIT), 0.0, effects)
+    return 1e6 * response.displacement[-SAMPLES - 1:], response.measured[-SAMPLES - 1:]

@@ -65,10 +65,10 @@ class Balance:
         AuditError
             If it is not to round-off of the volumes that take part.
         """
-        lost = self.made - self.retained - self.ejected
-        if not abs(lost) <= BALANCED * (abs(self.made) + self.present):
+        missing = self.made - self.retained - self.ejected
+        if not abs(missing) <= BALANCED * (abs(self.made) + self.present):
             raise AuditError(f"effects.third-body: of {self.made:.6g} m³ of debris {self.retained:.6g} m³ stayed and "
-                             f"{self.ejected:.6g} m³ left; {lost:.3g} m³ are lost")
+                             f"{self.ejected:.6g} m³ left; {missing:.3g} m³ are lost")
 
 
 class ThirdBody(Effect):
@@ -157,8 +157,8 @@ class ThirdBody(Effect):
     @classmethod
     def worn_range(cls, field: str, prior: Prior, depth: float, cycles: float) -> Prior:
         """Return layers that separate from a tenth to ten times the worn depth, and stay 0.01 to 100 times the test."""
-        size, reach = {"separating_thickness": (depth, 10.0), "residence": (cycles, 100.0)}.get(field, (0.0, 1.0))
-        return replace(prior, low=size / reach, high=size * reach, logarithmic=True) if size else prior
+        size, factor = {"separating_thickness": (depth, 10.0), "residence": (cycles, 100.0)}.get(field, (0.0, 1.0))
+        return replace(prior, low=size / factor, high=size * factor, logarithmic=True) if size else prior
 
     @classmethod
     def volume_laws(cls, tests: WornTests) -> tuple[VolumeLaw, ...]:
