@@ -159,14 +159,14 @@ def read_mesh(path: Path) -> HexMesh:
 
 def _groups(gmsh: Any, path: Path) -> dict[str, NDArray[np.int64]]:
     """Return the entities of each needed physical group."""
-    found = {(gmsh.model.getPhysicalName(dim, tag), dim): tag for dim, tag in gmsh.model.getPhysicalGroups()}
+    tags = {(gmsh.model.getPhysicalName(dim, tag), dim): tag for dim, tag in gmsh.model.getPhysicalGroups()}
     for name, dim in _GROUPS.items():
-        if (name, dim) not in found:
+        if (name, dim) not in tags:
             kind = "volume" if dim == 3 else "surface"
-            have = ", ".join(sorted({n for n, _ in found if n})) or "none"
+            have = ", ".join(sorted({n for n, _ in tags if n})) or "none"
             raise MeshError(f"{path}: lacks the physical {kind} {name!r} (it has: {have}); "
                             "name the groups contact, clamped (surfaces) and body (volume)")
-    return {name: gmsh.model.getEntitiesForPhysicalGroup(dim, found[name, dim])
+    return {name: gmsh.model.getEntitiesForPhysicalGroup(dim, tags[name, dim])
             for name, dim in _GROUPS.items()}
 
 

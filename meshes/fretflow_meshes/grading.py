@@ -33,8 +33,8 @@ def graded_sizes(length: float, first: float, growth: float, largest: float) -> 
         capped = np.log(largest / first) / np.log(ratio) if ratio > 1.0 else np.inf
         return np.asarray(np.minimum(first * ratio ** np.minimum(exponents, capped), largest))
 
-    reach = np.cumsum(sizes(_most_layers(length, first, growth, largest), growth))
-    layers = int(np.searchsorted(reach, length * (1.0 - 1e-9))) + 1
+    ends = np.cumsum(sizes(_most_layers(length, first, growth, largest), growth))
+    layers = int(np.searchsorted(ends, length * (1.0 - 1e-9))) + 1
     low, high = 1.0, growth
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)

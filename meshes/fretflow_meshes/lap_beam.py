@@ -119,11 +119,12 @@ class LapBeam:
         """
         lower, groups = self._half()
         points = np.vstack([lower, np.array([self.length, 0.0, 0.0]) + lower * [-1.0, 1.0, -1.0]])
-        found = []
+        halves = []
         for name, (kind, cells) in groups.items():
             for body, other in enumerate(("lower", "upper")):
-                found.append(Group(name=_named(name, other, self.bolts), kind=kind, elements=cells + body * len(lower)))
-        write_groups(points, found, Path(path))
+                own = _named(name, other, self.bolts)
+                halves.append(Group(name=own, kind=kind, elements=cells + body * len(lower)))
+        write_groups(points, halves, Path(path))
         return Path(path)
 
     def _half(self) -> tuple[Array, dict[str, tuple[int, Indices]]]:

@@ -32,27 +32,28 @@ def read_surfaces(path: Path) -> tuple[Array, dict[str, Indices], dict[str, Indi
         gmsh.merge(str(copy))
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         order = np.argsort(tags)
-        found: dict[int, dict[str, Indices]] = {2: {}, 3: {}}
+        by_dimension: dict[int, dict[str, Indices]] = {2: {}, 3: {}}
         for dim, tag in gmsh.model.getPhysicalGroups():
             cells = [cell for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
                      for cell in _corners(gmsh, path, dim, int(entity))]
-            if dim in found and cells:
+            if dim in by_dimension and cells:
                 numbers = np.searchsorted(tags[order], np.vstack(cells))
-                found[dim][gmsh.model.getPhysicalName(dim, tag)] = order[numbers]
-    return coordinates.reshape(-1, 3), {name: _outside(cells) for name, cells in found[3].items()}, found[2]
+                by_dimension[dim][gmsh.model.getPhysicalName(dim, tag)] = order[numbers]
+    boundaries = {name: _outside(cells) for name, cells in by_dimension[3].items()}
+    return coordinates.reshape(-1, 3), boundaries, by_dimension[2]
 
 
 def _corners(gmsh: Any, path: Path, dim: int, entity: int) -> list[Indices]:
     """Return the corners of an entity's elements, (k, 4) of faces and sides of volumes."""
-    found = []
+    parts = []
     for kind, _, nodes in zip(*gmsh.model.mesh.getElements(dim, entity), strict=True):
         name, _, _, width, _, corners = gmsh.model.mesh.getElementProperties(kind)
         own = np.asarray(nodes, dtype=np.int64).reshape(-1, width)[:, :corners]
         if dim == 3 and corners not in _SIDES:
             raise MeshError(f"{path}: has elements of the kind {name!r}; give tetrahedra or hexahedra")
-        found.append(np.vstack([own[:, side] for side in _SIDES[corners]]) if dim == 3
+        parts.append(np.vstack([own[:, side] for side in _SIDES[corners]]) if dim == 3
                      else own[:, [0, 1, 2, corners - 1]])
-    return found
+    return parts
 
 
 def _outside(sides: Indices) -> Indices:

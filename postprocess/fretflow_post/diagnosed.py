@@ -180,8 +180,8 @@ def _maps(diagnosis: Diagnosis) -> Figure | None:
 def curve_units(one: MeasuredCurve) -> Iterator[tuple[str, float]]:
     """Return the printed unit and its size in SI, of the abscissa and of the ordinate."""
     for values, unit in ((one.x, one.x_unit), (one.measured, one.y_unit)):
-        found, size = FIXED_UNITS.get(unit) or readable_unit(float(np.median(np.abs(values))), unit)
-        yield pretty_unit(found), size
+        readable, size = FIXED_UNITS.get(unit) or readable_unit(float(np.median(np.abs(values))), unit)
+        yield pretty_unit(readable), size
 
 
 @_drawn
@@ -234,13 +234,14 @@ def law_curve(law: ResidualLaw | None) -> tuple[tuple[str, str], Array, Array, A
 @_drawn
 def _law(diagnosis: Diagnosis) -> Figure | None:
     """Return what an unlisted effect does, from the data."""
-    found = law_curve(diagnosis.residual_law)
-    if found is None:
+    curve = law_curve(diagnosis.residual_law)
+    if curve is None:
         return None
-    figure, (labels, x, y, reach) = _titled(diagnosis, "what is missing, from the data, with its 90 % interval"), found
+    labels, x, y, half_width = curve
+    figure = _titled(diagnosis, "what is missing, from the data, with its 90 % interval")
     (axes,) = _axes(figure, 1, 1)
     axes.plot(x, y, color=style.BLUE)
-    axes.fill_between(x, y - reach, y + reach, color=style.BLUE, alpha=0.2, linewidth=0.0)
+    axes.fill_between(x, y - half_width, y + half_width, color=style.BLUE, alpha=0.2, linewidth=0.0)
     axes.set_xlabel(labels[0], parse_math=False)
     axes.set_ylabel(labels[1], parse_math=False)
     return figure

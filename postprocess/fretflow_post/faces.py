@@ -148,8 +148,8 @@ def plot_wear_shape(path: Path, nodes: NDArray[np.float64], areas: NDArray[np.fl
     """Draw where the faces wear first: depth over its area mean at `rows`, on one scale and each on its own."""
     means = [float(history.depth[row] @ areas / areas.sum()) for row in rows]
     shapes = [history.depth[row] / mean for row, mean in zip(rows, means, strict=True)]
-    reach = max(0.05, *(float(np.abs(shape - 1.0).max()) for shape in shapes))
-    reach = style.round_scale(min(reach, 1.0))[0]
+    limit = max(0.05, *(float(np.abs(shape - 1.0).max()) for shape in shapes))
+    limit = style.round_scale(min(limit, 1.0))[0]
     pitch = 13.5 / max(len(rows), 2)
     side = pitch - 0.75
     height = max(2.0 * side + 4.55, 6.0)
@@ -161,7 +161,7 @@ def plot_wear_shape(path: Path, nodes: NDArray[np.float64], areas: NDArray[np.fl
         for k, (row, mean, shape) in enumerate(zip(rows, means, shapes, strict=True)):
             axes, own = (figure.add_axes(inches(1.05 + k * pitch, bottom, side, side, height))
                          for bottom in (side + 2.65, 0.85))
-            _flat_panel(axes, nodes, shape, style.SHAPE_MAP, (1.0 - reach, 1.0 + reach))
+            _flat_panel(axes, nodes, shape, style.SHAPE_MAP, (1.0 - limit, 1.0 + limit))
             low, high = float(shape.min()), float(shape.max())
             _flat_panel(own, nodes, shape, style.DEPTH_MAP, (low, max(high, low + 1e-9)))
             own.set_title(f"{low:.4g} to {high:.4g}", fontsize=14)
@@ -173,7 +173,7 @@ def plot_wear_shape(path: Path, nodes: NDArray[np.float64], areas: NDArray[np.fl
                 axes.set_ylabel("")
                 own.set_ylabel("")
         bar = figure.add_axes(inches(14.65, side + 2.65, 0.23, side, height))
-        ticks = [float(t) for t in np.linspace(1.0 - reach, 1.0 + reach, 5)]
+        ticks = [float(t) for t in np.linspace(1.0 - limit, 1.0 + limit, 5)]
         style.add_colour_bar(figure, bar, style.SHAPE_MAP, ticks, "depth over mean depth")
         return style.save_figure(figure, path)
 
@@ -232,9 +232,9 @@ def _flat_panel(axes: Axes, nodes: NDArray[np.float64], values: NDArray[np.float
         Layer(surface(points, cells), {"style": "wireframe", "color": style.EDGE_COLOUR, "line_width": 1.0,
                                        "lighting": False, "opacity": 0.6})], view)
     half = view.half_height
-    reach = half * view.size[0] / view.size[1]
+    half_width = half * view.size[0] / view.size[1]
     x, y = view.focus[:2]
-    axes.imshow(image, extent=(x - reach, x + reach, y - half, y + half), interpolation="antialiased")
+    axes.imshow(image, extent=(x - half_width, x + half_width, y - half, y + half), interpolation="antialiased")
     axes.grid(False)
     axes.set(xlabel=X_LABEL, ylabel=Y_LABEL)
     axes.locator_params(nbins=6)

@@ -105,8 +105,8 @@ def _draw(axes: Axes, specimen: MeshedSpecimen, shape: Array, seen_from: tuple[f
     quads = specimen.outer_faces()
     moved = surface(rest + REACH * size * shape, quads, displacement=np.linalg.norm(shape, axis=1))
     outline = surface(rest, quads).clean().extract_feature_edges(boundary_edges=False, manifold_edges=False)
-    reach = REACH * size
-    box = np.stack([rest.min(axis=0) - reach, rest.max(axis=0) + reach])
+    largest = REACH * size
+    box = np.stack([rest.min(axis=0) - largest, rest.max(axis=0) + largest])
     view = View(box, seen_from, (0.0, 0.0, 1.0), axes_pixels(axes), margin=0.0)
     show_shot(axes, shoot([
         Layer(moved, {"scalars": "displacement", "clim": (0.0, 1.0), "cmap": COLOURS, "show_edges": True,

@@ -41,14 +41,14 @@ def plot_period(path: Path, nodes: Array, areas: Array, period: PeriodicSolution
     """
     moments = np.linspace(0, len(period.friction_force), min(FRAMES, len(period.friction_force)), endpoint=False)
     traction = -period.force[:, :, 0] / areas * 1e-6  # of the upper specimen on the lower one, as in the loop
-    reach = float(np.abs(traction).max()) or 1.0
+    limit = float(np.abs(traction).max()) or 1.0
     with style.styled():
         figure = style.new_figure(f"One period, {when}", "traction along x of the upper specimen on the lower one; "
                                   "each node fills the area around it", height=6.4)
         grid = figure.add_gridspec(1, 3, left=0.065, right=0.98, bottom=0.16, top=0.78, wspace=0.35)
         panels = [figure.add_subplot(grid[0, k]) for k in range(3)]
         tractions, owner = _patches(panels[0], nodes, "tangential traction (MPa)")
-        tractions.set(cmap=style.SHAPE_MAP, clim=(-reach, reach))
+        tractions.set(cmap=style.SHAPE_MAP, clim=(-limit, limit))
         panels[0].set_ylabel("y (mm)")
         figure.colorbar(tractions, ax=panels[0], fraction=0.046)
         states, _ = _patches(panels[1], nodes, "what each node does")

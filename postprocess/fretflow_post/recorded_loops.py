@@ -32,12 +32,12 @@ class Panel:
     unit: str
 
 
-def plot_recorded_loops(path: Path, title: str, found: LoopsRead) -> list[Path]:
+def plot_recorded_loops(path: Path, title: str, loops_read: LoopsRead) -> list[Path]:
     """Draw the mean loop of each cycle count over its repeats, and the readings with one standard deviation.
 
     Of many cycle counts some are drawn, the first and last among them. The CSV holds the loops that are drawn.
     """
-    loops, readings, index = found.loops, found.readings, found.index
+    loops, readings, index = loops_read.loops, loops_read.readings, loops_read.index
     x, force = loops.mean("displacement"), loops.mean(loops.force_name)
     kept = np.flatnonzero(loops.repeats)
     some = np.unique(np.linspace(0, len(kept) - 1, min(MOST_LOOPS, len(kept))).round().astype(int))
@@ -54,7 +54,7 @@ def plot_recorded_loops(path: Path, title: str, found: LoopsRead) -> list[Path]:
                     axes.plot(_closed(loops.displacement[k, r], scales[0][1]), _closed(loops.force[k, r], scales[1][1]),
                               color=colour, linewidth=0.6, alpha=0.35)
             axes.plot(_closed(x[k], scales[0][1]), _closed(force[k], scales[1][1]), color=colour, linewidth=1.8,
-                      label=_narrow(found.called[some[place]]))
+                      label=_narrow(loops_read.called[some[place]]))
         axes.set(xlabel=f"relative displacement ({pretty_unit(scales[0][0])})",
                  ylabel=f"{loops.force_name.replace('_', ' ')} ({scales[1][0]})")
         axes.legend(title=index, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
@@ -62,7 +62,7 @@ def plot_recorded_loops(path: Path, title: str, found: LoopsRead) -> list[Path]:
         for row, panel in enumerate(panels):
             height = 0.76 / len(panels)
             box = (0.685, 0.095 + height * (len(panels) - 1 - row), 0.295, height - 0.035)
-            _draw(figure.add_axes(box), panel, found, row == len(panels) - 1)
+            _draw(figure.add_axes(box), panel, loops_read, row == len(panels) - 1)
         png = style.save_figure(figure, path)
     samples = len(loops.phase)
     columns = {index: np.repeat(loops.cycles[drawn], samples), "phase_rad": np.tile(loops.phase, len(drawn)),
@@ -89,22 +89,22 @@ def _panels(readings: RecordedReadings) -> list[Panel]:
     return shown[:4]
 
 
-def _draw(axes: Axes, panel: Panel, found: LoopsRead, last: bool) -> None:
+def _draw(axes: Axes, panel: Panel, loops_read: LoopsRead, last: bool) -> None:
     """Draw a reading over what tells the loops apart; cycles are joined, conditions have no order to join them by."""
     unit, size = readable_unit(float(np.nanmax(np.abs(panel.estimate.value))), panel.unit)
     value, sd = panel.estimate.value / size, panel.estimate.sd / size
-    if found.index == "conditions":
+    if loops_read.index == "conditions":
         places = np.arange(len(value))
         axes.errorbar(places, value, sd, color=style.BLUE, capsize=3, linewidth=0.0, elinewidth=1.2, marker="o")
-        axes.set_xticks(places, [_narrow(name) for name in found.called])
+        axes.set_xticks(places, [_narrow(name) for name in loops_read.called])
         axes.margins(x=0.12)
     else:
-        _draw_over_cycles(axes, found.readings.cycles, value, sd)
+        _draw_over_cycles(axes, loops_read.readings.cycles, value, sd)
     axes.set_ylabel(panel.title + (f"\n({pretty_unit(unit)})" if unit != "1" else ""), fontsize=13)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.tick_params(labelbottom=last, labelsize=12)
-    axes.set_xlabel(found.index if last and found.index == "cycles" else "")
+    axes.set_xlabel(loops_read.index if last and loops_read.index == "cycles" else "")
     axes.margins(y=0.15)
 
 

@@ -90,8 +90,8 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     with style.saved_as(run.output.figure_formats):
         for name, draw in _pictures(run):
             if run.output.figures is None or name in run.output.figures:
-                found = draw(out / f"{name}.png")
-                files += [found] if isinstance(found, Path) else found
+                drawn = draw(out / f"{name}.png")
+                files += [drawn] if isinstance(drawn, Path) else drawn
     further = run.output.figure_formats[1:]
     files += [file.with_suffix(f".{suffix}") for file in files for suffix in further
               if file.suffix == f".{run.output.figure_formats[0]}"]

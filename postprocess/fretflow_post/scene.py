@@ -89,10 +89,10 @@ def shoot(layers: Sequence[Layer], view: View) -> NDArray[np.uint8]:
         for layer in layers:
             plotter.add_mesh(layer.mesh, **{"show_scalar_bar": False, "ambient": 0.7, "diffuse": 0.35,
                                             "specular": 0.0, **layer.look})
-        reach = 10.0 * float(np.linalg.norm(np.ptp(view.bounds, axis=0)))
+        distance = 10.0 * float(np.linalg.norm(np.ptp(view.bounds, axis=0)))
         camera = plotter.camera
         camera.focal_point = tuple(view.focus)
-        camera.position = tuple(view.focus + reach * view.axes[2])
+        camera.position = tuple(view.focus + distance * view.axes[2])
         camera.up = view.up
         camera.parallel_projection = True
         camera.parallel_scale = view.half_height

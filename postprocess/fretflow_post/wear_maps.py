@@ -53,12 +53,12 @@ def raster(x: Array, y: Array, values: Array) -> tuple[Array, tuple[float, float
     left, right = float(x.min() - 0.5 * apart), float(x.max() + 0.5 * apart)
     low, high = float(y.min() - 0.5 * apart), float(y.max() + 0.5 * apart)
     pixel = max(right - left, high - low) / RASTER
-    across, up = (max(LEAST, round(reach / pixel)) for reach in (right - left, high - low))
+    across, up = (max(LEAST, round(length / pixel)) for length in (right - left, high - low))
     centres = np.meshgrid(left + (np.arange(across) + 0.5) / across * (right - left),
                           high - (np.arange(up) + 0.5) / up * (high - low))
     distance, nearest = tree.query(np.column_stack([c.ravel() for c in centres]))
-    found = np.where(distance <= 1.5 * apart, values[nearest], np.nan)
-    return found.reshape(up, across), (left, right, low, high)
+    pixels = np.where(distance <= 1.5 * apart, values[nearest], np.nan)
+    return pixels.reshape(up, across), (left, right, low, high)
 
 
 def plot_wear_maps(figure: Figure, wear: WearMap, after: bool) -> Figure:
@@ -66,13 +66,13 @@ def plot_wear_maps(figure: Figure, wear: WearMap, after: bool) -> Figure:
     depths, away = known_maps(wear, after), differences(wear, after)
     unit, size = readable_unit(max(float(np.nanmax(values)) for values in depths.values()), "m")
     grid = figure.add_gridspec(2, 3, left=0.07, right=0.95, bottom=0.08, top=0.85, hspace=0.35, wspace=0.35)
-    top, reach = (style.round_scale(max((float(np.nanmax(np.abs(values))) for values in maps.values()), default=0.0)
+    top, limit = (style.round_scale(max((float(np.nanmax(np.abs(values))) for values in maps.values()), default=0.0)
                                     / size)[0] for maps in (depths, away))
     for k, (name, values) in enumerate(depths.items()):
         _map(figure.add_subplot(grid[0, k]), wear, values / size, name, style.DEPTH_MAP, (0.0, top), unit)
     for k, (name, values) in enumerate(away.items()):
         _map(figure.add_subplot(grid[1, k + 1]), wear, values / size, f"measured − {name}", style.SHAPE_MAP,
-             (-reach, reach), unit)
+             (-limit, limit), unit)
     axes = figure.add_subplot(grid[1, 0])
     for (name, values), (_, colour, line, _) in zip(depths.items(), style.LOOKS, strict=False):
         x, mean, sd = profile(wear.x, values)

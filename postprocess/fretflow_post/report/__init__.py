@@ -85,15 +85,15 @@ class _Script:
 
 @cache
 def _environment() -> Environment:
-    found = Environment(loader=FileSystemLoader(PAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-                        lstrip_blocks=True)
-    found.filters["prose"] = _prose
+    environment = Environment(loader=FileSystemLoader(PAGE), autoescape=True, undefined=StrictUndefined,
+                              trim_blocks=True, lstrip_blocks=True)
+    environment.filters["prose"] = _prose
     css, js = ((PAGE / f"report.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
-    found.globals["css"] = Markup(css)
-    found.globals["rig"] = svg_image((PAGE / "rig.svg").read_bytes(), "the two-mass rig with its specimens")
-    found.globals["scripts"] = [_Script(text) for text in (
+    environment.globals["css"] = Markup(css)
+    environment.globals["rig"] = svg_image((PAGE / "rig.svg").read_bytes(), "the two-mass rig with its specimens")
+    environment.globals["scripts"] = [_Script(text) for text in (
         'document.documentElement.classList.add("live");', f"{script()}\nconst LOOKS = {json.dumps(LOOKS)};\n{js}")]
-    return found
+    return environment
 
 
 def _prose(text: str) -> Markup:
@@ -187,11 +187,11 @@ def _how_sure(d: Diagnosis) -> tuple[str, ...]:
                 "whatever the contact does. Once they are put right, diagnose the recording again.",)
     p, rate = words.p_value(d.detection.p_value), words.percent(d.detection.false_alarm_rate)
     test = f" ({d.detection.statistic})" if d.detection.statistic else ""
-    found = ("The baseline's own parameters were refitted first, so that a wrong friction coefficient is not taken "
+    refit = ("The baseline's own parameters were refitted first, so that a wrong friction coefficient is not taken "
              "for missing physics. What is left would be this large by errors of measurement alone with probability "
              f"p = {p}{test}. ")
     rule = f"The threshold raises a false alarm in {rate} of recordings from which nothing is missing."
-    lines = [(found + rule).replace("p = <", "p <")]
+    lines = [(refit + rule).replace("p = <", "p <")]
     best = _accepted(d)
     if d.verdict is Verdict.NONE and d.detection.p_value < d.detection.false_alarm_rate:
         lines.append("So they alone are not the reason; errors of the model itself, which the probability takes into "

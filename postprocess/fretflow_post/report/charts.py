@@ -155,8 +155,8 @@ def extent(values: Iterable[Array], margin: float = 0.05, around_zero: bool = Fa
         return -1.0, 1.0
     low, high = float(flat.min()), float(flat.max())
     if high - low <= 1e-12 * max(abs(low), abs(high)):
-        reach = abs(high) or 1.0
-        return low - reach, high + reach
+        half = abs(high) or 1.0
+        return low - half, high + half
     return low - margin * (high - low), high + margin * (high - low)
 
 

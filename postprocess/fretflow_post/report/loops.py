@@ -94,14 +94,14 @@ def loop_views(diagnosis: Diagnosis) -> LoopViews:
 
 def evolution_views(diagnosis: Diagnosis, after: bool) -> tuple[tuple[str, Markup], ...]:
     """Return what is read off the loops over the cycles as charts, each with its title."""
-    found, charts = diagnosis.evolution, []
-    if found is None:
+    evolution, charts = diagnosis.evolution, []
+    if evolution is None:
         return ()
-    for name, unit, values in readings(found):
+    for name, unit, values in readings(evolution):
         shown = list(zip(("measured", "before", "after"), values, strict=True))[:3 if after else 2]
         chart = Chart(f"{name} over the cycles", "cycles", f"{name} ({unit})", height=LOW)
         for look, own in shown:
-            chart.curve(look, look, found.cycles, own)
+            chart.curve(look, look, evolution.cycles, own)
         chart.read(along=True)
         charts.append((name, chart.markup()))
     return tuple(charts)

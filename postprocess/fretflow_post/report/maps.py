@@ -90,12 +90,12 @@ def _draw_strip(chart: Chart, loop: Comparison, rows: int, strip: float) -> dict
 
 def law_view(law: ResidualLaw | None) -> Markup | None:
     """Return what an unlisted effect does as a curve with its 90 % interval, or None where there is none."""
-    found = law_curve(law)
-    if found is None:
+    curve = law_curve(law)
+    if curve is None:
         return None
-    names, x, y, reach = found
+    names, x, y, half_width = curve
     chart = Chart(f"{names[1]} over {names[0]}", *names)
-    chart.band("after", x, y - reach, y + reach)
+    chart.band("after", x, y - half_width, y + half_width)
     chart.level(0.0)
     chart.curve("difference", "after", x, y)
     chart.read(along=True)
@@ -157,15 +157,15 @@ def tests_view(tests: WearTests | None, with_after: bool) -> TestsView | None:
     unit, size = readable_unit(float(np.median(tests.measured)), "m^3")
     if unit == "um^3":
         unit, size = "mm^3", 1e-9  # which wear volumes are told in
-    reach = extent([values / size for values in (tests.measured, *(one[1] for one in shown))], around_zero=True)
-    return TestsView(tuple((name, _chart(tests, values, name, pretty_unit(unit), size, reach),
+    limits = extent([values / size for values in (tests.measured, *(one[1] for one in shown))], around_zero=True)
+    return TestsView(tuple((name, _chart(tests, values, name, pretty_unit(unit), size, limits),
                             f"R² = {number(r2, 0.01)}") for name, values, r2 in shown))
 
 
-def _chart(tests: WearTests, predicted: Array, name: str, unit: str, size: float, reach: Limits) -> Markup:
+def _chart(tests: WearTests, predicted: Array, name: str, unit: str, size: float, limits: Limits) -> Markup:
     chart = Chart(f"predicted volume {name} over measured volume of each test", f"measured volume ({unit})",
-                  f"predicted volume ({unit})", reach, reach)
-    chart.curve("equal", "muted", np.array(reach), np.array(reach))
+                  f"predicted volume ({unit})", limits, limits)
+    chart.curve("equal", "muted", np.array(limits), np.array(limits))
     chart.points(name, name, tests.measured / size, predicted / size, [
         f"row {row}: measured {number(float(x))} {unit}, predicted {number(float(y))}"
         for row, x, y in zip(tests.rows, tests.measured / size, predicted / size, strict=True)])

@@ -48,8 +48,8 @@ def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
     panels = tuple((name, _wear_map(wear, values / size, f"wear depth {name}", style.DEPTH_MAP, (low, high),
                                     f"wear depth ({unit})"),
                     told(values, "deepest", float(np.nanmax(values)))) for name, values in shown.items())
-    reach = max((float(np.nanmax(np.abs(values))) for values in away.values()), default=0.0) / size or 1.0
-    off = tuple((name, _wear_map(wear, values / size, f"measured − {name}", style.SHAPE_MAP, (-reach, reach),
+    limit = max((float(np.nanmax(np.abs(values))) for values in away.values()), default=0.0) / size or 1.0
+    off = tuple((name, _wear_map(wear, values / size, f"measured − {name}", style.SHAPE_MAP, (-limit, limit),
                                  f"measured − predicted ({unit})"),
                  told(values, "sd", float(np.nanstd(values)))) for name, values in away.items())
     return WearViews(panels, f"{number(low)} {unit}" if low > 0.0 else "", off, _profiles(wear, shown, size, unit))
@@ -57,12 +57,12 @@ def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
 
 def _profiles(wear: WearMap, shown: dict[str, Array], size: float, unit: str) -> Markup:
     """Return the mean depth across over x, with the sd of the measured one across."""
-    found = {name: profile(wear.x * 1e3, values / size) for name, values in shown.items()}
-    x, mean, sd = found["measured"]
+    profiles = {name: profile(wear.x * 1e3, values / size) for name, values in shown.items()}
+    x, mean, sd = profiles["measured"]
     chart = Chart("mean wear depth across, over x", X_LABEL, f"mean depth across ({unit})",
                   height=LOW)
     chart.band("measured", x, mean - sd, mean + sd)
-    for name, (at, own, _) in found.items():
+    for name, (at, own, _) in profiles.items():
         chart.curve(name, name, at, own)
     chart.read(along=True)
     return chart.markup()
