@@ -114,14 +114,14 @@ class Answer:
             return (self.effects,)
         if self.verdict != AMBIGUOUS:
             return ()
-        found, sum_ = [frozenset({one}) for one in sorted(self.effects)], 0.0
+        sets, sum_ = [frozenset({one}) for one in sorted(self.effects)], 0.0
         for effects, probability in self.ranking:
             if sum_ >= CLASS_PROBABILITY:
                 break
             sum_ += probability
-            if effects and effects not in found:
-                found.append(effects)
-        return tuple(found)
+            if effects and effects not in sets:
+                sets.append(effects)
+        return tuple(sets)
 
 
 def _number(value: Any) -> float | None:
@@ -139,9 +139,9 @@ def merged(effects: Effects, channels: Effects) -> Effects:
     return frozenset(names.get(effect, effect) for effect in effects)
 
 
-def same(found: Effects, key: Key) -> bool:
+def same(effects: Effects, key: Key) -> bool:
     """Return whether a set of effects is the hidden one, aliases merged."""
-    return merged(found, key.channels) == merged(key.effects, key.channels)
+    return merged(effects, key.channels) == merged(key.effects, key.channels)
 
 
 def top_right(answer: Answer, key: Key) -> bool:

@@ -83,7 +83,7 @@ def compose(cases: int, seed: int, world: int | None = None) -> list[tuple[str, 
     drawn = list(rng.permutation(kinds(cases)))
     singles, pairs, unknowns = (_round(rng, list(names)) for names in (LISTED, LISTED, UNLISTED))
     worlds = {kind: _round(rng, list(WORLDS) if world is None else [world]) for kind in SHARES}
-    found = []
+    composed = []
     for kind, own in zip(drawn, sequence.spawn(cases), strict=True):
         names: tuple[str, ...] = ()
         if kind == SINGLE:
@@ -95,8 +95,8 @@ def compose(cases: int, seed: int, world: int | None = None) -> list[tuple[str, 
             while second == first or any({first, second} == one for one in APART):
                 second = next(pairs)
             names = tuple(sorted((first, second)))
-        found.append((str(kind), names, own, next(worlds[kind])))
-    return found
+        composed.append((str(kind), names, own, next(worlds[kind])))
+    return composed
 
 
 def _round(rng: Generator, members: Sequence[Any]) -> Iterator[Any]:
@@ -140,13 +140,13 @@ def simulate(kind: str, names: Sequence[str], seed: SeedSequence, world: int = 1
 
 def _seen(case: Case, outcome: Outcome) -> Simulated:
     """Return the case with what each hidden effect shows beside the others."""
-    joint, found, rates = case.joint, {}, None
+    joint, signals, rates = case.joint, {}, None
     for one in case.hidden:
         rest = replace(case, hidden=tuple(other for other in case.hidden if other is not one)).with_effects()
-        found[one.id], rates = signal_of(joint, outcome, rest, case.plan, case.noise, case.seen, case.repeats)
+        signals[one.id], rates = signal_of(joint, outcome, rest, case.plan, case.noise, case.seen, case.repeats)
     if rates is None:
         rates = slopes(joint, case.physics, case.plan, outcome, case.seen)
-    return Simulated(case, outcome, rates, found)
+    return Simulated(case, outcome, rates, signals)
 
 
 def key(simulated: Simulated) -> dict[str, Any]:

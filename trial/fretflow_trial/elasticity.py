@@ -105,9 +105,10 @@ def specimen_compliance(along: tuple[float, ...] = ALONG, across: tuple[float, .
     contact = np.searchsorted(free, (3 * touching[:, None] + np.arange(3)).ravel())
     forces = np.zeros((len(free), len(contact)))
     forces[contact, np.arange(len(contact))] = 1.0
-    found = splu(whole[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(forces)
+    factors = splu(whole[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    displacements = factors.solve(forces)
     x, y, _ = np.unravel_index(touching, shape)
-    compliance = found[contact]
+    compliance = displacements[contact]
     return np.stack([grids[0].nodes[x], grids[1].nodes[y]], axis=1), 0.5 * (compliance + compliance.T)
 
 

@@ -169,10 +169,10 @@ def normal_load_drift(rng: Generator, other: bool, facts: Facts) -> Hidden:
     law = form(rng, other, "linear", "rational", "logarithm")
 
     def share(slow: Slow) -> float:
-        lost = {CATALOGUE: 1.0 - np.exp(-slow.cycles / settling), "linear": slow.elapsed,
-                "rational": slow.cycles / (slow.cycles + settling),
-                "logarithm": np.log1p(slow.cycles / settling) / np.log1p(facts.cycles / settling)}[law]
-        return 1.0 - loss * float(lost)
+        settled = {CATALOGUE: 1.0 - np.exp(-slow.cycles / settling), "linear": slow.elapsed,
+                   "rational": slow.cycles / (slow.cycles + settling),
+                   "logarithm": np.log1p(slow.cycles / settling) / np.log1p(facts.cycles / settling)}[law]
+        return 1.0 - loss * float(settled)
 
     return Hidden("normal-load-drift", True, law, ("contact", "rig"),
                   {"loss": loss} if other else {"loss": loss, "settling": settling},

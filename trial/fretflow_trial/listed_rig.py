@@ -95,8 +95,8 @@ def backlash(rng: Generator, other: bool, facts: Facts) -> Hidden:
         apart, half = float(rig[1] - rig[0]), 0.5 * play
         flanks = {"soft flanks": half * np.tanh(apart / half), "rational flanks": apart / np.hypot(1.0, apart / half)}
         flank = flanks.get(law, min(max(apart, -half), half))
-        lost = facts.hinge * flank * (1.0 - bush if "bush" in law else 1.0)
-        return -lost, lost
+        force = facts.hinge * flank * (1.0 - bush if "bush" in law else 1.0)
+        return -force, force
 
     return _pull("backlash", law, {"play": play}, missing)
 

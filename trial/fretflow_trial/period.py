@@ -97,8 +97,8 @@ class March:
 
     def _contact(self, pressure: Array, other: Contact | None) -> Contact:
         joint, soft = self.joint, np.zeros(self.joint.size)
-        found = None if self.physics.springs is None else self.physics.springs(self.slow, pressure)
-        springs = [k * joint.areas for k in found or (self.physics.rigid, self.physics.rigid)]
+        stiffnesses = None if self.physics.springs is None else self.physics.springs(self.slow, pressure)
+        springs = [k * joint.areas for k in stiffnesses or (self.physics.rigid, self.physics.rigid)]
         if self.physics.layer is not None:
             soft = self.slow.layer / (self.physics.layer(joint.nodes).modulus * joint.areas)
         sliding, normal = 1.0 / (1.0 / springs[0] + NORMAL_TO_SHEAR * soft), 1.0 / (1.0 / springs[1] + soft)
@@ -141,9 +141,9 @@ class March:
         end = state.rig + self.duration * np.append(state.rig[2:], [0.0, 0.0])
         for _ in range(2):
             late = self._rig_forces(end)
-            found = self._advance(state, k, now, then, early, late)
-            end = found[0].rig
-        return found
+            advanced = self._advance(state, k, now, then, early, late)
+            end = advanced[0].rig
+        return advanced
 
     def _rig_forces(self, rig: Array) -> Array:
         return np.asarray(np.sum([force(rig, self.slow) for force in self.physics.rig_forces], axis=0))

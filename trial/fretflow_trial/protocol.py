@@ -192,8 +192,8 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
         home = Path(scratch) / "home"
         home.mkdir()
         shutil.copytree(out / "recordings" / name, Path(scratch) / "recording")
-        found, failure = Path(scratch) / "diagnosis.json", ""
-        full = [*command, str(Path(scratch) / "recording"), "--json", str(found), "--out",
+        json_file, failure = Path(scratch) / "diagnosis.json", ""
+        full = [*command, str(Path(scratch) / "recording"), "--json", str(json_file), "--out",
                 str(Path(scratch) / "results"), *(["--fast"] if fast else [])]
         try:
             run = subprocess.run(full, cwd=home, env=scrubbed(home, cache), capture_output=True, text=True,
@@ -207,7 +207,7 @@ def diagnose_one(out: Path, name: str, command: Sequence[str], fast: bool, cache
         diagnosis = None
         if not failure:
             try:
-                diagnosis = load(found)
+                diagnosis = load(json_file)
             except (OSError, ValueError) as error:
                 failure = f"wrote no JSON: {error}"
         report = Path(scratch) / "results" / "report.html"

@@ -82,8 +82,8 @@ def _map(simulated: Simulated, rng: Generator, joint: Joint) -> str:
     line = np.unique(np.round(joint.nodes[:, 0], 12))
     depth = RectBivariateSpline(line, line, simulated.outcome.depth.reshape(len(line), -1), kx=1, ky=1)
     even = np.linspace(line[0], line[-1], simulated.case.map_points)
-    found = depth(even, even) + simulated.case.noise.depth * rng.standard_normal(2 * [len(even)])
-    rows = [f"{1e3 * x:.5f},{1e3 * y:.5f},{1e6 * found[i, j]:.4f}" for i, x in enumerate(even)
+    measured = depth(even, even) + simulated.case.noise.depth * rng.standard_normal(2 * [len(even)])
+    rows = [f"{1e3 * x:.5f},{1e3 * y:.5f},{1e6 * measured[i, j]:.4f}" for i, x in enumerate(even)
             for j, y in enumerate(even)]
     return "\n".join(["x_mm,y_mm,depth_um", *rows]) + "\n"
 

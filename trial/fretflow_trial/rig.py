@@ -90,9 +90,9 @@ def step_of(rig: Rig, duration: float, scheme: Scheme = EXACT) -> Step:
     augmented[2:4, 2:4] = -np.linalg.solve(mass, damping)
     augmented[2:4, 4:6] = np.linalg.inv(mass)
     augmented[4:6, 6:8] = np.eye(2)
-    found = expm(augmented * duration)
-    late = found[:4, 6:8] / duration
-    return Step(found[:4, :4], found[:4, 4:6] - late, late)
+    transition = expm(augmented * duration)
+    late = transition[:4, 6:8] / duration
+    return Step(transition[:4, :4], transition[:4, 4:6] - late, late)
 
 
 def _implicit_step(mass: Array, damping: Array, stiffness: Array, duration: float, theta: float) -> Step:

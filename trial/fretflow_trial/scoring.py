@@ -82,8 +82,8 @@ class Bin:
 
 def share(results: Iterable[Result], right: Callable[[Answer, Key], bool]) -> Share:
     """Return how many of `results` are `right`."""
-    found = [right(one.answer, one.key) for one in results]
-    return Share(sum(found), len(found))
+    hits = [right(one.answer, one.key) for one in results]
+    return Share(sum(hits), len(hits))
 
 
 def reliability(events: Sequence[tuple[float, bool]], bins: int = BINS) -> tuple[Bin, ...]:

@@ -69,14 +69,14 @@ def stacked(loops: tuple[Channels, ...], names: tuple[str, ...]) -> dict[str, Ar
 
     Where the drive is not among them, nothing tells the phase: it is then counted from the displacement's fundamental.
     """
-    found = {name: np.stack([getattr(loop, name)[:len(loop.time) // loop.periods] for loop in loops])
-             for name in names}
+    channels = {name: np.stack([getattr(loop, name)[:len(loop.time) // loop.periods] for loop in loops])
+                for name in names}
     if "excitation" in names:
-        return found
-    first = np.fft.rfft(found["displacement"])[:, 1:2]
-    samples = found["displacement"].shape[1]
+        return channels
+    first = np.fft.rfft(channels["displacement"])[:, 1:2]
+    samples = channels["displacement"].shape[1]
     turn = np.exp(-1j * np.angle(first) * np.arange(samples // 2 + 1))
-    return {name: np.fft.irfft(turn * np.fft.rfft(values), samples) for name, values in found.items()}
+    return {name: np.fft.irfft(turn * np.fft.rfft(values), samples) for name, values in channels.items()}
 
 
 def slopes(joint: Joint, physics: Physics, plan: Plan, outcome: Outcome, names: tuple[str, ...]) -> Slopes:
@@ -85,7 +85,7 @@ def slopes(joint: Joint, physics: Physics, plan: Plan, outcome: Outcome, names: 
     Loops in between take those of the last one.
     """
     base = (outcome.loops[0], outcome.loops[-1], *outcome.sweep)
-    found = []
+    derivatives = []
     for nudged in (replace(physics, friction=physics.friction * (1.0 + NUDGE)),
                    replace(physics, rig=replace(physics.rig, block_mass=physics.rig.block_mass * (1.0 + NUDGE)))):
         test = Test(joint, nudged, plan)
@@ -94,8 +94,8 @@ def slopes(joint: Joint, physics: Physics, plan: Plan, outcome: Outcome, names: 
         after, before = stacked(tuple(loops), names), stacked(base, names)
         change = {name: (after[name] - before[name]) / NUDGE for name in names}
         between = [0] + [1] * (len(plan.cycles) - 1) + list(range(2, len(base)))
-        found.append({name: values[between] for name, values in change.items()})
-    return Slopes(*found)
+        derivatives.append({name: values[between] for name, values in change.items()})
+    return Slopes(*derivatives)
 
 
 def signal(joint: Joint, with_effect: Outcome, without: Outcome, rates: Slopes, noise: Noise, repeats: int) -> Signal:
@@ -111,7 +111,7 @@ def signal(joint: Joint, with_effect: Outcome, without: Outcome, rates: Slopes, 
     overall = np.array([*level.values(), noise.depth])[place]
     refit = _refit(joint, without, loops, rates)
     gains = _gains(joint, loops)
-    left, found = _left(change / overall, refit / overall[:, None], noise.calibration * gains / overall[:, None])
+    left, coefficients = _left(change / overall, refit / overall[:, None], noise.calibration * gains / overall[:, None])
     rms = {name: float(np.sqrt(np.mean(left[:len(change)][place == k]**2))) for k, name in enumerate(parts)}
     kept = float(np.sum(left[:len(change)]**2))
     # coloured noise is counted as if it were as strong everywhere as where it is strongest, in the slowest changes
@@ -121,7 +121,7 @@ def signal(joint: Joint, with_effect: Outcome, without: Outcome, rates: Slopes, 
     apart, _ = _left(change / sample, refit / sample[:, None], scatter / sample[:, None])
     whole = max(float(np.sum((change / overall)**2)), 1e-300)
     return Signal(max(rms.values()), float(np.linalg.norm(apart)), 1.0 - kept / whole, rms,
-                  (float(found[0]), float(found[1]), float(found[2])))
+                  (float(coefficients[0]), float(coefficients[1]), float(coefficients[2])))
 
 
 def _left(change: Array, free: Array, scattered: Array) -> tuple[Array, Array]:
@@ -134,8 +134,8 @@ def _left(change: Array, free: Array, scattered: Array) -> tuple[Array, Array]:
     columns = np.block([[free / np.where(size > 0.0, size, 1.0), scattered],
                         [np.zeros((count, free.shape[1])), np.eye(count)]])
     target = np.concatenate([change, np.zeros(count)])
-    found = lstsq(columns, target, lapack_driver="gelsy")[0]
-    return target - columns @ found, found[:free.shape[1]] / np.where(size > 0.0, size, 1.0)
+    coefficients = lstsq(columns, target, lapack_driver="gelsy")[0]
+    return target - columns @ coefficients, coefficients[:free.shape[1]] / np.where(size > 0.0, size, 1.0)
 
 
 def _refit(joint: Joint, without: Outcome, loops: Mapping[str, Array], rates: Slopes) -> Array:
@@ -173,13 +173,13 @@ def signal_of(joint: Joint, with_effect: Outcome, physics: Physics, plan: Plan, 
     """
     without = Test(joint, physics, plan).run()
     first = rates = slopes(joint, physics, plan, without, names)
-    found = signal(joint, with_effect, without, rates, noise, repeats)
-    if max(map(abs, found.refit)) < LINEAR:
-        return found, first
-    friction, mass, wear = (1.0 + min(max(change, -LARGEST_STEP), LARGEST_STEP) for change in found.refit)
+    seen = signal(joint, with_effect, without, rates, noise, repeats)
+    if max(map(abs, seen.refit)) < LINEAR:
+        return seen, first
+    friction, mass, wear = (1.0 + min(max(change, -LARGEST_STEP), LARGEST_STEP) for change in seen.refit)
     refitted = replace(physics, friction=physics.friction * friction, wear=physics.wear * wear,
                        rig=replace(physics.rig, block_mass=physics.rig.block_mass * mass))
     without = Test(joint, refitted, plan).run()
     rates = slopes(joint, refitted, plan, without, names)
     again = signal(joint, with_effect, without, rates, noise, repeats)
-    return (again if again.total < found.total else found), first
+    return (again if again.total < seen.total else seen), first
