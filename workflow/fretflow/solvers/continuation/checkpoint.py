@@ -18,7 +18,7 @@ from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_record
 from fretflow.solvers.continuation.curve import SweepDirection
 from fretflow.solvers.continuation.model import FORMER, Secants
-from fretflow.solvers.continuation.points import FoundPoint, Trail
+from fretflow.solvers.continuation.points import ResponsePoint, Trail
 from fretflow.solvers.continuation.system import ContinuationSystem, CurvePoint
 from fretflow.solvers.quasi_static.sample import Array, SampleState
 
@@ -30,7 +30,7 @@ class Trace:
     """A curve as far as it has been followed: its points, the unit chord that leads on and the arc to try."""
 
     direction: SweepDirection
-    points: list[FoundPoint]
+    points: list[ResponsePoint]
     along: Array
     arc: float
     ended: bool = False
@@ -115,11 +115,11 @@ def _columns(traces: Sequence[Trace]) -> dict[str, NDArray[Any]]:
         "secants": pairs, "secant_count": np.array([p.secants.defects.shape[1] for p in points])}
 
 
-def _point_of_row(system: ContinuationSystem, columns: Mapping[str, NDArray[Any]], row: int) -> FoundPoint:
+def _point_of_row(system: ContinuationSystem, columns: Mapping[str, NDArray[Any]], row: int) -> ResponsePoint:
     """Return the point of one row."""
     c = {name: values[row].copy() for name, values in columns.items()}
     defects, residuals = (np.ascontiguousarray(part[:, :int(c["secant_count"])]) for part in c["secants"])
     point = CurvePoint(c["seen_m"], c["other_m"], float(c["omega_rad_s"]),
                        SampleState(c["displacement_m"], c["force_N"], c["state"]), bool(c["sticks"]), None,
                        c["residual_N"], float(c["norm"]), Secants(defects, residuals), int(c["iterations"]))
-    return FoundPoint(system, point, c["first_harmonic_m"], c["peak_to_peak_m"], c["touched"], bool(c["bridged"]))
+    return ResponsePoint(system, point, c["first_harmonic_m"], c["peak_to_peak_m"], c["touched"], bool(c["bridged"]))

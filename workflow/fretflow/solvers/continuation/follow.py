@@ -37,7 +37,7 @@ from fretflow.solvers.continuation.curve import (
     label_branches,
 )
 from fretflow.solvers.continuation.model import Plane
-from fretflow.solvers.continuation.points import STRAIGHT, Face, FoundPoint, Trail, channels_of, judge
+from fretflow.solvers.continuation.points import STRAIGHT, Face, ResponsePoint, Trail, channels_of, judge
 from fretflow.solvers.continuation.refinement import Refinement
 from fretflow.solvers.continuation.system import NO_MEMORY, ContinuationSystem, CurvePoint
 from fretflow.solvers.periodic import PeriodicProblem
@@ -90,7 +90,7 @@ class Sweep:
 class _Run:
     """A curve in one direction; multiplier nan where stability follows from that of both neighbours."""
 
-    points: list[FoundPoint]
+    points: list[ResponsePoint]
     multiplier: Array
     stable: NDArray[np.bool_]
     change: float  # of the largest first harmonics with the finer settings, relative
@@ -366,9 +366,9 @@ class _Follower:
         share = (omega - inside.omega) / way if way else 1.0  # the first step may turn back at the range's end itself
         return self.system.at_frequency(omega, inside.seen + share * (outside.seen - inside.seen), inside.end, inside)
 
-    def _keep(self, point: CurvePoint, bridged: bool = False) -> FoundPoint:
+    def _keep(self, point: CurvePoint, bridged: bool = False) -> ResponsePoint:
         self.note(point.omega / (2.0 * pi))
-        return FoundPoint.of(self.face, self.system, point, bridged)
+        return ResponsePoint.of(self.face, self.system, point, bridged)
 
 
 def _backbone(problem: PeriodicProblem) -> Backbone | None:

@@ -41,8 +41,8 @@ class Face:
 
 
 @dataclass(frozen=True)
-class FoundPoint:
-    """A point of the curve with what is kept of it."""
+class ResponsePoint:
+    """A solved point of the curve with what is kept of it: what moves, and where the faces touch."""
 
     system: ContinuationSystem
     point: CurvePoint
@@ -57,7 +57,7 @@ class FoundPoint:
         return self.point.omega / (2.0 * pi)
 
     @classmethod
-    def of(cls, face: Face, system: ContinuationSystem, point: CurvePoint, bridged: bool) -> FoundPoint:
+    def of(cls, face: Face, system: ContinuationSystem, point: CurvePoint, bridged: bool) -> ResponsePoint:
         """Return what is kept of `point`, a root of `system` on `face`."""
         period, part = system.period(point), face.part
         internal = system.motion(point)
@@ -89,7 +89,7 @@ class Trail:
     Across a gap it does not lead: that is to be found, and said, again.
     """
 
-    def __init__(self, points: list[FoundPoint]) -> None:
+    def __init__(self, points: list[ResponsePoint]) -> None:
         """Take the points in the order in which they were found."""
         beyond = [*(p.bridged for p in points[1:]), False]
         self._left = [(p.point, gap) for p, gap in zip(points, beyond, strict=True)]
@@ -115,7 +115,7 @@ class Trail:
         return None
 
 
-def judge(points: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
+def judge(points: list[ResponsePoint], top: int) -> tuple[Array, NDArray[np.bool_]]:
     """Return the largest Floquet multipliers, nan where not found, and which points are stable, (P,) each.
 
     Computed are those of every tenth point, of the ends, the peak, turning points, gaps and their neighbours, and
@@ -135,7 +135,7 @@ def judge(points: list[FoundPoint], top: int) -> tuple[Array, NDArray[np.bool_]]
             np.array([judged[k][1] for k in nearest]))
 
 
-def _judge_one(kept: FoundPoint) -> tuple[float, bool]:
+def _judge_one(kept: ResponsePoint) -> tuple[float, bool]:
     """Return the largest modulus of the Floquet multipliers, and whether the period is stable."""
     system, point = kept.system, kept.point
     at = system.at(point.omega)

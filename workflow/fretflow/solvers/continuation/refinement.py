@@ -11,7 +11,7 @@ import numpy as np
 from fretflow.core.errors import NonConvergenceError
 from fretflow.solvers.continuation.curve import Parabola, arc_lengths, half_power_bracket, summit
 from fretflow.solvers.continuation.model import Plane
-from fretflow.solvers.continuation.points import Face, FoundPoint
+from fretflow.solvers.continuation.points import Face, ResponsePoint
 from fretflow.solvers.continuation.system import ContinuationSystem, CurvePoint
 from fretflow.solvers.quasi_static.sample import Array
 
@@ -27,7 +27,7 @@ class Refinement:
         self.face, self.fine, self.channel, self.note = face, fine, channel, note
         self.size = len(fine.seen) * (2 * fine.harmonics + 1)
 
-    def refine(self, points: list[FoundPoint]) -> float:
+    def refine(self, points: list[ResponsePoint]) -> float:
         """Insert points at the peak and at half its power; return how much the finer settings change its top."""
         if self.top(points) in (0, len(points) - 1):
             return float("nan")
@@ -44,7 +44,7 @@ class Refinement:
                 self._refine_half_power(points, step)
         return float(max(changes, default=np.nan))
 
-    def _refine_peak(self, points: list[FoundPoint]) -> None:
+    def _refine_peak(self, points: list[ResponsePoint]) -> None:
         for _ in range(MAX_INSERTIONS):
             top = self.top(points)
             if top in (0, len(points) - 1):
@@ -61,7 +61,7 @@ class Refinement:
             if abs(new - fitted.value) < PEAK_CHANGE * fitted.value:
                 return
 
-    def _refine_half_power(self, points: list[FoundPoint], step: int) -> None:
+    def _refine_half_power(self, points: list[ResponsePoint], step: int) -> None:
         for _ in range(MAX_INSERTIONS):
             amplitude = self._amplitude(points)
             top = int(np.argmax(amplitude))
@@ -75,7 +75,7 @@ class Refinement:
             if abs(abs(points[last].first_harmonic[self.channel]) / target - 1.0) < PEAK_CHANGE:
                 return
 
-    def _between(self, a: FoundPoint, b: FoundPoint, share: float) -> FoundPoint:
+    def _between(self, a: ResponsePoint, b: ResponsePoint, share: float) -> ResponsePoint:
         """Return the finer point on the plane across the chord from `a` to `b`, at `share` of it.
 
         Raises
@@ -100,16 +100,16 @@ class Refinement:
         """Solve `point` again with the fine settings, at its frequency."""
         return self.fine.at_frequency(point.omega, _resized(point.seen, self.size), point.end)
 
-    def _amplitude(self, points: list[FoundPoint]) -> Array:
+    def _amplitude(self, points: list[ResponsePoint]) -> Array:
         return np.array([abs(p.first_harmonic[self.channel]) for p in points])
 
-    def top(self, points: list[FoundPoint]) -> int:
+    def top(self, points: list[ResponsePoint]) -> int:
         """Return the index of the largest amplitude."""
         return int(np.argmax(self._amplitude(points)))
 
-    def _keep(self, point: CurvePoint) -> FoundPoint:
+    def _keep(self, point: CurvePoint) -> ResponsePoint:
         self.note(point.omega / (2.0 * pi))
-        return FoundPoint.of(self.face, self.fine, point, False)
+        return ResponsePoint.of(self.face, self.fine, point, False)
 
 
 def _resized(seen: Array, size: int) -> Array:
