@@ -20,10 +20,9 @@ of the motion that is extrapolated from the step before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,20 +120,22 @@ def settle(problem: PeriodicProblem, start: PeriodicSolution | None, periods: tu
     march = _March(problem, _at_rest(problem) if start is None else at_phase_zero(problem, start), steps_per_period)
     marched: list[_Rows] = []
     while True:
-        marched.append(march.period(len(marched)))
+        marched.append(march.period())
         history = _history(problem, steps_per_period, marched)
         if len(marched) >= most or (len(marched) >= fewest and history.change[-1:].max(initial=0.0) <= drift):
             return history
 
 
-def march_periods(problem: PeriodicProblem, now: AtInstant, steps: int) -> Iterator[tuple[Array, SampleState]]:
+def march_periods(problem: PeriodicProblem, now: AtInstant, steps: int, parts: int = PARTS
+                  ) -> Iterator[tuple[Array, SampleState]]:
     """Yield of each period from `now`, an instant of phase 0, the internal coordinates (steps, d) in m, phase 0 first.
 
-    With them comes the contact at the period's end. Raises as `integrate`.
+    With them comes the contact at the period's end. A step in which the faces turn is made in so many parts. Raises as
+    `integrate`.
     """
-    march = _March(problem, now, steps)
-    for number in count():
-        internal = march.period(number).internal
+    march = _March(problem, now, steps, parts)
+    while True:
+        internal = march.period().internal
         yield np.roll(internal, 1, axis=0), march.now.contact
 
 
@@ -163,52 +164,49 @@ def _history(problem: PeriodicProblem, steps: int, marched: list[_Rows]) -> Time
 class _March:
     """The structure on its way, period after period."""
 
-    def __init__(self, problem: PeriodicProblem, now: AtInstant, steps: int) -> None:
-        self.problem, self.steps, self.now = problem, steps, now
-        self.size = 1.0 / (problem.frequency * steps)
-        self.whole, self.small = (_Step(problem, h) for h in (self.size, self.size / PARTS))
+    def __init__(self, problem: PeriodicProblem, now: AtInstant, steps: int, parts: int = PARTS) -> None:
+        self.problem, self.steps, self.parts, self.now = problem, steps, parts, now
+        size = 1.0 / (problem.frequency * steps)
+        self.whole, self.small = _Step(problem, size), _Step(problem, size / PARTS)
+        self.loads = self._loads_at(np.arange(1.0, steps + 1))
         self.weights = problem.interface.areas / problem.interface.areas.sum()
 
-    def period(self, number: int) -> _Rows:
+    def period(self) -> _Rows:
         """March a period."""
         boundary, work = self.problem.boundary, np.empty(self.steps)
         internal, (u, f) = np.empty((self.steps, boundary.size)), np.empty((2, self.steps, 3 * boundary.nodes))
         for j in range(self.steps):
-            now = self._step(self.size * (number * self.steps + j))
-            internal[j], u[j], f[j], work[j] = now.motion.x, now.contact.displacement, now.contact.force, now.work
+            now = self._step(j)
+            internal[j], u[j], f[j], work[j] = now.motion[0], now.contact.displacement, now.contact.force, now.work
             self.now = replace(now, work=0.0)
-        loads = self.problem.loads_at(2.0 * np.pi * np.arange(1, self.steps + 1) / self.steps)
-        return _Rows(internal, boundary.observe(internal, u, f, loads), u[:, 0::3] @ self.weights,
+        return _Rows(internal, boundary.observe(internal, u, f, self.loads), u[:, 0::3] @ self.weights,
                      -f[:, 0::3].sum(axis=1), work)
 
-    def _step(self, time: float) -> AtInstant:
+    def _loads_at(self, step: Array) -> Array:
+        """Return the loads (N, i) in N at so many (N,) steps from phase 0."""
+        return self.problem.loads_at(2.0 * np.pi * step / self.steps)
+
+    def _step(self, j: int) -> AtInstant:
         sliding = self.problem.boundary.sliding
         with suppress(NonConvergenceError):  # too far for one step
-            after = self.whole.advance(self.now, time)
-            turns = (sliding @ self.now.motion.v) * (sliding @ after.motion.v) <= 0.0
-            if not turns or np.all(self.now.contact.state == STICK):
+            after = self.whole.advance(self.now, self.loads[j])
+            turns = (sliding @ self.now.motion[1]) * (sliding @ after.motion[1]) <= 0.0
+            if self.parts == 1 or not turns or np.all(self.now.contact.state == STICK):
                 return after
         after = self.now
-        for part in range(PARTS):
-            after = self.small.advance(after, time + part * self.small.size)
+        for load in self._loads_at(j + np.arange(1.0, PARTS + 1) / PARTS):
+            after = self.small.advance(after, load)
         return after
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """The coordinates at an instant: displacement, velocity, the scheme's acceleration and the true one, each (d,)."""
-
-    x: Array
-    v: Array
-    a: Array
-    w: Array
-
-
-@dataclass(frozen=True)
 class AtInstant:
-    """The structure at an instant, and what friction has dissipated since the last instant kept, J."""
+    """The structure at an instant, and what friction has dissipated since the last instant kept, J.
 
-    motion: _Motion
+    The rows of `motion` (4, d) are displacement, velocity, the scheme's acceleration and the true one.
+    """
+
+    motion: Array
     contact: SampleState
     work: float = 0.0
 
@@ -218,9 +216,13 @@ class _Step:
 
     def __init__(self, problem: PeriodicProblem, size: float) -> None:
         b, h = problem.boundary, size
-        self.problem, self.size, self.internal = problem, size, b.internal
+        self.problem, self.size, self.mass, self.damping = problem, size, b.internal.mass, b.internal.damping
+        # of motions: x1 - b h^2 a1, v1 - g h a1, what is kept of both accelerations, and x and v extrapolated
+        self.predictor = np.array([[1.0, h, (0.5 - B) * h**2, 0.0], [0.0, 1.0, (1.0 - G) * h, 0.0],
+                                   [0.0, 0.0, M / (1.0 - L), -L / (1.0 - L)],
+                                   [1.0, h, 0.5 * h**2, 0.0], [0.0, 1.0, h, 0.0]])
         self.inertia = (1.0 - M) / (1.0 - L) / (B * h**2)  # d w1 / d x1
-        dynamic = self.inertia * b.internal.mass + G / (B * h) * b.internal.damping + b.internal.stiffness
+        dynamic = self.inertia * self.mass + G / (B * h) * self.damping + b.internal.stiffness
         self.flexibility = np.linalg.inv(dynamic)
         self.response = self.flexibility @ b.transfer
         plain = ContactSystem.of(problem)
@@ -232,41 +234,39 @@ class _Step:
         self.round_off = ROUND_OFF * float(self.system.stiffness.diagonal().max())
         self.before: SampleState | None = None
 
-    def advance(self, now: AtInstant, time: float) -> AtInstant:
-        """Return the structure one step after `time`.
+    def advance(self, now: AtInstant, driven: Array) -> AtInstant:
+        """Return the structure one step later, under the loads `driven` (i,) then, N.
 
         Raises
         ------
         NonConvergenceError
             If the contact is not found.
         """
-        rig, h, b = now.motion, self.size, self.problem.boundary
-        ahead = rig.x + h * rig.v + (0.5 - B) * h**2 * rig.a  # x1 - b h^2 a1
-        drift = rig.v + (1.0 - G) * h * rig.a  # v1 - g h a1
-        kept = (M * rig.a - L * rig.w) / (1.0 - L)
-        load = self.internal.mass @ (self.inertia * ahead - kept)
-        load = load + self.internal.damping @ (G / (B * h) * ahead - drift)
-        driven = self.problem.loads_at(np.array([self.problem.omega * (time + h)]))[0]
-        x1, v1 = rig.x + h * rig.v + 0.5 * h**2 * rig.a, rig.v + h * rig.a
-        load = load + b.input_force @ driven + total_force(b.forces, x1[None], v1[None]).force[0]
+        h, b, factor = self.size, self.problem.boundary, 1.0
+        ahead, drift, kept, x1, v1 = self.predictor @ now.motion
+        load = (self.mass @ (self.inertia * ahead - kept) + self.damping @ (G / (B * h) * ahead - drift)
+                + b.input_force @ driven)
+        if b.forces:
+            load = load + total_force(b.forces, x1[None], v1[None]).force[0]
+        if self.problem.law.motion_factors:
+            factor = float(self.problem.law.factor(x1[None] @ b.sliding, v1[None] @ b.sliding).factor[0])
         free = self.flexibility @ load
-        factor = self.problem.law.factor(x1[None] @ b.sliding, v1[None] @ b.sliding).factor
-        pull = [b.input_pull @ driven] * 2
+        held = now.motion[0] - self.response @ now.contact.force  # here the contact would stay as it is
+        pulls = b.coupling @ np.column_stack([free, held]) + (b.input_pull @ driven)[:, None]
         if b.curvature is not None:
-            pull = [whole + b.curvature @ at**2 for whole, at in zip(pull, (x1, rig.x), strict=True)]
-        contact = self._press(free, pull, now, float(factor[0]))
+            pulls += b.curvature @ np.column_stack([x1, now.motion[0]])**2
+        contact = self._press(free, pulls - self.carried @ (b.transfer @ pulls), now.contact, factor)
         x = free + self.response @ contact.force
         a = (x - ahead) / (B * h**2)
         slid = (contact.displacement - now.contact.displacement).reshape(-1, 3)[:, :2]
-        return AtInstant(_Motion(x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept), contact,
-                      now.work - float(np.sum(contact.force.reshape(-1, 3)[:, :2] * slid)))
+        return AtInstant(np.array([x, drift + G * h * a, a, (1.0 - M) / (1.0 - L) * a + kept]), contact,
+                         now.work - float(np.sum(contact.force.reshape(-1, 3)[:, :2] * slid)))
 
-    def _press(self, free: Array, pull: Sequence[Array], now: AtInstant, factor: float) -> SampleState:
+    def _press(self, free: Array, pulls: Array, last: SampleState, factor: float) -> SampleState:
         """Return the contact when the coordinates would, without contact, go to `free` (d,), in m.
 
-        Both under the `pull` there and that where they are now, beside their own.
+        The `pulls` (3 n, 2), N, are those then, and with which it would stay as it was `last`.
         """
-        last, b = now.contact, self.problem.boundary
         # a rigid contact knows its force no better than its stiffness times the round-off of displacements
         largest = max(float(np.abs(free).max(initial=0.0)), float(np.abs(last.displacement).max()))
         self.solver.tolerance = max(CONTACT_TOLERANCE * self.system.load / self.system.size,
@@ -275,10 +275,7 @@ class _Step:
         if self.before is not None and np.array_equal(last.state, self.before.state):
             guess = SampleState(2.0 * last.displacement - self.before.displacement, last.force, last.state)
         self.before = last
-        held = now.motion.x - self.response @ last.force  # here the contact would stay as it is
-        pulls = [whole - self.carried @ (b.transfer @ whole) for whole in
-                 (own + b.coupling @ there for own, there in zip(pull, (free, held), strict=True))]
-        return self.solver.solve(pulls[0], last.displacement, guess, pulls[1], factor)
+        return self.solver.solve(pulls[:, 0], last.displacement, guess, pulls[:, 1], factor)
 
 
 def _at_rest(problem: PeriodicProblem) -> AtInstant:
@@ -298,4 +295,4 @@ def begin(problem: PeriodicProblem, motion: Array, contact: SampleState) -> AtIn
     load = b.input_force @ problem.loads_at(np.zeros(1))[0] + b.transfer @ contact.force
     load = load + total_force(b.forces, x[None], v[None]).force[0] - b.internal.damping @ v - b.internal.stiffness @ x
     acceleration = np.linalg.solve(b.internal.mass, load)
-    return AtInstant(_Motion(x, v, acceleration, acceleration), contact)
+    return AtInstant(np.array([x, v, acceleration, acceleration]), contact)

@@ -123,11 +123,11 @@ class SampleState:
 
     def alone(self, copied: bool = False) -> PeriodHistory:
         """Return it as a period of one sample."""
-        period = PeriodHistory(np.zeros((1, 0)), plain(self.displacement[None]), plain(self.force[None]),
-                               np.require(self.state[None], dtype=np.int8, requirements=["C", "W"]))
-        if not copied:
-            return period
-        return PeriodHistory(period.position, period.displacement.copy(), period.force.copy(), period.state.copy())
+        def one(values: NDArray[Any], kind: type) -> NDArray[Any]:
+            return np.array(values[None], kind) if copied else np.require(values[None], kind, ["C", "W"])
+
+        return PeriodHistory(np.zeros((1, 0)), one(self.displacement, np.float64), one(self.force, np.float64),
+                             one(self.state, np.int8))
 
     @classmethod
     def of(cls, period: PeriodHistory, j: int = -1) -> SampleState:

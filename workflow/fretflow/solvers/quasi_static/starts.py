@@ -64,7 +64,7 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
     now = _stuck_motion(problem, equations, march) if near is None else near
     last, analysis = None, analysis_matrix(min(len(equations.analysis) // 2, (STEPS - 1) // 2), STEPS)
     ranges: list[float] = []
-    for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS), start=1):
+    for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS, parts=1), start=1):
         change = np.inf if last is None else float(np.abs(internal - last).max() / np.ptp(internal, axis=0).max())
         if count in SETTLING and (change < REPEATING or (ringing and count >= UNSETTLED)):
             coefficients = np.zeros((len(equations.analysis), internal.shape[1]))
