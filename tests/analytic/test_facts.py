@@ -22,7 +22,7 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.decision import decide, detected
 from fretflow.inference.experiment import Point
-from fretflow.inference.strategy import search
+from fretflow.inference.strategy import run_search
 from fretflow.inference.verdict import Verdict
 from fretflow.pipeline.problem import rig_problem
 from fretflow.recordings.kinds.facts import FactsFile, FactsRecording
@@ -140,7 +140,7 @@ def made_facts(effects, monkeypatch):
 def diagnosed(effects, monkeypatch):
     file = made_facts(effects, monkeypatch)
     hypotheses = refitted(FactsExperiment.of(file, model(file, FEW)), model(file, MORE), True, in_turn)
-    search(hypotheses, lambda share, text: None)
+    run_search(hypotheses, lambda share, text: None)
     detection = detect(hypotheses)
     found = detected(decide(hypotheses), detection)
     recording = FactsRecording(path=Path("facts.toml"), title="made", file=file)

@@ -19,11 +19,11 @@ from fretflow.inference.search import FAST, Search, log_gain
 from fretflow.inference.strategy import (
     begin_all,
     begin_elsewhere,
-    begun_beside,
+    beginnings_beside,
     exchange_laws,
     leading,
     may_hold,
-    search,
+    run_search,
     start_search,
 )
 from scipy.stats import multivariate_normal
@@ -137,7 +137,7 @@ def test_numerical_errors_are_put_right_where_the_fit_has_moved_to() -> None:
     experiment: Any = Coarse(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
+    run_search(found, lambda share, text: None)
     fit = found.fits[frozenset({"viscous"})]
     assert fit.parameters.values(fit.z)["viscous"]["size"] == pytest.approx(0.6, abs=0.006)
 
@@ -147,7 +147,7 @@ def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkey
     experiment: Any = Coarse(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
+    run_search(found, lambda share, text: None)
     names = frozenset({"viscous"})
     best = found.fits[names]
     away = found.fitter_of(names).at(replace(best.prediction.point, z=best.z + np.array([0.0, 8.0])), None)
@@ -166,13 +166,13 @@ def test_pairs_are_begun_where_they_promise_to_reach_what_one_effect_alone_does(
     found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia") + noise)
     strong, weak, other = (frozenset({name}) for name in ("viscous", "sensor-inertia", "parallel-stiffness"))
     begun = {names: {task.point.effects - names for task in beside(
-        found, names, begun_beside(found, [(found.fitter, found.fits[names])])[0].values())}
+        found, names, beginnings_beside(found, [(found.fitter, found.fits[names])])[0].values())}
         for names in (strong, weak, other)}
     assert found.best(1)[0] == weak  # by what it leaves, which is smoother
     assert weak in begun[strong]
     assert begun[weak] == {strong, frozenset({"support-nonlinearity"})}
     assert begun[other] == set()  # with the weak one it explains more than alone, and less than the strong one
-    laid = begun_beside(found, [(found.fitter, found.fits[weak])])[0].values()
+    laid = beginnings_beside(found, [(found.fitter, found.fits[weak])])[0].values()
     assert beside(found, weak, laid, found.log_evidence(weak)) == []  # those that promise more are fitted
     found.fits.pop(strong | weak)
     assert {task.point.effects for task in beside(found, weak, laid, found.log_evidence(weak))} == {strong | weak}
@@ -366,7 +366,7 @@ def test_an_effect_of_which_first_order_promises_nothing_is_fitted_where_nothing
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, replace(FAST, bases=0, partners=0), lambda function, arguments: [
         function(one) for one in arguments])
-    search(found, lambda share, text: None)
+    run_search(found, lambda share, text: None)
     assert found.fits[frozenset({"parallel-stiffness"})].objective < 500.0
     assert not found.fits[frozenset({"viscous"})].provisional
 

@@ -10,7 +10,7 @@ import pytest
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.parameters import Array
 from fretflow.inference.search import FAST
-from fretflow.inference.strategy import search, start_search
+from fretflow.inference.strategy import run_search, start_search
 from waves import LOOPS, SAMPLES, Waves, cosine, measurement, wave
 
 LAST = np.repeat(np.arange(LOOPS), SAMPLES) >= LOOPS - 2
@@ -54,7 +54,7 @@ def test_what_explains_a_test_until_it_jumps_leads_to_the_whole(known: bool) -> 
     experiment: Any = Jumping(measurement(values), known=known)
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
+    run_search(found, lambda share, text: None)
     fit = found.fits[frozenset({"viscous"})]
     size = fit.parameters.values(fit.z)["viscous"]["size"]
     assert found.leaves_noise(frozenset({"viscous"})) is known

@@ -12,7 +12,7 @@ from fretflow.inference import strategy
 from fretflow.inference.beginnings import Beginning, beginnings_task, beside
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.search import FAST, Search, Task
-from fretflow.inference.strategy import begun_beside, fit_pairs, search, start_search, to_rest
+from fretflow.inference.strategy import beginnings_beside, fit_pairs, run_search, start_search, to_rest
 from waves import Waves, cosine, judged, measurement, wave
 
 
@@ -52,7 +52,7 @@ def test_effects_are_begun_elsewhere_only_where_the_leading_ones_leave_more_once
     monkeypatch.setattr(strategy, "begin_elsewhere", lambda found, untold: asked.append(untold))
     values = cosine() + 0.6 * wave("sensor-inertia") + left * wave("parallel-stiffness")
     found = started(Biased(measurement(values), ("sensor-inertia",)))
-    search(found, lambda share, text: None)
+    run_search(found, lambda share, text: None)
     assert bool(asked) is looked
 
 
@@ -61,7 +61,7 @@ def test_effects_are_begun_in_two_parts_as_in_one() -> None:
     names = frozenset({"viscous"})
     fitter, fit = found.fitter_of(names), found.fits[names]
     whole = beginnings_task((fitter, fit, found.experiment.candidates()))
-    (parts,) = begun_beside(found, [(fitter, fit)])
+    (parts,) = beginnings_beside(found, [(fitter, fit)])
     assert parts.keys() == whole.keys()
     assert len(whole) == 3
     for key, one in whole.items():
@@ -74,7 +74,7 @@ def test_a_partner_begins_where_it_promises_most_and_where_it_does_least() -> No
     """What promises most by first order may do far too much; the pair goes on from the better start."""
     found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
     strong, pair = frozenset({"viscous"}), frozenset({"viscous", "sensor-inertia"})
-    (laid,) = begun_beside(found, [(found.fitter, found.fits[strong])])
+    (laid,) = beginnings_beside(found, [(found.fitter, found.fits[strong])])
     own = next(one for one in laid.values() if one.point.effects == pair)
     weaker = replace(own.point, z=own.point.z - [1.0, 0.0, 0.0])
     tasks = beside(found, strong, [replace(own, least=weaker)])

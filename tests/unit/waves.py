@@ -9,7 +9,7 @@ import numpy as np
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.search import FAST, Search
-from fretflow.inference.strategy import search, start_search
+from fretflow.inference.strategy import run_search, start_search
 
 LOOPS, SAMPLES = 6, 24
 BASELINE = (Coordinate("", "friction", 0.0, 0.3, True),)
@@ -101,5 +101,5 @@ def judged(values: Array, listed: tuple[str, ...] = tuple(SHAPES), sd: float = S
     experiment = Waves(measurement(values, sd), listed)
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
     found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
+    run_search(found, lambda share, text: None)
     return found

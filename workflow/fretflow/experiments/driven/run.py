@@ -31,7 +31,7 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
 from fretflow.inference.search import FAST, FULL
-from fretflow.inference.strategy import Progress, begin_all, search
+from fretflow.inference.strategy import Progress, begin_all, run_search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED
@@ -98,7 +98,7 @@ def searched(data: DrivenData, fast: bool, progress: Progress) -> DrivenSearch:
                    key=lambda fit: fit.chi_squared)
         shared = max(noise.correlation, _alike(rough, best))
     found = _start_search(DrivenExperiment(data, noise, shared, every), first, fast)
-    search(found, lambda share, text: progress(0.2 + 0.65 * share, text))
+    run_search(found, lambda share, text: progress(0.2 + 0.65 * share, text))
     return found
 
 

@@ -22,7 +22,7 @@ from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
-from fretflow.inference.strategy import Progress, search
+from fretflow.inference.strategy import Progress, run_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.kinds.facts import QUANTITIES, FactsFile, FactsRecording
@@ -50,7 +50,7 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
                     for elements in range(first, first + 2))
     progress(0.1, "refitting the baseline")
     hypotheses = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
-    search(hypotheses, lambda share, text: progress(0.2 + 0.7 * share, text))
+    run_search(hypotheses, lambda share, text: progress(0.2 + 0.7 * share, text))
     detection = detect(hypotheses)
     found = detected(decide(hypotheses), detection)
     progress(0.95, "what is held out")

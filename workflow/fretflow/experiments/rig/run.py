@@ -55,7 +55,7 @@ from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, Pool, Search
-from fretflow.inference.strategy import Progress, search, start_search
+from fretflow.inference.strategy import Progress, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed
 from fretflow.recordings.periods import LEVEL
@@ -113,7 +113,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     experiment, first = experiment_of(recording, (ELEMENTS, ELEMENTS + 1), tools, progress)
     progress(0.15, "refitting the baseline")
     hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
-    search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
+    run_search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
     before = _plainly(experiment, hypotheses.baseline)
     detection = detect(experiment.rig.observation, before)
     found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)

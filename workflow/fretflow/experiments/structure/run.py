@@ -23,7 +23,7 @@ from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
-from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, search, start_search
+from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
@@ -88,7 +88,7 @@ def _looked(found: Search, progress: Progress) -> Detection:
     """Return whether the baseline leaves anything, all sets fitted that may explain it."""
     detection = detect(found)
     if detection.p_value < FALSE_ALARMS:
-        search(found, progress)
+        run_search(found, progress)
     else:
         begin_all(found)  # what would have been seen
     return detection

@@ -26,7 +26,7 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
-from fretflow.inference.strategy import Progress, search
+from fretflow.inference.strategy import Progress, run_search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
     Detection,
@@ -70,7 +70,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     detection = detect(data)
     forms = fitted_forms(data)
     hypotheses = start_search(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
-    search(hypotheses, lambda share, text: progress(0.3 + 0.5 * share, text))
+    run_search(hypotheses, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
     found = left_to_chance(detected(decide(hypotheses), detection), detection.p_value)
     experiment, base, fit = hypotheses.experiment, hypotheses.baseline, hypotheses.fits[found.after]
