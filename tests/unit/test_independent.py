@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
 from fretflow.inference.evidence import SIZES, sizes
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import Array, Coordinate, Parameters
@@ -138,4 +138,4 @@ def test_the_choice_of_a_law_is_paid_and_intervals_hold():
     slope = next(one for one in estimates(free, names) if one.name == "viscous.slope")
     assert slope.low < 1.5 < slope.high
     assert slope.high - slope.low < 0.8
-    assert 0.0 < visible(free)["viscous"] < 1.0
+    assert 0.0 < smallest_visible(free)["viscous"] < 1.0

@@ -22,6 +22,7 @@ from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, cod
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, Coordinate
+from fretflow.inference.posterior import visible
 from fretflow.inference.search import Names, Search, basis
 from fretflow.inference.verdict import Estimate
 
@@ -126,14 +127,13 @@ def estimates(search: IndependentSearch[E], names: Names) -> tuple[Estimate, ...
                                                    np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
 
 
-def visible(search: IndependentSearch[E]) -> dict[str, float]:
+def smallest_visible(search: IndependentSearch[E]) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been as probable as none.
 
-    There half the square of its signature's norm is the logarithm of how many effects there are; the signature is that
-    of the stronger end of the ranges, taken as linear in the effect's size.
+    The signature is that of the stronger end of the ranges, taken as linear in the effect's size.
     """
     experiment, base, shares = search.experiment, search.baseline, {}
-    least, rest = np.sqrt(2.0 * np.log(max(len(experiment.candidates()), 2))), basis(base.whitened_jacobian)
+    least, rest = visible(len(experiment.candidates())), basis(base.whitened_jacobian)
     for name in experiment.candidates():
         own, size = experiment.parameters([name]), 0.0
         for way in (-HALF, HALF):

@@ -24,7 +24,7 @@ from fretflow.experiments.driven.views import (
     residual_maps,
     two_stiffnesses,
 )
-from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point
@@ -73,7 +73,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
         parameters=made,
         held_out=held_out(experiment, search.baseline, fit), residual_law=law,
         separating_measurement=separating(decision.rivals or [()]) if law is None else next_measurement(law),
-        smallest_visible=visible(search) if decision.verdict is Verdict.NONE else {},
+        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),
         notes=(*_notes(recording, data, experiment), *implausible(made), *two_stiffnesses(readings, made)),

@@ -13,7 +13,7 @@ import numpy as np
 
 from fretflow.core.records import Array
 from fretflow.effects.volume_law import VolumeLaw
-from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import WearData, scatter_odds, tests_of_detection, wear_data
@@ -96,7 +96,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
         parameters=parameters, held_out=unseen, remainder=remainder,
         separating_measurement=words.next_measurement(decision.sets, data, powers, [one.law for one in rivals], law),
         residual_law=law, wear_tests=view,
-        smallest_visible=visible(search) if none else {},
+        smallest_visible=smallest_visible(search) if none else {},
         notes=(*words.warnings(data, view), *_of_law(search, fit, powers, rivals, parameters)),
         case_file=words.case_text(series.title, experiment, decision.after, parameters) if decision.effects else "",
         after_model=after_model(decision.verdict, decision.after))
