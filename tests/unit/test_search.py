@@ -123,10 +123,10 @@ class Coarse(Waves):
     restored: float = 0.0
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
-        """Return the sum of the waves without what is lost."""
+        """Return the sum of the waves without what is missing."""
         own, exact = point.parameters.values(point.z), super().predict(point)
-        lost = [(0.15 * own[name]["size"]**2 - self.restored) * wave(name) for name in point.effects - point.neutral]
-        return replace(exact, values=exact.values - sum(lost, np.zeros(len(exact.values))))
+        missing = [(0.15 * own[name]["size"]**2 - self.restored) * wave(name) for name in point.effects - point.neutral]
+        return replace(exact, values=exact.values - sum(missing, np.zeros(len(exact.values))))
 
     def corrected(self, prediction: Prediction) -> Coarse:
         """Return the same with what is lost at a prediction."""
