@@ -139,12 +139,12 @@ def made_facts(effects, monkeypatch):
 
 def diagnosed(effects, monkeypatch):
     file = made_facts(effects, monkeypatch)
-    hypotheses = refitted(FactsExperiment.of(file, model(file, FEW)), model(file, MORE), True, in_turn)
-    run_search(hypotheses, lambda share, text: None)
-    detection = detect(hypotheses)
-    decision = detected(decide(hypotheses), detection)
+    search = refitted(FactsExperiment.of(file, model(file, FEW)), model(file, MORE), True, in_turn)
+    run_search(search, lambda share, text: None)
+    detection = detect(search)
+    decision = detected(decide(search), detection)
     recording = FactsRecording(path=Path("facts.toml"), title="made", file=file)
-    return told(recording, case_of_facts(file), hypotheses, decision, detection)
+    return told(recording, case_of_facts(file), search, decision, detection)
 
 
 def test_facts_that_a_change_made_are_explained_by_it(monkeypatch, tmp_path):

@@ -336,10 +336,10 @@ def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
     z[-1] = 5.0  # an effect's own range may be too narrow
     fit = SimpleNamespace(prediction=SimpleNamespace(point=None), parameters=space, z=z)
     decision = Decision(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))
-    hypotheses: Any = SimpleNamespace(fits={names: fit})
+    search: Any = SimpleNamespace(fits={names: fit})
     problem = SimpleNamespace(friction_coefficient=np.full(4, 0.5))
     experiment: Any = SimpleNamespace(rig=SimpleNamespace(problem=problem))
-    judged = run.plausible(decision, hypotheses, experiment)
+    judged = run.plausible(decision, search, experiment)
     assert judged.verdict is verdict
     # -3.9 is beyond 1 - 9.62e-5 of a normal distribution, four parameters are stated: p = 3.85e-4 is worth odds of 122
     sure = 0.9 if verdict is Verdict.NAMED else 0.95 * 122 / 123 if compliance == -3.9 else 0.95
