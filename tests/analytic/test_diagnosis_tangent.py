@@ -64,7 +64,7 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
     base = model.simulate(hypothesis(Point(space, z)))
     step = 0.02
     beside, taken = Point(space, z).beside(step)
-    found = neighbours(model, base, [hypothesis(one) for one in beside]) * np.sign(taken)
+    changes = neighbours(model, base, [hypothesis(one) for one in beside]) * np.sign(taken)
     for i, coordinate in enumerate(space.coordinates):
         ends = []
         for sign in (-1.0, 1.0):
@@ -77,7 +77,7 @@ def test_neighbours_are_what_another_simulation_shows(rig, effects, aligned_to):
             whole = max(np.abs(difference[other]).max() for name, other in places if name == channel)
             shown = model.predict(base)[place]
             size = np.ptp(shown) if channel in ("displacement", "friction_force") else np.abs(shown).max()
-            assert np.abs(found[place, i] - difference[place]).max() < max(0.3 * whole, 2e-4 * size), (
+            assert np.abs(changes[place, i] - difference[place]).max() < max(0.3 * whole, 2e-4 * size), (
                 coordinate.name, channel)
 
 
@@ -93,14 +93,14 @@ def test_of_a_tilt_that_wear_has_levelled_nothing_is_left_but_the_depth(monkeypa
                   for one in space.coordinates])
     step = 0.02 * np.eye(space.size)[[one.field for one in space.coordinates].index("tilt_x")]
     base, (more,) = rig.simulate(hypothesis(Point(space, z))), hypothesis(Point(space, z + step)).effects
-    found = neighbours(rig, base, [hypothesis(Point(space, z + step))])[:, 0]
+    change = neighbours(rig, base, [hypothesis(Point(space, z + step))])[:, 0]
     seen = rig.observation
     levelled = (more.period(rig.problem, None).interface.gap
                 - base.hypothesis.effects[0].period(rig.problem, None).interface.gap)
-    deeper = found[seen.rows(block="map")]
+    deeper = change[seen.rows(block="map")]
     np.testing.assert_allclose(deeper - deeper.mean(), levelled.mean() - levelled, atol=0.02 * np.ptp(levelled))
     for channel in ("displacement", "friction_force"):
-        first, last = (np.abs(found[seen.rows(block="loops", channel=channel, cycles=count)]).max()
+        first, last = (np.abs(change[seen.rows(block="loops", channel=channel, cycles=count)]).max()
                        for count in (counts[0], counts[-1]))
         assert last < 0.01 * first
 
@@ -161,8 +161,8 @@ def test_what_sensors_alone_change_is_exact_of_a_prediction_with_finer_wear_step
     assert [one.wear_tolerance for one in finer.checks] == [finer.rig.wear_tolerance] * 2
     assert np.abs(experiment.predict(point).values - fine.values).max() > 1e-4 * np.abs(wanted).max()
     monkeypatch.setattr(rig_model.RigModel, "simulate", None)
-    (found,) = experiment.changes(fine, [there]).T
-    assert found == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
+    (change,) = experiment.changes(fine, [there]).T
+    assert change == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
     assert np.abs(wanted).max() > 0.0
 
 
@@ -199,10 +199,10 @@ def test_a_finer_mesh_begins_from_the_motion_on_the_coarse_one(rig):
 
     fine = replace(small_rig.rig(rig.observation, np.arange(49)), wear_tolerance=0.05)
     anew, near = fine.simulate(Hypothesis()), fine.refine(rig.simulate(Hypothesis()))
-    found, wanted = fine.predict(near), fine.predict(anew)
+    predicted, wanted = fine.predict(near), fine.predict(anew)
     for piece in rig.observation.pieces:
         size = np.abs(wanted[piece.place]).max()
-        assert found[piece.place] == pytest.approx(wanted[piece.place], abs=1e-3 * size)
+        assert predicted[piece.place] == pytest.approx(wanted[piece.place], abs=1e-3 * size)
     steps = [sum(len(period.solution.residual_history) for period in (*one.loops[:1], *one.sweep))
              for one in (near, anew)]
     assert steps[0] < steps[1]
@@ -215,10 +215,10 @@ def test_softer_bodies_are_no_springs_between_the_faces(rig):
     base = model.simulate(hypothesis(Point(space, np.zeros(space.size))))
     ends = [hypothesis(Point(space, sign * 0.2 * np.eye(space.size)[place])) for sign in (1.0, -1.0)]
     difference = 0.5 * np.subtract(*(model.predict(model.simulate(one, base)) for one in ends))
-    found = neighbours(model, base, ends[:1])[:, 0]
+    change = neighbours(model, base, ends[:1])[:, 0]
     for piece in model.observation.pieces:
         if piece.channel == "displacement" and piece.block == "loops":
-            missed = np.linalg.norm(found[piece.place] - difference[piece.place])
+            missed = np.linalg.norm(change[piece.place] - difference[piece.place])
             assert missed < 0.03 * np.linalg.norm(difference[piece.place])
 
 
@@ -246,9 +246,9 @@ def test_a_neighbour_without_data_at_the_motion_is_left_out_alone(rig):
     base = rig.simulate(Hypothesis())
     good = [Hypothesis(friction=1.01), Hypothesis(wear=1.01), Hypothesis(mass=1.01)]
     lifts = Hypothesis(effects=(NormalLoadCoupling().changed(slope=1e9),))
-    found = neighbours(rig, base, [good[0], lifts, *good[1:]])
-    assert np.all(np.isnan(found[:, 1]))
-    np.testing.assert_allclose(found[:, [0, 2, 3]], neighbours(rig, base, good), rtol=1e-9, atol=1e-12)
+    changes = neighbours(rig, base, [good[0], lifts, *good[1:]])
+    assert np.all(np.isnan(changes[:, 1]))
+    np.testing.assert_allclose(changes[:, [0, 2, 3]], neighbours(rig, base, good), rtol=1e-9, atol=1e-12)
 
 
 class Witness(ContactStiffnessEvolution):
@@ -279,11 +279,11 @@ def test_normal_force_and_approach_are_those_of_the_period(rig):
     space = Parameters.of(BASELINE, ["normal-load-coupling"])
     base = model.simulate(hypothesis(Point(space, np.zeros(space.size))))
     for period in (base.loops[0], base.sweep[1]):
-        found = model.signals(period)
+        signals = model.signals(period)
         carried = period.solution.force[:, :, 2].sum(axis=1)
-        lines, wanted = (np.fft.rfft(one)[:11] / len(one) for one in (found.normal_force, carried))
+        lines, wanted = (np.fft.rfft(one)[:11] / len(one) for one in (signals.normal_force, carried))
         np.testing.assert_allclose(lines, wanted, atol=1e-6 * carried.mean())
-        assert np.ptp(found.normal_force) > 1e-3 * found.normal_force.mean()
+        assert np.ptp(signals.normal_force) > 1e-3 * signals.normal_force.mean()
     lighter, heavier = (model.signals(base.sweep[k]) for k in (1, 0))  # 50 N and 60 N
     assert lighter.approach.mean() < heavier.approach.mean()
 
@@ -321,5 +321,5 @@ def test_of_faces_that_wear_makes_unstable_no_change_is_of_first_order(rig, expo
     at = {"wear": 2.5, "pressure_exponent": place}
     point = Point(space, np.array([at.get(one.field, 0.0) for one in space.coordinates]))
     coarse = replace(rig, wear_tolerance=rig_model.WEAR_TOLERANCE)  # or it takes a step for every wobble
-    found = neighbours(coarse, coarse.simulate(hypothesis(point)), [hypothesis(one) for one in point.beside()[0]])
-    assert (np.isfinite(found) == is_told).all()
+    changes = neighbours(coarse, coarse.simulate(hypothesis(point)), [hypothesis(one) for one in point.beside()[0]])
+    assert (np.isfinite(changes) == is_told).all()

@@ -125,9 +125,9 @@ def test_uniform_limits_have_a_quadratic_knee_and_obey_masing():
     assert joint.predict(moving(rising)).measured == pytest.approx(iwan_backbone(rising), abs=1e-3 * S)
     turned = 1.4 * S / K
     there, back = np.linspace(0.0, turned, 200), np.linspace(turned, -turned, 400)
-    found = joint.predict(moving(np.concatenate([there, back]))).measured[200:]
+    force = joint.predict(moving(np.concatenate([there, back]))).measured[200:]
     masing = iwan_backbone(turned) - 2.0 * iwan_backbone(0.5 * (turned - back))
-    assert found == pytest.approx(masing, abs=2e-3 * S)
+    assert force == pytest.approx(masing, abs=2e-3 * S)
     # the loop's area below gross slip: (k x)^2 x k / 3 s by Masing's rule on the quadratic
     assert last_area(joint, swinging(turned)) == pytest.approx(K**2 * turned**3 / (3.0 * S), rel=5e-3)
 
@@ -182,8 +182,8 @@ def typical(kind):
 def test_a_neutral_effect_leaves_a_driven_joint_as_it_is(kind, name):
     baseline, motion = typical(kind)
     plain = DrivenJoint.build(baseline).predict(motion)
-    found = DrivenJoint.build(baseline, [catalogue()[name].neutral()]).predict(motion)
-    assert found.measured == pytest.approx(plain.measured, rel=1e-12, abs=1e-12 * np.abs(plain.measured).max())
+    predicted = DrivenJoint.build(baseline, [catalogue()[name].neutral()]).predict(motion)
+    assert predicted.measured == pytest.approx(plain.measured, rel=1e-12, abs=1e-12 * np.abs(plain.measured).max())
 
 
 @pytest.mark.parametrize("kind", sorted(DRIVEN))
@@ -220,14 +220,14 @@ def test_a_fit_finds_what_made_the_force_at_any_scale(size):
     motion, force = prepared(IMPOSED_DISPLACEMENT, motion, made)
     assert len(force) <= 2500
     used = np.arange(len(force)) > 100
-    found = fitted(plain_data(IMPOSED_DISPLACEMENT, motion, force, used), ["backlash"])
-    assert {one.name for one in found.parameters.coordinates} == set(true)
-    spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
-    for one, z, dz in zip(found.parameters.coordinates, found.z, spread, strict=True):
+    fit = fitted(plain_data(IMPOSED_DISPLACEMENT, motion, force, used), ["backlash"])
+    assert {one.name for one in fit.parameters.coordinates} == set(true)
+    spread = np.sqrt(np.diag(np.linalg.inv(fit.information)))
+    for one, z, dz in zip(fit.parameters.coordinates, fit.z, spread, strict=True):
         value, sd = one.value(z), abs(one.value(z + dz) - one.value(z - dz)) / 2.0
         assert abs(value - true[one.name]) < 4.0 * sd + 1e-4 * true[one.name]
         assert sd < 0.01 * true[one.name]
-    assert np.sqrt(np.mean((found.predicted - force[used])**2)) == pytest.approx(0.01 * s, rel=0.1)
+    assert np.sqrt(np.mean((fit.predicted - force[used])**2)) == pytest.approx(0.01 * s, rel=0.1)
 
 
 def test_ranges_go_with_the_size_of_the_joint():

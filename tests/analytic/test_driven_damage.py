@@ -74,17 +74,17 @@ USABLE = {"no numbers in the force": ("force, rows 501-520", ""), "no numbers in
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", USABLE)
 def test_what_can_be_used_is_used_with_a_warning(diagnosed, kind, name):
-    found = diagnosed(damaged(name, *slider(kind=kind)), kind)
+    diagnosis = diagnosed(damaged(name, *slider(kind=kind)), kind)
     where, text = USABLE[name]
-    assert any(where in note and text in note for note in found.notes)
-    assert found.verdict is not Verdict.NAMED
+    assert any(where in note and text in note for note in diagnosis.notes)
+    assert diagnosis.verdict is not Verdict.NAMED
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_that_is_cut_off_says_in_which_row(diagnosed, kind):
-    found = diagnosed(slider(kind=kind), kind, lambda text: text[:len(text) * 3 // 4].rpartition(",")[0])
-    assert any("the file is cut off within this row" in note for note in found.notes)
-    assert found.verdict is Verdict.NONE
+    diagnosis = diagnosed(slider(kind=kind), kind, lambda text: text[:len(text) * 3 // 4].rpartition(",")[0])
+    assert any("the file is cut off within this row" in note for note in diagnosis.notes)
+    assert diagnosis.verdict is Verdict.NONE
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -109,9 +109,9 @@ def test_swapped_columns_and_wrong_signs_are_told_by_the_work(diagnosed, kind, c
 
 
 def test_one_cycle_is_diagnosed_with_a_warning(diagnosed):
-    found = diagnosed([column[:PERIOD + 20] for column in slider()])
-    assert any("fewer than two whole cycles" in note for note in found.notes)
-    assert found.verdict is Verdict.NONE
+    diagnosis = diagnosed([column[:PERIOD + 20] for column in slider()])
+    assert any("fewer than two whole cycles" in note for note in diagnosis.notes)
+    assert diagnosis.verdict is Verdict.NONE
     assert not any("fewer than" in note for note in diagnosed(slider()).notes)
 
 
@@ -119,7 +119,7 @@ def test_a_very_long_record_is_thinned_no_further_than_its_cycles_bear(diagnosed
     """Four times the rows that are taken as they are: of two one is used, and what is left out is named."""
     monkeypatch.setattr(driven, "MOST_ROWS", 4000)
     monkeypatch.setattr(driven, "LEAST_OF_CYCLE", 100)
-    found = diagnosed(slider(cycles=80))
-    assert any("rows 8,001-16,000: not used" in note for note in found.notes)
-    assert any("every row of 2 is used" in note for note in found.notes)
-    assert found.verdict is Verdict.NONE
+    diagnosis = diagnosed(slider(cycles=80))
+    assert any("rows 8,001-16,000: not used" in note for note in diagnosis.notes)
+    assert any("every row of 2 is used" in note for note in diagnosis.notes)
+    assert diagnosis.verdict is Verdict.NONE

@@ -75,9 +75,9 @@ def test_corners_of_the_motion_raise_no_alarm():
     x = X * (2.0 * np.abs(2.0 * ((4.3 * t) % 1.0) - 1.0) - 1.0)
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        found = diagnose_driven(recording(t, x + 1e-3 * X * rng.standard_normal(len(t)),
-                                          slid(x) + SIZE * rng.standard_normal(len(t))), True, quiet)
-        assert found.verdict is Verdict.NONE
+        diagnosis = diagnose_driven(recording(t, x + 1e-3 * X * rng.standard_normal(len(t)),
+                                              slid(x) + SIZE * rng.standard_normal(len(t))), True, quiet)
+        assert diagnosis.verdict is Verdict.NONE
 
 
 def test_a_body_without_friction_is_left_alone():
@@ -103,24 +103,24 @@ EFFECTS = {
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_an_effect_of_clear_size_is_named_or_among_those_that_act_alike(name):
-    found = diagnose_driven(made(EFFECTS[name]), True, quiet)
-    assert found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    assert name in found.effects
-    assert found.held_out.after < 1.3
-    assert found.held_out.before > found.held_out.after
-    if len(found.effects) == 1:
-        assert found.probability > 0.7
+    diagnosis = diagnose_driven(made(EFFECTS[name]), True, quiet)
+    assert diagnosis.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert name in diagnosis.effects
+    assert diagnosis.held_out.after < 1.3
+    assert diagnosis.held_out.before > diagnosis.held_out.after
+    if len(diagnosis.effects) == 1:
+        assert diagnosis.probability > 0.7
 
 
 def test_what_the_catalogue_lacks_is_not_named():
     def odd(t, x, v):
         return slid(x) + 0.6 * S * (x / X)**2 * v / (X * 2.0 * np.pi * HERTZ) * np.cos(6.0 * np.pi * x / X)
 
-    found = diagnose_driven(made(odd), True, quiet)
-    assert found.verdict is Verdict.UNKNOWN
-    assert found.effects == ()
-    assert found.residual_law is not None
-    assert found.separating_measurement
+    diagnosis = diagnose_driven(made(odd), True, quiet)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert diagnosis.effects == ()
+    assert diagnosis.residual_law is not None
+    assert diagnosis.separating_measurement
 
 
 def test_coulomb_friction_and_an_offset_of_a_body_have_intervals_that_hold():
@@ -134,14 +134,14 @@ def test_coulomb_friction_and_an_offset_of_a_body_have_intervals_that_hold():
     a = sum(-0.08 * np.pi**2 * w * np.sin(2.0 * np.pi * w * t) for w in rates)
     noise = 0.5 * np.random.default_rng(5).standard_normal(len(t))
     force = 12.0 * a + 400.0 * v + slid(x, 20.0, 20.0, stiffness=2e7) - 3.0 + noise
-    found = diagnose_driven(recording(t, x, force, LUMPED), False, quiet)
-    assert {"coulomb-friction", "force-offset"} <= set(found.effects)
-    assert "velocity-dependent-friction" not in found.effects
-    for one in found.parameters:
+    diagnosis = diagnose_driven(recording(t, x, force, LUMPED), False, quiet)
+    assert {"coulomb-friction", "force-offset"} <= set(diagnosis.effects)
+    assert "velocity-dependent-friction" not in diagnosis.effects
+    for one in diagnosis.parameters:
         if one.name in true:
             assert one.low - 0.005 * abs(one.value) < true[one.name] < one.high + 0.005 * abs(one.value)
             assert one.high - one.low < 0.3 * abs(one.value)
-    assert "[effects.coulomb-friction]" in found.case_file
+    assert "[effects.coulomb-friction]" in diagnosis.case_file
 
 
 def loops(force_of, samples=200, counts=5, repeats=3):
@@ -150,12 +150,12 @@ def loops(force_of, samples=200, counts=5, repeats=3):
     shape = (counts, repeats, samples)
     x = np.broadcast_to((X * (1.0 + 0.1 * np.arange(counts)))[:, None, None] * np.cos(phase), shape)
     force = np.array([[force_of(np.tile(one, 3))[-samples:] for one in own] for own in x])
-    found = LoopSet(
+    loop_set = LoopSet(
         cycles=1 + 100 * np.arange(counts), frequency=np.full(counts, HERTZ), phase=phase, units={}, sd={},
         calibration_sd={}, displacement_of=None, aligned_to="displacement",
         channels={"displacement": x + 1e-3 * X * rng.standard_normal(shape),
                   "friction_force": force + SIZE * rng.standard_normal(shape)})
-    return replace(made(EFFECTS["backlash"]), series=None, loops=found)
+    return replace(made(EFFECTS["backlash"]), series=None, loops=loop_set)
 
 
 def test_loops_with_repeats_are_diagnosed_too():
@@ -200,10 +200,10 @@ def test_every_sample_of_a_thinned_loop_stands_beside_those_that_are_compared():
 
 
 def test_effects_that_need_time_are_left_out_where_there_is_none():
-    found = diagnose_driven(made(EFFECTS["parallel-stiffness"], timed=False), True, quiet)
-    assert "parallel-stiffness" in found.effects
-    assert any("viscous" in note and "no time axis" in note for note in found.notes)
-    assert all("viscous" not in one.effects for one in found.ranking)
+    diagnosis = diagnose_driven(made(EFFECTS["parallel-stiffness"], timed=False), True, quiet)
+    assert "parallel-stiffness" in diagnosis.effects
+    assert any("viscous" in note and "no time axis" in note for note in diagnosis.notes)
+    assert all("viscous" not in one.effects for one in diagnosis.ranking)
 
 
 def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
@@ -218,8 +218,8 @@ def test_correlated_noise_counts_as_few_samples_and_widens_intervals():
     widths = []
     for noise in (rng.standard_normal(len(t)), slow):
         data = driven_data(recording(t, x, slid(x) + SIZE * noise))
-        found = searched(data, True, quiet)
-        limit = next(one for one in estimates(found, frozenset())
+        search = searched(data, True, quiet)
+        limit = next(one for one in estimates(search, frozenset())
                      if one.name == "baseline.friction_limit")
         widths.append(limit.high - limit.low)
     assert widths[1] > 2.5 * widths[0]

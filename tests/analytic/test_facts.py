@@ -22,7 +22,7 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.decision import decide, detected
 from fretflow.inference.experiment import Point
-from fretflow.inference.strategy import search
+from fretflow.inference.strategy import run_search
 from fretflow.inference.verdict import Verdict
 from fretflow.pipeline.problem import rig_problem
 from fretflow.recordings.kinds.facts import FactsFile, FactsRecording
@@ -80,8 +80,8 @@ def test_sliding_distances_are_those_of_an_independent_solution():
     wanted = [np.ptp(np.genfromtxt(PERIODIC / f"rigid_{force}N.csv", delimiter=",", names=True)[
         "relative_displacement_um"]) for force in forces]
     file = file_of(*(fact("sliding-distance", cycles=0, excitation_amplitude=f"{force} N") for force in forces))
-    found = 1e6 * predicted(file, EVERY)
-    np.testing.assert_allclose(found, wanted, rtol=0.02)
+    distances = 1e6 * predicted(file, EVERY)
+    np.testing.assert_allclose(distances, wanted, rtol=0.02)
 
 
 def test_the_resonance_of_a_stuck_joint_is_that_of_two_masses_on_springs():
@@ -139,29 +139,29 @@ def made_facts(effects, monkeypatch):
 
 def diagnosed(effects, monkeypatch):
     file = made_facts(effects, monkeypatch)
-    hypotheses = refitted(FactsExperiment.of(file, model(file, FEW)), model(file, MORE), True, in_turn)
-    search(hypotheses, lambda share, text: None)
-    detection = detect(hypotheses)
-    found = detected(decide(hypotheses), detection)
+    search = refitted(FactsExperiment.of(file, model(file, FEW)), model(file, MORE), True, in_turn)
+    run_search(search, lambda share, text: None)
+    detection = detect(search)
+    decision = detected(decide(search), detection)
     recording = FactsRecording(path=Path("facts.toml"), title="made", file=file)
-    return told(recording, case_of_facts(file), hypotheses, found, detection)
+    return told(recording, case_of_facts(file), search, decision, detection)
 
 
 def test_facts_that_a_change_made_are_explained_by_it(monkeypatch, tmp_path):
     """A wear coefficient that falls to a fifth over ten thousand cycles shows in the volumes alone."""
     hidden = catalogue()["wear-coefficient-evolution"]().changed(final_share=0.2, settling=10_000.0)
-    found = diagnosed((hidden,), monkeypatch)
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("wear-coefficient-evolution",)
-    assert "wear volume" in found.location.text
-    assert "[effects.wear-coefficient-evolution]" in found.case_file
-    assert "wear volume" in found.to_html(tmp_path / "report.html").read_text(encoding="utf-8")
-    assert found.to_json()["effects"] == ["wear-coefficient-evolution"]
+    diagnosis = diagnosed((hidden,), monkeypatch)
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("wear-coefficient-evolution",)
+    assert "wear volume" in diagnosis.location.text
+    assert "[effects.wear-coefficient-evolution]" in diagnosis.case_file
+    assert "wear volume" in diagnosis.to_html(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert diagnosis.to_json()["effects"] == ["wear-coefficient-evolution"]
 
 
 def test_facts_of_the_plain_rig_miss_nothing(monkeypatch):
-    found = diagnosed((), monkeypatch)
-    assert found.verdict is Verdict.NONE
-    assert found.location.text == ""
-    mass = next(one for one in found.parameters if one.name == "rig.moving_mass")
+    diagnosis = diagnosed((), monkeypatch)
+    assert diagnosis.verdict is Verdict.NONE
+    assert diagnosis.location.text == ""
+    mass = next(one for one in diagnosis.parameters if one.name == "rig.moving_mass")
     assert mass.low < 10.0 < mass.high

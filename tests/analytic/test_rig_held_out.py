@@ -43,9 +43,9 @@ def test_what_is_held_out_does_not_move_its_own_prediction(model):
         point = Point(experiment.parameters(()), friction)
         near = Prediction(Point(point.parameters, np.zeros(len(friction))), true, start)
         fit = fitter.at(point, near)
-        hypotheses = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST,
-                            {frozenset(): fit})
-        return held_out(hypotheses, experiment, frozenset()), fitter.fit(point, near, 2), fit
+        search = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST,
+                        {frozenset(): fit})
+        return held_out(search, experiment, frozenset()), fitter.fit(point, near, 2), fit
 
     off = 0.1 * (np.arange(len(BASELINE)) == 0)  # friction 3 % too large
     (plain, _, fit), (shifted, all_seen, _) = unseen(0.0, off), unseen(shift, off)

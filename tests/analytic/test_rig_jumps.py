@@ -55,13 +55,13 @@ def test_of_coexisting_motions_the_one_measured_at_each_count_is_predicted(rig, 
     small, large = branches
     for aimed in ((small, small, small), (small, large, large), (large, large, small)):
         own = measured(rig, dict(zip(COUNTS, aimed, strict=True)), aimed[-1])
-        found = own.simulate(FOLDED)
-        spans = [np.ptp(own.displacement(period)) for period in found.loops]
+        simulation = own.simulate(FOLDED)
+        spans = [np.ptp(own.displacement(period)) for period in simulation.loops]
         wanted = [np.ptp(one) for one in aimed]
         assert spans == pytest.approx(wanted, rel=0.25)
-        assert [step.cycles for step in found.steps if step.cycles in COUNTS] == list(COUNTS)
-        for period in found.loops:  # what wear goes on from is the motion that is shown
-            (step,) = (one for one in found.steps if one.cycles == period.step.cycles)
+        assert [step.cycles for step in simulation.steps if step.cycles in COUNTS] == list(COUNTS)
+        for period in simulation.loops:  # what wear goes on from is the motion that is shown
+            (step,) = (one for one in simulation.steps if one.cycles == period.step.cycles)
             assert step is period.step
 
 

@@ -70,9 +70,10 @@ def nothing():
 
 
 def test_noise_alone_is_placed_nowhere():
-    found = locate(*fitted(nothing()))
-    assert min(place.p_value for place in found.places) > 0.05
-    assert (found.block, found.channel, found.phase, found.cycles, found.text) == ("", "", "", (0, 0), "")
+    location = locate(*fitted(nothing()))
+    assert min(place.p_value for place in location.places) > 0.05
+    assert (location.block, location.channel, location.phase, location.text) == ("", "", "", "")
+    assert location.cycles == (0, 0)
 
 
 @pytest.mark.parametrize(("name", "parameters", "block"), [
@@ -86,9 +87,9 @@ def test_noise_alone_is_placed_nowhere():
     ("initial-gap", {"tilt_x": 5e-8}, "geometry"),
     ("wear-power-law", {"pressure_exponent": 0.4}, "wear law")])
 def test_an_effect_is_taken_up_by_its_own_block(name, parameters, block):
-    found = cuts(*fitted(of_effect(name, **parameters)))
-    assert found[0].block == block, found
-    assert found[0].share > 0.8
+    block_cuts = cuts(*fitted(of_effect(name, **parameters)))
+    assert block_cuts[0].block == block, block_cuts
+    assert block_cuts[0].share > 0.8
 
 
 def test_a_change_in_one_phase_of_the_force_is_found_there():
@@ -99,9 +100,9 @@ def test_a_change_in_one_phase_of_the_force_is_found_there():
             x = measured[next(one.place for one in model.observation.pieces if one.channel == "displacement"
                               and one.label == piece.label)]
             change[piece.place] = (Strokes.of(x, measured[piece.place]).phase == PHASES.index("plateau")) * 0.6
-    found = locate(*fitted(change), block="contact law")
-    assert (found.block, found.channel, found.phase) == ("contact law", "friction force", "plateau")
-    assert "plateau" in found.text
+    location = locate(*fitted(change), block="contact law")
+    assert (location.block, location.channel, location.phase) == ("contact law", "friction force", "plateau")
+    assert "plateau" in location.text
 
 
 def test_a_change_from_a_cycle_count_on_is_dated():
@@ -109,10 +110,10 @@ def test_a_change_from_a_cycle_count_on_is_dated():
     for piece in rig().observation.pieces:
         if piece.channel == "friction_force" and piece.cycles >= COUNTS[2]:
             change[piece.place] = 0.4 * np.cos(3.0 * 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES)
-    found = locate(*fitted(change), block="contact law")
-    assert found.cycles == (COUNTS[2], COUNTS[-1])
-    assert found.harmonic == "3"
-    jump = next(place for place in found.places if place.cut == "change")
+    location = locate(*fitted(change), block="contact law")
+    assert location.cycles == (COUNTS[2], COUNTS[-1])
+    assert location.harmonic == "3"
+    jump = next(place for place in location.places if place.cut == "change")
     assert jump.where == "12,000 cycles"
     assert jump.p_value < 1e-6
 
@@ -133,5 +134,5 @@ def test_a_corner_of_the_map_is_a_zone():
     piece = next(one for one in model.observation.pieces if one.block == "map")
     corner = np.abs(model.observation.points).min(axis=1) > 0.4e-3
     change[piece.place] = np.where(corner, 8.0 * DEPTH_SD, 0.0)
-    found = locate(*fitted(change), block="wear law")
-    assert (found.channel, found.zone) == ("wear depth", "corners")
+    location = locate(*fitted(change), block="wear law")
+    assert (location.channel, location.zone) == ("wear depth", "corners")

@@ -72,16 +72,16 @@ def test_half_the_samples_lead_to_periods_across_a_play_that_few_harmonics_do_no
         except NonConvergenceError:
             return None
 
-    found, lost = 0, 0
+    solved, unsolved = 0, 0
     for play in ("1.9 um", "2.3 um", "2.5 um"):
         asked = Hypothesis(effects=(Backlash(play=play),), damping=0.5)
         own = led(dense)
         few = led(dense, replace(dense, harmonics=16).simulate(asked))
-        found, lost = found + (own is not None), lost + (few is None)
+        solved, unsolved = solved + (own is not None), unsolved + (few is None)
         if own is not None and few is not None:
             assert lines(own) == pytest.approx(lines(few), abs=0.05)  # N, of 50
-    assert found == 3
-    assert lost > 0
+    assert solved == 3
+    assert unsolved > 0
 
 
 @pytest.mark.parametrize(("arm", "doubled"), [(1600.0, True), (2500.0, False)])

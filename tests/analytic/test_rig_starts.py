@@ -51,7 +51,7 @@ def recorded(monkeypatch):
     return fit
 
 
-def begun(fitter, fit, name):
+def starting_points(fitter, fit, name):
     """Return the points at which the fits of an effect begin."""
     return [one.point for one in beginnings_task((fitter, fit, [name])).values() if one.point.effects == {name}]
 
@@ -59,7 +59,7 @@ def begun(fitter, fit, name):
 @pytest.mark.parametrize("frequency", [330.0, 520.0, 760.0])
 def test_a_resonance_of_the_force_path_is_found_wherever_it_is(recorded, frequency):
     fitter, fit = recorded(ExtraMode().changed(frequency=frequency, damping_ratio=0.05))
-    (point,) = begun(fitter, fit, "extra-mode")
+    (point,) = starting_points(fitter, fit, "extra-mode")
     (mode,) = point.built()
     assert mode.frequency == pytest.approx(frequency, rel=0.08)  # half a step of the points is 4 %
 
@@ -81,7 +81,7 @@ def test_what_sensors_alone_show_needs_no_simulation_and_is_exact(recorded):
 def test_either_sign_is_begun_and_the_right_one_promises_more(recorded, slope):
     fitter, fit = recorded(NormalLoadCoupling().changed(slope=slope))
     promised = {point.parameters.signs["normal-load-coupling.slope"]: fitter.at(point, fit.prediction).promise
-                for point in begun(fitter, fit, "normal-load-coupling")}
+                for point in starting_points(fitter, fit, "normal-load-coupling")}
     assert set(promised) == {1.0, -1.0}
     assert promised[np.sign(slope)] < promised[-np.sign(slope)]
 
@@ -117,22 +117,22 @@ def test_a_leading_set_is_held_to_what_finer_models_say_at_its_own_fit(recorded)
     denser = replace(rig, samples=2 * rig.samples, tolerance=rig.tolerance / DENSER**2)  # as a diagnosis has it
     exact, true = (one.predict(one.simulate(Hypothesis())) for one in (rig, denser))
 
-    def looked(check, values):
+    def chi_squared_corrected(check, values):
         seen = replace(rig, observation=replace(rig.observation, values=values,
                                                 variance=1e-3 * rig.observation.variance))
         experiment = RigExperiment(seen, np.zeros(len(exact)), np.zeros((len(exact), 0)), checks=(seen, check))
         own = Fitter(experiment, experiment.measurement.covariance())
         space = experiment.parameters(())
         first = own.at(Point(space, np.zeros(space.size)), None)
-        found = Search(experiment, lambda function, arguments: [function(one) for one in arguments],
-                       Effort(0, 1, 0, 1, 0, 0), {frozenset(): first})
-        found.fitter = own
-        correct(found, [0])
-        return first.chi_squared, found.baseline.chi_squared
+        search = Search(experiment, lambda function, arguments: [function(one) for one in arguments],
+                        Effort(0, 1, 0, 1, 0, 0), {frozenset(): first})
+        search.fitter = own
+        correct(search, [0])
+        return first.chi_squared, search.baseline.chi_squared
 
-    before, after = looked(denser, true)
+    before, after = chi_squared_corrected(denser, true)
     assert after < 1e-6 * before
-    before, after = looked(denser, exact)
+    before, after = chi_squared_corrected(denser, exact)
     assert before < 1e-6 * after
 
 
@@ -148,8 +148,8 @@ def test_of_motions_that_coexist_the_measured_one_is_predicted(monkeypatch):
     def sweeping(stiffness, measured):
         values = np.where(rows, measured, rig.observation.values)
         own = replace(rig, observation=replace(rig.observation, values=values))
-        found = own.simulate(Hypothesis(effects=(SupportNonlinearity().changed(stiffness=stiffness),)))
-        return own.predict(found), found.sweep[0]
+        simulation = own.simulate(Hypothesis(effects=(SupportNonlinearity().changed(stiffness=stiffness),)))
+        return own.predict(simulation), simulation.sweep[0]
 
     large = sweeping(2e15, rig.observation.values)[0]
     small = sweeping(1e15, large)[0]  # none coexists there
@@ -217,11 +217,11 @@ def test_a_condition_too_far_for_newton_is_followed(monkeypatch):
 
     cycle = PeriodicCycle(solver, rig.case_problem(Hypothesis()))
     monkeypatch.setattr(RigModel, "solver", lambda self, settlings=np.inf: Short())
-    found = rig._followed(cycle, end, condition)
+    solution = rig._followed(cycle, end, condition)
     assert tried[-1] == 90.0
     assert len(tried) > 4
     leapt = simulation.sweep[0].solution
-    assert found.displacement == pytest.approx(leapt.displacement, abs=1e-3 * np.ptp(leapt.displacement))
+    assert solution.displacement == pytest.approx(leapt.displacement, abs=1e-3 * np.ptp(leapt.displacement))
 
 
 class Sinking(FrictionRunIn):

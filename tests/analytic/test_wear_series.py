@@ -104,21 +104,21 @@ def diagnosed(made, fast=False):
     return diagnose_wear_series(made, fast, lambda share, text: None)
 
 
-def inside(found, name, truth):
-    one = {estimate.name: estimate for estimate in found.parameters}[name]
+def inside(diagnosis, name, truth):
+    one = {estimate.name: estimate for estimate in diagnosis.parameters}[name]
     assert one.low < truth < one.high
     return one
 
 
 def test_one_coefficient_is_enough_where_it_made_the_volumes():
-    found = diagnosed(series(3, archard), fast=True)
-    assert found.verdict is Verdict.NONE
-    assert found.effects == ()
-    assert found.case_file == ""
-    one = inside(found, "baseline.wear_coefficient", ALPHA)
+    diagnosis = diagnosed(series(3, archard), fast=True)
+    assert diagnosis.verdict is Verdict.NONE
+    assert diagnosis.effects == ()
+    assert diagnosis.case_file == ""
+    one = inside(diagnosis, "baseline.wear_coefficient", ALPHA)
     assert one.high < 1.1 * one.low
-    assert found.held_out.after == found.held_out.before < 1.4
-    assert 0.0 < found.smallest_visible["wear-power-law"] < 0.5
+    assert diagnosis.held_out.after == diagnosis.held_out.before < 1.4
+    assert 0.0 < diagnosis.smallest_visible["wear-power-law"] < 0.5
 
 
 def test_false_alarms_keep_to_their_rate():
@@ -131,58 +131,58 @@ def test_false_alarms_keep_to_their_rate():
 
 
 def test_powers_of_three_conditions_are_found():
-    found = diagnosed(series(1, powers))
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("wear-power-law",)
+    diagnosis = diagnosed(series(1, powers))
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("wear-power-law",)
     for state, truth in TRUE_POWERS.items():
-        one = inside(found, f"wear-power-law.{state}_exponent", truth)
+        one = inside(diagnosis, f"wear-power-law.{state}_exponent", truth)
         assert one.high - one.low < 0.25
-    assert found.probability > 0.9
-    assert found.held_out.after < 0.5 * found.held_out.before
-    assert found.held_out.after < 1.4
-    assert found.wear_tests.r2_after > found.wear_tests.r2_before
-    assert "pressure_exponent = 0." in found.case_file
-    assert "sliding_exponent = -0." in found.case_file
+    assert diagnosis.probability > 0.9
+    assert diagnosis.held_out.after < 0.5 * diagnosis.held_out.before
+    assert diagnosis.held_out.after < 1.4
+    assert diagnosis.wear_tests.r2_after > diagnosis.wear_tests.r2_before
+    assert "pressure_exponent = 0." in diagnosis.case_file
+    assert "sliding_exponent = -0." in diagnosis.case_file
 
 
 def test_a_power_density_needs_one_exponent():
-    found = diagnosed(series(2, power_density))
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("wear-power-law",)
-    inside(found, "wear-power-law.power_density_exponent", -0.3)
+    diagnosis = diagnosed(series(2, power_density))
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("wear-power-law",)
+    inside(diagnosis, "wear-power-law.power_density_exponent", -0.3)
 
 
 def test_a_threshold_is_told_from_a_power():
-    found = diagnosed(series(7, threshold, count=40, scatter=0.03))
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("wear-threshold",)
+    diagnosis = diagnosed(series(7, threshold, count=40, scatter=0.03))
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("wear-threshold",)
     p, d, f, *_ = conditions(np.random.default_rng(7), 40)
-    inside(found, "wear-threshold.power_density", 0.8 * (4.0 * p * d * f).min())
+    inside(diagnosis, "wear-threshold.power_density", 0.8 * (4.0 * p * d * f).min())
 
 
 def test_debris_that_slows_wear_is_told_from_a_power():
-    found = diagnosed(series(4, debris))
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("third-body",)
-    inside(found, "third-body.separating_volume", SEPARATING)
-    inside(found, "baseline.wear_coefficient", ALPHA)
+    diagnosis = diagnosed(series(4, debris))
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("third-body",)
+    inside(diagnosis, "third-body.separating_volume", SEPARATING)
+    inside(diagnosis, "baseline.wear_coefficient", ALPHA)
 
 
 def test_a_coefficient_that_falls_over_cycles_is_told_from_debris():
-    found = diagnosed(series(5, running_in))
-    assert "wear-coefficient-evolution" in found.effects
-    assert "wear-power-law" not in found.effects
-    assert found.held_out.after < 0.6 * found.held_out.before
+    diagnosis = diagnosed(series(5, running_in))
+    assert "wear-coefficient-evolution" in diagnosis.effects
+    assert "wear-power-law" not in diagnosis.effects
+    assert diagnosis.held_out.after < 0.6 * diagnosis.held_out.before
 
 
 def test_what_is_not_in_the_catalogue_gets_no_name_but_its_law():
-    found = diagnosed(series(6, lambda p, s, f, n, t, e: ALPHA * e * np.exp((t - 300.0) / 60.0)), fast=True)
-    assert found.verdict is Verdict.UNKNOWN
-    assert found.effects == ()
-    assert found.residual_law.state == "temperature_K"
-    assert found.residual_law.explained > 0.7
-    assert np.all(np.diff(found.residual_law.y) > 0.0), "hotter tests wear more"
-    assert "temperature_K" in found.separating_measurement
+    diagnosis = diagnosed(series(6, lambda p, s, f, n, t, e: ALPHA * e * np.exp((t - 300.0) / 60.0)), fast=True)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert diagnosis.effects == ()
+    assert diagnosis.residual_law.state == "temperature_K"
+    assert diagnosis.residual_law.explained > 0.7
+    assert np.all(np.diff(diagnosis.residual_law.y) > 0.0), "hotter tests wear more"
+    assert "temperature_K" in diagnosis.separating_measurement
 
 
 def test_what_no_column_tells_shows_against_repeats_alone():
@@ -190,10 +190,10 @@ def test_what_no_column_tells_shows_against_repeats_alone():
         of_condition = np.random.default_rng(9).standard_normal(16)
         return ALPHA * e * np.exp(0.6 * np.repeat(of_condition, len(p) // 16))
 
-    found = diagnosed(series(8, hidden, count=16, repeats=3), fast=True)
-    assert found.verdict is Verdict.UNKNOWN
-    assert max(one.explained for one in found.ranking) < 0.8
-    assert found.detection.tests["lack of fit against repeats"] < 1e-6
+    diagnosis = diagnosed(series(8, hidden, count=16, repeats=3), fast=True)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert max(one.explained for one in diagnosis.ranking) < 0.8
+    assert diagnosis.detection.tests["lack of fit against repeats"] < 1e-6
     once = diagnosed(series(8, hidden, count=16), fast=True)
     assert once.verdict is Verdict.NONE
     assert any("what no column tells counts as scatter" in note for note in once.notes)
@@ -205,10 +205,10 @@ def test_conditions_that_vary_together_are_not_told_apart():
     energy = made.energy * d / made.states["amplitude"]
     rng = np.random.default_rng(1)
     volume = powers(p, 4.0 * d, made.states["frequency"], 0.0, 0.0, energy) * np.exp(0.05 * rng.standard_normal(len(p)))
-    found = diagnosed(WearSeries(path=made.path, title="", rows=made.rows, volume=volume, energy=energy,
-                                 states={**made.states, "amplitude": d}, further={}), fast=True)
-    assert found.effects == ("wear-power-law",)
-    assert any("pressure and sliding vary together" in note for note in found.notes)
+    diagnosis = diagnosed(WearSeries(path=made.path, title="", rows=made.rows, volume=volume, energy=energy,
+                                     states={**made.states, "amplitude": d}, further={}), fast=True)
+    assert diagnosis.effects == ("wear-power-law",)
+    assert any("pressure and sliding vary together" in note for note in diagnosis.notes)
 
 
 def test_rows_that_stand_twice_count_once():
@@ -231,7 +231,7 @@ def test_intervals_cover():
     covered = []
     for seed in range(60):
         forms = fitted_forms(wear_data(series(100 + seed, power_density, count=24)))
-        found = next(one for one in forms if one.law.powers == ("power density",))
-        exponent = estimates(found.hypotheses, found.names)[1]
+        form = next(one for one in forms if one.law.powers == ("power density",))
+        exponent = estimates(form.search, form.names)[1]
         covered.append(exponent.low < -0.3 < exponent.high)
     assert 47 <= sum(covered) <= 59

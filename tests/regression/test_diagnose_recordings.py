@@ -34,33 +34,33 @@ def diagnosed(path: Path, fast: bool = False):
 
 
 def test_the_drive_lacks_dry_friction_and_an_offset_of_the_published_size(recordings):
-    found = diagnosed(recordings / "drive_estimation")
-    assert found.verdict is Verdict.NAMED
-    assert set(found.effects) == {"coulomb-friction", "force-offset"}
-    values = {one.name: one for one in found.parameters}
+    diagnosis = diagnosed(recordings / "drive_estimation")
+    assert diagnosis.verdict is Verdict.NAMED
+    assert set(diagnosis.effects) == {"coulomb-friction", "force-offset"}
+    values = {one.name: one for one in diagnosis.parameters}
     for name, value in PUBLISHED.items():
         assert values[name].low < value < values[name].high
         assert values[name].high - values[name].low < 0.4 * abs(value)
-    assert found.held_out.after < 0.35 * found.held_out.before
-    assert found.seconds < 60.0
+    assert diagnosis.held_out.after < 0.35 * diagnosis.held_out.before
+    assert diagnosis.seconds < 60.0
 
 
 def test_a_damper_with_backlash_is_not_just_a_slider(recordings):
-    found = diagnosed(recordings / "damper_d2_0p5Hz30lbtension1amplitude")
-    assert found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    assert "backlash" in found.effects
-    assert found.detection.p_value < 1e-6
-    assert found.held_out.after < 0.6 * found.held_out.before
-    assert next(one for one in found.parameters if one.name == "backlash.play").low > 2e-3
+    diagnosis = diagnosed(recordings / "damper_d2_0p5Hz30lbtension1amplitude")
+    assert diagnosis.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert "backlash" in diagnosis.effects
+    assert diagnosis.detection.p_value < 1e-6
+    assert diagnosis.held_out.after < 0.6 * diagnosis.held_out.before
+    assert next(one for one in diagnosis.parameters if one.name == "backlash.play").low > 2e-3
 
 
 @pytest.mark.parametrize("name", ["damper_d1_0p5Hz20lbtension", "damper_d1_1Hz20lbtension"])
 def test_each_best_explanation_of_a_damper_has_backlash(recordings, name):
     """Two effects at most: whether they are enough for a name or not, play is one of them."""
-    found = diagnosed(recordings / name, True)
-    assert found.verdict is not Verdict.NONE
-    assert found.verdict is not Verdict.NAMED or "backlash" in found.effects
-    assert "backlash" in next(one.effects for one in found.ranking if one.effects)
+    diagnosis = diagnosed(recordings / name, True)
+    assert diagnosis.verdict is not Verdict.NONE
+    assert diagnosis.verdict is not Verdict.NAMED or "backlash" in diagnosis.effects
+    assert "backlash" in next(one.effects for one in diagnosis.ranking if one.effects)
 
 
 def bolted(recordings, folder, name):
@@ -71,18 +71,18 @@ def bolted(recordings, folder, name):
 
 def test_a_bolted_joint_slips_bit_by_bit(recordings, tmp_path):
     """Loops without a time axis; what needs one is not looked at, and that is said."""
-    found = bolted(recordings, tmp_path, "rousseau2025_loop_steel_amp0p05.csv")
-    assert found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    assert "distributed-micro-slip" in found.effects
-    assert found.held_out.after < 0.8 * found.held_out.before
-    assert any("no time axis" in note for note in found.notes)
+    diagnosis = bolted(recordings, tmp_path, "rousseau2025_loop_steel_amp0p05.csv")
+    assert diagnosis.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    assert "distributed-micro-slip" in diagnosis.effects
+    assert diagnosis.held_out.after < 0.8 * diagnosis.held_out.before
+    assert any("no time axis" in note for note in diagnosis.notes)
 
 
 def test_a_single_small_loop_of_a_bolted_joint_is_seen_to_differ_but_names_nothing_else(recordings, tmp_path):
     """It has one whole cycle of 43 points: too few to tell distributed slip from what the figure's lines do."""
-    found = bolted(recordings, tmp_path, "rousseau2025_loop_steel_amp0p03.csv")
-    assert found.verdict is not Verdict.NONE
-    assert not found.effects or "distributed-micro-slip" in found.effects
+    diagnosis = bolted(recordings, tmp_path, "rousseau2025_loop_steel_amp0p03.csv")
+    assert diagnosis.verdict is not Verdict.NONE
+    assert not diagnosis.effects or "distributed-micro-slip" in diagnosis.effects
 
 
 def test_the_command_writes_a_report_of_the_drive(recordings, tmp_path, capsys):

@@ -47,10 +47,10 @@ def undriven(recordings, tmp_path_factory):
 
 
 def test_baseline_is_none_with_its_friction(baseline):
-    found, out = baseline
-    assert (found["verdict"], found["effects"]) == ("none", [])
-    assert found["detection"]["p_value"] > 0.05
-    friction = found["parameters"]["contact.friction_coefficient"]
+    diagnosis, out = baseline
+    assert (diagnosis["verdict"], diagnosis["effects"]) == ("none", [])
+    assert diagnosis["detection"]["p_value"] > 0.05
+    friction = diagnosis["parameters"]["contact.friction_coefficient"]
     assert friction["high"] - friction["low"] < 0.04
     assert not (out / "case.toml").exists()
 
@@ -62,28 +62,28 @@ def test_baseline_is_none_without_a_record_of_its_drive(undriven):
 
 def test_the_worn_depth_alone_tells_the_wear(recordings, tmp_path):
     """Without loops friction is what dry contacts have, and the wear coefficient what makes the depth of it."""
-    found = without(recordings, tmp_path, r"\[loops\].*(?=\[wear_depth\])")
-    assert (found["verdict"], found["fit"]) == ("none", {})
-    friction = found["parameters"]["contact.friction_coefficient"]
+    diagnosis = without(recordings, tmp_path, r"\[loops\].*(?=\[wear_depth\])")
+    assert (diagnosis["verdict"], diagnosis["fit"]) == ("none", {})
+    friction = diagnosis["parameters"]["contact.friction_coefficient"]
     assert friction["low"] < 0.84 < friction["high"]
     assert friction["high"] / friction["low"] > 1.2
-    assert any(note.startswith("loops: are not in the file") for note in found["warnings"])
+    assert any(note.startswith("loops: are not in the file") for note in diagnosis["warnings"])
 
 
 def test_friction_of_the_baseline_lies_within_its_interval(baseline, undriven):
-    for found in (baseline[0], undriven):
-        friction = found["parameters"]["contact.friction_coefficient"]
+    for diagnosis in (baseline[0], undriven):
+        friction = diagnosis["parameters"]["contact.friction_coefficient"]
         assert friction["low"] < 0.84 < friction["high"]
 
 
 def test_run_in_is_named_and_predicts_what_was_held_out(recordings, tmp_path):
-    found = diagnosed(recordings / "example_run_in", tmp_path / "out")
-    assert found["effects"] == ["friction-run-in"]
-    assert found["verdict"] == "named"
-    assert found["location"]["block"] == "contact law"
-    assert found["parameters"]["friction-run-in.initial"]["value"] == pytest.approx(0.40, abs=0.03)
-    assert found["parameters"]["contact.friction_coefficient"]["value"] == pytest.approx(0.88, abs=0.03)
-    assert found["fit"]["after"] < 0.2 * found["fit"]["before"]
+    diagnosis = diagnosed(recordings / "example_run_in", tmp_path / "out")
+    assert diagnosis["effects"] == ["friction-run-in"]
+    assert diagnosis["verdict"] == "named"
+    assert diagnosis["location"]["block"] == "contact law"
+    assert diagnosis["parameters"]["friction-run-in.initial"]["value"] == pytest.approx(0.40, abs=0.03)
+    assert diagnosis["parameters"]["contact.friction_coefficient"]["value"] == pytest.approx(0.88, abs=0.03)
+    assert diagnosis["fit"]["after"] < 0.2 * diagnosis["fit"]["before"]
     case = tomllib.loads((tmp_path / "out" / "case.toml").read_text())
     assert set(case["effects"]) == {"friction-run-in"}
     subprocess.run([str(ROOT / "fretflow"), "show", str(tmp_path / "out" / "case.toml")], check=True,

@@ -56,16 +56,16 @@ def sprung(structures, tmp_path_factory):
 
 
 def test_asperities_of_a_lapped_beam_are_named(sprung):
-    found = diagnose_structure(sprung, True, lambda share, text: None)
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("contact-stiffness",)
-    values = {one.name: one for one in found.parameters}
+    diagnosis = diagnose_structure(sprung, True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("contact-stiffness",)
+    values = {one.name: one for one in diagnosis.parameters}
     # the stiffness itself goes with the pressure at which it is stated, which a backbone does not tell
     for name, truth in (("structure.bolt_load", 8e3), ("structure.friction_coefficient", 0.45),
                         ("contact-stiffness.exponent", 0.5)):
         assert values[name].low < truth < values[name].high
-    assert found.held_out.after < 0.2 * found.held_out.before
-    written = found.to_json()
+    assert diagnosis.held_out.after < 0.2 * diagnosis.held_out.before
+    written = diagnosis.to_json()
     json.dumps(written)
     assert written["verdict"] == "named"
     assert written["location"]["channel"] in ("frequency", "damping")
@@ -87,10 +87,10 @@ def sliding(structures, tmp_path_factory):
 
 
 def test_nothing_is_missing_from_rigid_sliders(sliding):
-    found = diagnose_structure(sliding, True, lambda share, text: None)
-    assert found.verdict is Verdict.NONE
-    assert found.effects == ()
-    product = np.prod([one.value for one in found.parameters if one.name != "structure.modal_damping"])
+    diagnosis = diagnose_structure(sliding, True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.NONE
+    assert diagnosis.effects == ()
+    product = np.prod([one.value for one in diagnosis.parameters if one.name != "structure.modal_damping"])
     assert product == pytest.approx(1.0, rel=0.1)  # bolt load times friction, which alone a backbone tells
 
 
@@ -143,13 +143,13 @@ def test_parameters_do_not_take_up_what_is_left_to_chance(sprung):
         experiment.points, frequency=frequency, damping=damping, frequency_sd=5e-5 * frequency,
         damping_sd=0.01 * damping))
     first = of_others.predict(truth)
-    found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
-    found.fits[names] = found.fitter.fit(truth, first, 8)
-    alone = found.log_evidence(names)
-    assert np.abs(found.fits[names].z).max() > HALF
-    allow_for_chance(found)
-    assert found.log_evidence(names) > alone + 2.0
-    assert np.abs(found.fits[names].z).max() < HALF
+    search = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    search.fits[names] = search.fitter.fit(truth, first, 8)
+    alone = search.log_evidence(names)
+    assert np.abs(search.fits[names].z).max() > HALF
+    allow_for_chance(search)
+    assert search.log_evidence(names) > alone + 2.0
+    assert np.abs(search.fits[names].z).max() < HALF
 
 
 def test_limits_that_vary_are_judged_where_they_do_and_not_where_other_errors_put_them(sprung, monkeypatch):
@@ -160,19 +160,19 @@ def test_limits_that_vary_are_judged_where_they_do_and_not_where_other_errors_pu
         experiment.points, frequency=frequency, damping=damping, frequency_sd=5e-5 * frequency,
         damping_sd=0.01 * damping))
     first = of_others.predict(truth)
-    found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    search = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
     equal = np.where([one.field == "spread" for one in truth.parameters.coordinates], -5.0, truth.z)
-    found.fits[names] = found.fitter.at(replace(truth, z=equal), first)
+    search.fits[names] = search.fitter.at(replace(truth, z=equal), first)
     space = of_others.parameters(sorted(rival))
     nearer = replace(of_others.predict(Point(space, np.zeros(space.size)), first), values=0.5 * (
-        of_others.measurement.values + found.fits[names].predicted))
-    found.fits[rival] = found.fitter.linearised(nearer)
-    before = found.log_evidence(names)
-    assert before < found.log_evidence(rival, frozenset()) - NEGLIGIBLE
-    monkeypatch.setattr(strategy, "is_explained", lambda found: True)
-    allow_for_chance(found)
-    assert found.log_evidence(names) > before + NEGLIGIBLE
-    assert np.abs(found.fits[names].z).max() < HALF
+        of_others.measurement.values + search.fits[names].predicted))
+    search.fits[rival] = search.fitter.linearised(nearer)
+    before = search.log_evidence(names)
+    assert before < search.log_evidence(rival, frozenset()) - NEGLIGIBLE
+    monkeypatch.setattr(strategy, "is_explained", lambda search: True)
+    allow_for_chance(search)
+    assert search.log_evidence(names) > before + NEGLIGIBLE
+    assert np.abs(search.fits[names].z).max() < HALF
 
 
 def test_what_is_left_to_chance_stays_an_error_where_others_are_told_anew(sprung):
@@ -181,11 +181,11 @@ def test_what_is_left_to_chance_stays_an_error_where_others_are_told_anew(sprung
     names = truth.effects
     backbone = replace(sprung.backbone, amplitude=experiment.points.amplitude, frequency=frequency, damping=damping)
     of_others = StructureExperiment.of(replace(sprung, backbone=backbone))
-    found = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
-    found.fits[names] = found.fitter.linearised(of_others.predict(truth))
-    allow_for_chance(found)
-    told = of_others.told_at(found.fits[names].prediction)
-    again = gone_on(told, found, [frozenset(), names])
+    search = start_search(of_others, of_others.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    search.fits[names] = search.fitter.linearised(of_others.predict(truth))
+    allow_for_chance(search)
+    told = of_others.told_at(search.fits[names].prediction)
+    again = gone_on(told, search, [frozenset(), names])
     assert np.abs(again.fits[names].z).max() < HALF
     assert again.leaves_noise(names)
     unseen = held_out(told, again, names)  # small amplitudes tell which draw it is
@@ -208,11 +208,11 @@ def test_few_draws_tell_how_far_the_next_one_is_off():
 def test_a_wrong_value_that_is_stated_is_told_and_is_no_missing_physics(sliding):
     unknown = {name: ends for name, ends in sliding.unknown.items() if name != "modal_damping"}
     wrong = replace(sliding, known={"modal_damping": 4e-3}, unknown=unknown)
-    found = diagnose_structure(wrong, True, lambda share, text: None)
-    assert found.verdict is Verdict.NONE
-    damping = next(one for one in found.parameters if one.name == "structure.modal_damping")
+    diagnosis = diagnose_structure(wrong, True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.NONE
+    damping = next(one for one in diagnosis.parameters if one.name == "structure.modal_damping")
     assert damping.low < 1e-3 < damping.high
-    assert any("instead of 0.004" in note for note in found.notes)
+    assert any("instead of 0.004" in note for note in diagnosis.notes)
 
 
 def test_noise_is_read_off_neighbours_and_points_are_averaged(sprung):
@@ -328,8 +328,9 @@ file = "ring.csv"
 time = { column = "t", unit = "s" }
 head = { column = "x", unit = "um" }
 """)
-    found = with_backbone(read_structure_recording(tmp_path)).backbone
-    top = found.amplitude > 2e-5
+    backbone = with_backbone(read_structure_recording(tmp_path)).backbone
+    top = backbone.amplitude > 2e-5
     told = recording.backbone
     assert top.sum() > 5
-    assert np.interp(found.amplitude[top], told.amplitude, told.damping) == pytest.approx(found.damping[top], rel=0.1)
+    damping = np.interp(backbone.amplitude[top], told.amplitude, told.damping)
+    assert damping == pytest.approx(backbone.damping[top], rel=0.1)

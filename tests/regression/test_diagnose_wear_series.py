@@ -26,22 +26,22 @@ def series(recordings, name):
     return diagnosed(recordings / "wear_series" / f"{name}.csv")
 
 
-def parameters(found):
-    return {one.name: one for one in found.parameters}
+def parameters(diagnosis):
+    return {one.name: one for one in diagnosis.parameters}
 
 
 def test_steel_wears_by_powers_of_pressure_amplitude_and_frequency(recordings):
-    found = series(recordings, STEEL)
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("wear-power-law",)
-    assert found.wear_tests.r2_before == pytest.approx(0.69, abs=0.03)
-    assert found.wear_tests.r2_after == pytest.approx(0.93, abs=0.02)
-    exponents = parameters(found)
+    diagnosis = series(recordings, STEEL)
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("wear-power-law",)
+    assert diagnosis.wear_tests.r2_before == pytest.approx(0.69, abs=0.03)
+    assert diagnosis.wear_tests.r2_after == pytest.approx(0.93, abs=0.02)
+    exponents = parameters(diagnosis)
     assert exponents["wear-power-law.pressure_exponent"].low > 0.0
     assert exponents["wear-power-law.sliding_exponent"].low > 0.0
     assert exponents["wear-power-law.frequency_exponent"].high < 0.0
-    assert found.detection.p_value < 0.05
-    assert found.held_out.after < 0.6 * found.held_out.before
+    assert diagnosis.detection.p_value < 0.05
+    assert diagnosis.held_out.after < 0.6 * diagnosis.held_out.before
 
 
 def test_what_steel_does_not_tell_is_said(recordings):
@@ -54,24 +54,24 @@ def test_what_steel_does_not_tell_is_said(recordings):
 
 
 def test_titanium_wears_by_the_power_density(recordings):
-    found = series(recordings, TITANIUM)
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("wear-power-law",)
-    assert found.wear_tests.r2_before == pytest.approx(0.45, abs=0.01)
-    assert found.wear_tests.r2_after == pytest.approx(0.92, abs=0.01)
-    exponent = parameters(found)["wear-power-law.power_density_exponent"]
+    diagnosis = series(recordings, TITANIUM)
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("wear-power-law",)
+    assert diagnosis.wear_tests.r2_before == pytest.approx(0.45, abs=0.01)
+    assert diagnosis.wear_tests.r2_after == pytest.approx(0.92, abs=0.01)
+    exponent = parameters(diagnosis)["wear-power-law.power_density_exponent"]
     assert -0.30 < exponent.low < exponent.value < exponent.high < -0.19
-    assert found.detection.p_value < 1e-6
-    assert found.held_out.after < 0.5 * found.held_out.before
-    assert "frequency" in found.separating_measurement
+    assert diagnosis.detection.p_value < 1e-6
+    assert diagnosis.held_out.after < 0.5 * diagnosis.held_out.before
+    assert "frequency" in diagnosis.separating_measurement
 
 
 def test_titanium_rows_that_stand_twice_are_named(recordings):
     """P_1 and R_4 are one test, as f_8 is; Rp_5, f_6 and RP_f_5 are one, with two values of the power density."""
-    found = series(recordings, TITANIUM)
-    said = " ".join(found.notes)
+    diagnosis = series(recordings, TITANIUM)
+    said = " ".join(diagnosis.notes)
     assert "rows 4-5, 10-14, 20, 22-27 repeat the volume" in said
     assert "tests that stand twice with different power density" in said
     assert "worn volume, row 18: has no number" in said
-    assert found.ranking[0].degrees_of_freedom == 39 - 2
-    assert "38 conditions" in found.held_out.what
+    assert diagnosis.ranking[0].degrees_of_freedom == 39 - 2
+    assert "38 conditions" in diagnosis.held_out.what

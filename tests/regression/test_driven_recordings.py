@@ -41,9 +41,9 @@ def refit(kind, names, motion, force, used=None):
     """Return the fit, what it leaves of the force, and the CPU time that it took."""
     data = plain_data(kind, motion, force, used)
     start = time.process_time()
-    found = fitted(data, names)
+    fit = fitted(data, names)
     taken = time.process_time() - start
-    return found, force - DrivenExperiment(data, white_noise(data), 1.0).force(found), taken
+    return fit, force - DrivenExperiment(data, white_noise(data), 1.0).force(fit), taken
 
 
 def rms(values):
@@ -62,9 +62,9 @@ def drive(folder, *names):
 
 
 def test_the_drive_has_the_published_parameters(recordings):
-    found, _, taken, _ = drive(recordings, "coulomb-friction", "force-offset")
-    assert {one.name for one in found.parameters.coordinates} == set(PUBLISHED)
-    for one, z in zip(found.parameters.coordinates, found.z, strict=True):
+    fit, _, taken, _ = drive(recordings, "coulomb-friction", "force-offset")
+    assert {one.name for one in fit.parameters.coordinates} == set(PUBLISHED)
+    for one, z in zip(fit.parameters.coordinates, fit.z, strict=True):
         assert one.value(z) == pytest.approx(PUBLISHED[one.name], rel=0.005)
     assert taken < 1.0
 
@@ -117,14 +117,14 @@ def test_a_damper_with_backlash_is_best_explained_by_play(recordings, name, expe
     motion, force = loop(recordings / name)
     models = ((), ("directional-friction",), ("backlash", "directional-friction"), ("distributed-micro-slip",
                                                                                      "directional-friction"))
-    found = [refit(IMPOSED_DISPLACEMENT, names, motion, force) for names in models]
-    errors = [rms(left) / np.ptp(force) for _, left, _ in found]
+    fits = [refit(IMPOSED_DISPLACEMENT, names, motion, force) for names in models]
+    errors = [rms(left) / np.ptp(force) for _, left, _ in fits]
     assert errors[:3] == pytest.approx(expected, abs=0.0015)
     assert errors[2] < errors[3]
-    played = found[2][0]
+    played = fits[2][0]
     assert max(one.value(z) for one, z in zip(played.parameters.coordinates, played.z, strict=True)
                if one.field == "play") > 2.5e-3
-    assert max(taken for _, _, taken in found) < 2.0
+    assert max(taken for _, _, taken in fits) < 2.0
 
 
 def test_the_whole_record_of_a_damper_is_refitted_within_a_second(recordings):

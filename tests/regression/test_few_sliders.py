@@ -83,10 +83,10 @@ def decay(amplitude, periods, steps=400):
 @pytest.fixture(scope="module")
 def seen():
     """Return frequency and damping of the decay over its amplitude, smallest first."""
-    found = instantaneous_mode(*decay(8e-3, 90))
-    rising = np.argsort(found.amplitude)
-    rising = rising[found.amplitude[rising] > 0.12 * found.amplitude.max()]
-    return found.amplitude[rising], found.frequency[rising], found.damping[rising]
+    mode = instantaneous_mode(*decay(8e-3, 90))
+    rising = np.argsort(mode.amplitude)
+    rising = rising[mode.amplitude[rising] > 0.12 * mode.amplitude.max()]
+    return mode.amplitude[rising], mode.frequency[rising], mode.damping[rising]
 
 
 def written(folder, seen, bolts):
@@ -136,9 +136,9 @@ def test_nothing_is_lost_where_nothing_slides_wherever_between_the_points_that_b
 
 
 def test_nothing_is_missing_and_of_load_and_friction_the_product_alone_is_told(seen, tmp_path):
-    found = diagnose_structure(written(tmp_path, seen, (300.0, 3000.0)), True, lambda share, text: None)
-    assert found.verdict is Verdict.NONE
-    values = {one.name.removeprefix("structure."): one for one in found.parameters}
+    diagnosis = diagnose_structure(written(tmp_path, seen, (300.0, 3000.0)), True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.NONE
+    values = {one.name.removeprefix("structure."): one for one in diagnosis.parameters}
     for name, truth in (("bolt_load", LOAD), ("friction_coefficient", FRICTION)):
         assert values[name].low < truth < values[name].high
     assert values["bolt_load"].value * values["friction_coefficient"].value == pytest.approx(LOAD * FRICTION, rel=0.03)
@@ -150,9 +150,9 @@ def test_nothing_is_missing_and_of_load_and_friction_the_product_alone_is_told(s
 
 def test_a_baseline_is_found_from_a_load_at_which_all_stick(seen, tmp_path):
     experiment = StructureExperiment.of(written(tmp_path, seen, (600.0, 2e5)))
-    found = start_search(experiment, experiment.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
-    begin_baselines(experiment, found)
-    values = found.baseline.parameters.values(found.baseline.z)[""]
+    search = start_search(experiment, experiment.first_prediction(), FAST, lambda task, asked: [*map(task, asked)])
+    begin_baselines(experiment, search)
+    values = search.baseline.parameters.values(search.baseline.z)[""]
     assert values["bolt_load"] * values["friction_coefficient"] == pytest.approx(LOAD * FRICTION, rel=0.03)
 
 

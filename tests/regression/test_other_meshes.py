@@ -55,8 +55,8 @@ def test_errors_of_a_mesh_are_those_of_the_baseline_that_is_judged_by_them(finer
     experiment = StructureExperiment.of(finer)
     space = experiment.parameters(("bolt-load-spread",))
     elsewhere = experiment.told_at(experiment.predict(Point(space, np.full(space.size, 0.5))))
-    found = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
-    own = of_baseline(replace(elsewhere, spacing=0.0), found)
+    search = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
+    own = of_baseline(replace(elsewhere, spacing=0.0), search)
     assert own.about.effects == frozenset()
     rest = [one.measurement.covariance().whiten(one.measurement.values - one.predict(own.about).values) for one in (
         replace(elsewhere, spacing=0.0), own)]
@@ -64,12 +64,12 @@ def test_errors_of_a_mesh_are_those_of_the_baseline_that_is_judged_by_them(finer
 
 
 def test_nothing_is_missing_from_rigid_faces_on_another_mesh(finer):
-    found = diagnose_structure(finer, True, lambda share, text: None)
-    assert found.verdict is Verdict.NONE
-    values = {one.name: one.value for one in found.parameters}
+    diagnosis = diagnose_structure(finer, True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.NONE
+    values = {one.name: one.value for one in diagnosis.parameters}
     assert values["structure.bolt_load"] * values["structure.friction_coefficient"] == pytest.approx(
         LOAD * FRICTION, rel=0.25)
-    assert any("much finer" in note for note in found.notes)
+    assert any("much finer" in note for note in diagnosis.notes)
 
 
 def test_a_backbone_of_static_loads_is_compared_with_static_loads(structures, tmp_path):
@@ -83,8 +83,8 @@ def test_a_backbone_of_static_loads_is_compared_with_static_loads(structures, tm
                   100.0 * curve.damping * (1.0 + 0.02 * rng.standard_normal(24))]
     structures.write_backbone(tmp_path, beam, table, '"200 N", "2 kN"', "tip")
     experiment = StructureExperiment.of(read_structure_recording(tmp_path))
-    found = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
-    told, again = told_again(experiment, found)
+    search = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
+    told, again = told_again(experiment, search)
     assert told.static
     assert told.corrected(again.baseline.prediction) is None
     assert again.leaves_noise(frozenset())

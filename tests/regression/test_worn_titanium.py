@@ -39,11 +39,11 @@ def test_one_coefficient_fails_and_oxygen_that_does_not_reach_is_named(recording
     (tmp_path / "recording.toml").write_text(HEAD + "".join(
         PROFILE.format(file=folder / f"profile_{name}Hz.csv", frequency=frequency)
         for name, frequency in (("0p1", 0.1), ("2", 2))))
-    found = diagnose_structure(read_structure_recording(tmp_path), True, lambda share, text: None)
-    assert found.detection.p_value < 1e-6
-    assert found.verdict is Verdict.NAMED
-    assert found.effects == ("oxygen-limited-wear", "third-body")
-    slow, fast = found.curves
+    diagnosis = diagnose_structure(read_structure_recording(tmp_path), True, lambda share, text: None)
+    assert diagnosis.detection.p_value < 1e-6
+    assert diagnosis.verdict is Verdict.NAMED
+    assert diagnosis.effects == ("oxygen-limited-wear", "third-body")
+    slow, fast = diagnosis.curves
     for one, measured in ((slow, 0.351), (fast, 0.172)):
         assert 1e6 * trapezoid(one.measured, one.x) == pytest.approx(measured, abs=0.001)
         assert 1e6 * trapezoid(one.after, one.x) == pytest.approx(measured, rel=0.1)

@@ -42,21 +42,21 @@ def test_evidence_is_the_density_of_the_whole_covariance() -> None:
     own, known = experiment.measurement, experiment.measurement.covariance()
     fit = Fitter(experiment, known).at(Point(experiment.parameters(["viscous"]), np.array([0.1, -0.2])), None)
     signature = 0.3 * wave("viscous")
-    found = Discrepancy(own, known).evidence(fit, modulations(own, signature)).table
+    table = Discrepancy(own, known).evidence(fit, modulations(own, signature)).table
     sigma = np.diag(known.variance) + known.modes @ known.modes.T + fit.jacobian @ fit.jacobian.T
     start = own.values - fit.predicted + fit.jacobian @ fit.z
     (common, single), modulated = smooth_functions(own), modulations(own, signature)
     written = np.array([[[multivariate_normal.logpdf(start, cov=(
         sigma + size**2 * common @ common.T + tau**2 * single @ single.T + form**2 * modulated @ modulated.T))
         for tau in SIZES[::5]] for size in SIZES[::5]] for form in FORMS[::6]])
-    assert found[::6, ::5, ::5] - found[0, 0, 0] == pytest.approx(written - written[0, 0, 0], abs=1e-5)
+    assert table[::6, ::5, ::5] - table[0, 0, 0] == pytest.approx(written - written[0, 0, 0], abs=1e-5)
 
 
 def test_codes_that_do_not_differ_have_a_prior() -> None:
     """The smallest size takes most of it, and all of it is there; it was nought over nought."""
-    found = size_prior(0.0)
-    assert found.sum() == pytest.approx(1.0)
-    assert int(np.argmax(found)) == 0
+    prior = size_prior(0.0)
+    assert prior.sum() == pytest.approx(1.0)
+    assert int(np.argmax(prior)) == 0
 
 
 @pytest.mark.parametrize("where", ["one loop", "all loops"])
@@ -70,8 +70,8 @@ def test_law_form_errors_have_the_size_that_they_are(where: str) -> None:
     experiment = Waves(measurement(cosine() + change * (1.0 + 0.2 * shape) + 0.1 * noise, 0.1 * SD))
     known, space = experiment.measurement.covariance(), experiment.parameters(["viscous"])
     fit = Fitter(experiment, known).fit(Point(space, np.zeros(space.size)), None)
-    found = Discrepancy(experiment.measurement, known).evidence(fit, modulations(experiment.measurement, change))
-    assert 0.08 < float(FORMS[int(np.argmax(found.table[:, 0, 0]))]) < 0.45  # nothing else being wrong
+    evidence = Discrepancy(experiment.measurement, known).evidence(fit, modulations(experiment.measurement, change))
+    assert 0.08 < float(FORMS[int(np.argmax(evidence.table[:, 0, 0]))]) < 0.45  # nothing else being wrong
 
 
 def test_an_input_is_off_by_nothing_but_its_time() -> None:
@@ -206,9 +206,9 @@ def test_what_is_left_out_is_not_explained_by_what_is_orthogonal_to_it() -> None
     axes = 50.0 * np.eye(3)
     alias = 0.995 * axes[0] + np.sqrt(1.0 - 0.995**2) * axes[1]
     starts = [start_of(name, one) for name, one in zip(SHAPES, (axes[0], alias, axes[2]), strict=False)]
-    found = left_out(starts, 1, len(starts))
-    assert found[FORMS < 0.3].sum() == pytest.approx(2.0 / 3.0, abs=0.1)  # a tenth of their size is left, the sine
-    assert found[FORMS > 0.3].sum() == pytest.approx(1.0 / 3.0, abs=0.1)
+    shares = left_out(starts, 1, len(starts))
+    assert shares[FORMS < 0.3].sum() == pytest.approx(2.0 / 3.0, abs=0.1)  # a tenth of their size is left, the sine
+    assert shares[FORMS > 0.3].sum() == pytest.approx(1.0 / 3.0, abs=0.1)
 
 
 def test_two_others_explain_what_one_cannot() -> None:
@@ -245,12 +245,12 @@ def test_one_wave_is_named_with_its_size_and_two_as_two() -> None:
     own = measurement()
     shifted = wave("viscous") * (1.0 + 0.05 * np.cos(2.0 * np.pi * own.phase))
     noise = SD * generator.standard_normal(len(own.values))
-    found = judged(1.1 * cosine() + 0.35 * shifted + noise)
-    verdict = decide(found)
+    search = judged(1.1 * cosine() + 0.35 * shifted + noise)
+    verdict = decide(search)
     assert (verdict.verdict, verdict.effects) == (Verdict.NAMED, ("viscous",))
-    mean, covariance = found.evidence(verdict.after).coordinates(found.prior(verdict.after))
+    mean, covariance = search.evidence(verdict.after).coordinates(search.prior(verdict.after))
     sd = np.sqrt(np.diag(covariance))
-    size = found.fits[verdict.after].parameters.coordinates[-1]
+    size = search.fits[verdict.after].parameters.coordinates[-1]
     assert size.value(mean[-1] - 2.0 * sd[-1]) < 0.35 < size.value(mean[-1] + 2.0 * sd[-1])
     both = judged(cosine() + 0.35 * wave("viscous") + 0.3 * wave("support-nonlinearity") + noise)
     assert decide(both).effects == ("support-nonlinearity", "viscous")
@@ -271,14 +271,14 @@ def test_a_law_that_is_not_there_is_not_seen_by_other_forms_of_it(kept: float, s
     own, name = measurement(), "sensor-inertia"
     shape = kept + swing * np.sqrt(2.0) * np.cos(2.0 * np.pi * own.phase)
     experiment = KnownSizes(measurement(cosine() + 0.3 * shape * wave(name)), (name,))
-    found = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
+    search = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
     for effects in ((), (name,)):
         parameters = experiment.parameters(effects)
         point = Point(parameters, np.zeros(len(parameters.coordinates)))
-        found.keep([found.fitter.fit(point, experiment.predict(point), 5)])
+        search.keep([search.fitter.fit(point, experiment.predict(point), 5)])
     names = frozenset({name})
-    assert found.log_evidence(names) > found.log_evidence(frozenset()) + 10.0  # with forms it explains much
-    assert mostly_by_form(found, names, name) is by_form
+    assert search.log_evidence(names) > search.log_evidence(frozenset()) + 10.0  # with forms it explains much
+    assert mostly_by_form(search, names, name) is by_form
 
 
 def test_noise_and_what_codes_differ_by_are_nothing() -> None:
@@ -328,9 +328,9 @@ def test_a_law_that_extends_another_is_named_for_what_the_other_cannot_do(monkey
     monkeypatch.setitem(SHAPES, "contact-stiffness-evolution",
                         lambda phase, share: (1.0 - share) * np.sin(2.0 * np.pi * phase))
     noise = SD * np.random.default_rng(7).standard_normal(LOOPS * SAMPLES)
-    found = judged(cosine() + wave("contact-stiffness-evolution") + noise,
-                   ("contact-stiffness", "contact-stiffness-evolution", "support-nonlinearity", "sensor-inertia"))
-    verdict = decide(found)
+    search = judged(cosine() + wave("contact-stiffness-evolution") + noise,
+                    ("contact-stiffness", "contact-stiffness-evolution", "support-nonlinearity", "sensor-inertia"))
+    verdict = decide(search)
     assert verdict.effects == ("contact-stiffness-evolution",)
     assert verdict.probability > 0.99
 

@@ -91,19 +91,19 @@ def test_derivatives_by_differences_are_those_of_the_closed_form() -> None:
     """A stiffness changes the line by half its slope, a limit by a tenth; taken inward where there is a limit."""
     experiment = line()
     z = np.array([0.3, 1.99])  # a step further on, the line has no solution: derivatives are taken inward
-    found = jacobian(experiment, experiment.predict(Point(experiment.parameters(()), z)))
+    derivative = jacobian(experiment, experiment.predict(Point(experiment.parameters(()), z)))
     slope = 0.5 * exp(log(2.0) + 0.5 * 0.3) * np.arange(1.0, 4.0)
-    assert found == pytest.approx(np.column_stack([slope, np.full(3, 0.1)]), rel=0.01)
+    assert derivative == pytest.approx(np.column_stack([slope, np.full(3, 0.1)]), rel=0.01)
 
 
 def test_what_has_no_solution_is_told_by_nan() -> None:
     """A point beyond the limit has a column of nan, the one beside it its change."""
     experiment = line()
     own = experiment.parameters(())
-    found = differences(experiment, experiment.predict(Point(own, np.zeros(2))),
-                        [Point(own, np.array([0.0, 3.0])), Point(own, np.array([0.0, 1.0]))])
-    assert np.isnan(found[:, 0]).all()
-    assert found[:, 1] == pytest.approx(np.full(3, 0.1))
+    changes = differences(experiment, experiment.predict(Point(own, np.zeros(2))),
+                          [Point(own, np.array([0.0, 3.0])), Point(own, np.array([0.0, 1.0]))])
+    assert np.isnan(changes[:, 0]).all()
+    assert changes[:, 1] == pytest.approx(np.full(3, 0.1))
 
 
 def test_what_first_order_changes_do_not_know_is_differenced() -> None:
@@ -112,10 +112,10 @@ def test_what_first_order_changes_do_not_know_is_differenced() -> None:
         def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
             return np.full((len(prediction.values), len(points)), np.nan)
 
-    found, known = (jacobian(one, one.predict(Point(one.parameters(()), np.zeros(2))))
-                    for one in (Blind(line().measurement), line()))
+    derivative, known = (jacobian(one, one.predict(Point(one.parameters(()), np.zeros(2))))
+                         for one in (Blind(line().measurement), line()))
     assert np.any(known)
-    assert found == pytest.approx(known)
+    assert derivative == pytest.approx(known)
 
 
 @pytest.mark.parametrize("name", sorted(catalogue()))
@@ -153,20 +153,20 @@ def test_a_fit_goes_on_on_the_side_of_zero_where_it_is() -> None:
 
 def test_points_of_a_range_begin_from_the_first_of_them() -> None:
     """A range may lie far from the prediction that it is laid beside, and its points near each other."""
-    experiment, begun = line(), []
+    experiment, neighbours = line(), []
 
     class Watched(Line):
         def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
-            begun.append(near)
+            neighbours.append(near)
             return super().predict(point, near)
 
     own = Watched(experiment.measurement)
     origin = experiment.predict(Point(own.parameters(()), np.zeros(2)))
     space = own.parameters(("viscous",))
     laid = [Point(space, np.r_[0.0, 0.0, at * np.ones(space.size - 2)]) for at in (0.0, -1.0, 1.0)]
-    found = differences(own, origin, [*laid, Point(origin.point.parameters, np.ones(2))])
-    assert begun[0] is origin
-    assert begun[3] is origin
-    assert begun[1] is begun[2]
-    assert begun[1].point is laid[0]
-    assert found[:, -1] == pytest.approx(2.0 * (exp(0.5) - 1.0) * np.arange(1.0, 4.0) + 0.1)
+    changes = differences(own, origin, [*laid, Point(origin.point.parameters, np.ones(2))])
+    assert neighbours[0] is origin
+    assert neighbours[3] is origin
+    assert neighbours[1] is neighbours[2]
+    assert neighbours[1].point is laid[0]
+    assert changes[:, -1] == pytest.approx(2.0 * (exp(0.5) - 1.0) * np.arange(1.0, 4.0) + 0.1)

@@ -98,9 +98,9 @@ def test_half_of_the_square_of_a_bound_s_row_is_minus_the_log_of_its_probability
     """A least-squares fit then maximises the likelihood; met by far, a bound pulls no more."""
     key = "at_least" if side > 0 else "at_most"
     bound = Fact(quantity="corner-share", sd=0.1, **{key: 0.5})
-    for found in (0.2, 0.5, 0.55, 0.9):
-        probability = norm.cdf(side * (found - 0.5) / 0.1)
-        assert 0.5 * _row(bound, bound.distance(found))**2 == pytest.approx(-np.log(probability))
+    for value in (0.2, 0.5, 0.55, 0.9):
+        probability = norm.cdf(side * (value - 0.5) / 0.1)
+        assert 0.5 * _row(bound, bound.distance(value))**2 == pytest.approx(-np.log(probability))
     assert abs(_row(bound, bound.distance(0.5 + side * 5.0))) < 1e-6
     assert _row(bound, bound.distance(0.5 - side * 0.3)) * side < 0.0  # below what is at least stated: too low
 

@@ -46,12 +46,13 @@ def test_noise_of_channels_makes_no_gain_smaller() -> None:
         return values[rows]
 
     x, force, every = drawn(1.0, key), drawn(1.0, key), np.arange(len(key))
-    found = Equations(x / 0.9 + force, x + drawn(0.2, every), force + drawn(0.2, every), drawn(1.0, key),
-                      drawn(1.0, key), harmonic.astype(float), harmonic, loop, every // 5, loop).solve()
-    sd = np.sqrt(np.diag(found.covariance))
-    assert np.abs(found.values - [1.0 / 0.9, 0.0, 1.0, 0.0, 0.0, 0.0]) == pytest.approx(np.zeros(6), abs=4.0 * sd.max())
-    assert found.values[0] - found.attenuated[0] == pytest.approx(1.0 / 0.9 / 1.04, rel=0.02)
-    assert not found.holds
+    solution = Equations(x / 0.9 + force, x + drawn(0.2, every), force + drawn(0.2, every), drawn(1.0, key),
+                         drawn(1.0, key), harmonic.astype(float), harmonic, loop, every // 5, loop).solve()
+    sd = np.sqrt(np.diag(solution.covariance))
+    off = np.abs(solution.values - [1.0 / 0.9, 0.0, 1.0, 0.0, 0.0, 0.0])
+    assert off == pytest.approx(np.zeros(6), abs=4.0 * sd.max())
+    assert solution.values[0] - solution.attenuated[0] == pytest.approx(1.0 / 0.9 / 1.04, rel=0.02)
+    assert not solution.holds
 
 
 def test_gains_are_no_surer_than_the_repeats_that_tell_them() -> None:
@@ -64,15 +65,15 @@ def test_gains_are_no_surer_than_the_repeats_that_tell_them() -> None:
         values = size * (rng.standard_normal((2, rows.max() + 1)).T @ [1.0, 1.0j])
         return values[rows]
 
-    found, told = [], []
+    estimates, told = [], []
     for _ in range(200):
         x, force, other, damped = (drawn(1.0, 6 * loop + harmonic) for _ in range(4))
         gains = 1.0 + 0.05 * rng.standard_normal((2, 32))[:, repeat]
         one = Equations(x + force + drawn(1e-3, np.arange(160)), x * gains[0], force * gains[1], other, damped,
                         harmonic.astype(float), harmonic, loop, repeat, loop).solve()
-        found.append(one.values[[0, 2]])
+        estimates.append(one.values[[0, 2]])
         told.append(np.sqrt(np.diag(one.covariance)[[0, 2]]))
-    assert np.std(found, axis=0) == pytest.approx(np.mean(told, axis=0), rel=0.25)
+    assert np.std(estimates, axis=0) == pytest.approx(np.mean(told, axis=0), rel=0.25)
 
 
 @pytest.mark.real_data
@@ -80,8 +81,8 @@ def test_a_displacement_gain_is_told_beside_the_mass_that_explains_the_same(reco
     """Receptances go with the total mass: 10.5 / 0.9 kg less the arm's 0.5 kg are 11.7 % above 10 kg."""
     recording = altered(read_recording(recordings / "example_baseline"), "displacement", lambda _, values: 0.9 * values)
     told, (doubted,) = said(recording)
-    found = re.search(r"would be (\S+) % above the file's: a displacement gain of (\S+) ", doubted)
-    mass, gain = map(float, found.groups())
+    match = re.search(r"would be (\S+) % above the file's: a displacement gain of (\S+) ", doubted)
+    mass, gain = map(float, match.groups())
     assert not told
     assert mass == pytest.approx(11.7, abs=1.0)
     assert gain == pytest.approx(0.9, abs=0.01)
@@ -100,9 +101,9 @@ def test_a_gain_that_drifts_is_told_with_its_size(name: str, size: float, record
         return values * (1.0 + size * share)[:, None, None]
 
     (told,), _ = said(altered(recording, name, drift))
-    found = re.fullmatch(r"the gain of the (.+) drifts: at 300,000 cycles it is (\S+) times that at 0", told)
-    assert found.group(1) == name.replace("_", " ")
-    assert float(found.group(2)) == pytest.approx(1.0 + size, abs=0.015)
+    match = re.fullmatch(r"the gain of the (.+) drifts: at 300,000 cycles it is (\S+) times that at 0", told)
+    assert match.group(1) == name.replace("_", " ")
+    assert float(match.group(2)) == pytest.approx(1.0 + size, abs=0.015)
 
 
 @pytest.mark.real_data

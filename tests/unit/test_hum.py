@@ -24,8 +24,8 @@ def test_noise_that_a_filter_has_passed_is_no_hum() -> None:
         passed = 0.85 * white[..., :-1] + 0.15 * white[..., 1:]
         loops = SimpleNamespace(channels={"normal_force": 50.0 + 0.1 * passed}, phase=np.arange(100),
                                 repeats=np.full(2, 3), usable=np.ones((2, 3), dtype=bool))
-        found = hum_between_repeats([(loops, frequency)], "normal_force", 50.0)
-        told += [] if found is None else [found[0]]
+        hum = hum_between_repeats([(loops, frequency)], "normal_force", 50.0)
+        told += [] if hum is None else [hum[0]]
     assert 0.02 < np.mean(np.array(told) < 0.05) < 0.08  # uniform but for three standard errors
 
 
@@ -45,9 +45,9 @@ def test_hum_is_told_with_its_size(name: str, size: float, anew: bool, recording
         return values + size * np.sin(2.0 * np.pi * 50.0 * turns + begin)
 
     (told,), _ = said(altered(recording, name, humming))
-    found = re.match(r"the (.+) has a hum of the mains, (.+) to (.+) in all", told)
-    low, high = (parse_quantity(found.group(k), "m" if name == "displacement" else "N") for k in (2, 3))
-    assert found.group(1) == name.replace("_", " ")
+    match = re.match(r"the (.+) has a hum of the mains, (.+) to (.+) in all", told)
+    low, high = (parse_quantity(match.group(k), "m" if name == "displacement" else "N") for k in (2, 3))
+    assert match.group(1) == name.replace("_", " ")
     assert 0.75 * low < size < 1.25 * high
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
 from fretflow.inference.evidence import SIZES, sizes
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import Array, Coordinate, Parameters
@@ -89,13 +89,13 @@ def linear(weight: float = 1.0, cost: float = 0.0, modes: int = 0) -> Linear:
         held_out=np.zeros(COUNT, dtype=bool)), cost)
 
 
-def looked(experiment: Linear, effects: Sequence[str]) -> IndependentSearch:
+def search_of(experiment: Linear, effects: Sequence[str]) -> IndependentSearch:
     """Return a search with one set fitted."""
-    found = IndependentSearch(experiment, in_turn, FAST)
+    search = IndependentSearch(experiment, in_turn, FAST)
     for names in ((), effects):
         own = experiment.parameters(names)
-        found.keep([at_rest(found.fitter, Point(own, np.zeros(own.size)))])
-    return found
+        search.keep([at_rest(search.fitter, Point(own, np.zeros(own.size)))])
+    return search
 
 
 @pytest.mark.parametrize("modes", [0, 2])
@@ -103,7 +103,7 @@ def test_the_evidence_is_the_density_of_a_normal_vector(modes):
     """Differences between sizes of the discrepancy, where constants of the recording cancel, to round-off."""
     experiment = linear(modes=modes)
     own = experiment.measurement
-    table = looked(experiment, ["viscous"]).evidence(frozenset({"viscous"}), laws=frozenset()).table[0]
+    table = search_of(experiment, ["viscous"]).evidence(frozenset({"viscous"}), laws=frozenset()).table[0]
     known = [multivariate_normal.logpdf(own.values, np.zeros(COUNT), np.diag(own.variance + (tau * sizes(own))**2)
                                         + SLOPES @ SLOPES.T + own.modes @ own.modes.T) for tau in SIZES]
     assert table - table[0] == pytest.approx(np.array(known) - known[0], abs=1e-8)
@@ -124,18 +124,18 @@ def test_rows_that_are_alike_count_as_one():
         def courses(self) -> Array:
             return np.zeros((4 * COUNT, 0))
 
-    tables = [looked(own, ["viscous"]).evidence(frozenset({"viscous"}), laws=frozenset()).table[0]
+    tables = [search_of(own, ["viscous"]).evidence(frozenset({"viscous"}), laws=frozenset()).table[0]
               for own in (one, Copies(repeated))]
     assert tables[1] - tables[1][0] == pytest.approx(tables[0] - tables[0][0], abs=1e-8)
 
 
 def test_the_choice_of_a_law_is_paid_and_intervals_hold():
     """A law chosen from several loses the logarithm of their number; the true slope lies in its interval."""
-    free, paid = (looked(linear(cost=cost), ["viscous"]) for cost in (0.0, np.log(8.0)))
+    free, paid = (search_of(linear(cost=cost), ["viscous"]) for cost in (0.0, np.log(8.0)))
     names = frozenset({"viscous"})
     tables = [one.evidence(names, frozenset()).table for one in (free, paid)]
     assert tables[0] - tables[1] == pytest.approx(np.log(8.0))
     slope = next(one for one in estimates(free, names) if one.name == "viscous.slope")
     assert slope.low < 1.5 < slope.high
     assert slope.high - slope.low < 0.8
-    assert 0.0 < visible(free)["viscous"] < 1.0
+    assert 0.0 < smallest_visible(free)["viscous"] < 1.0

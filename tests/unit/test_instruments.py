@@ -79,8 +79,8 @@ def test_a_rig_in_motion_with_any_friction_has_no_fault() -> None:
     ({"late": 5e-4}, "friction force comes 500 µs late"), ({"limit": 42.0}, "friction force saturates at 42 N in")])
 def test_a_fault_is_told_with_its_size(change: dict[str, float], said: str) -> None:
     """Unit, gain, sign, delay and saturation of the force."""
-    found = faults(*recorded(**change))
-    assert said in found[0]
+    texts = faults(*recorded(**change))
+    assert said in texts[0]
 
 
 def test_what_effects_of_the_catalogue_do_is_no_fault() -> None:
@@ -156,8 +156,8 @@ def test_a_channel_that_is_not_in_step_is_told_with_its_delay(name: str, late: f
         return np.fft.irfft(turning[:, None] * lines, values.shape[2], axis=2)
 
     (told,), _ = said(altered(recording, name, delayed))
-    found = re.match(rf"the {name} comes (\d+) µs (early|late) against", told)
-    assert float(found.group(1)) * (1e-6 if found.group(2) == "late" else -1e-6) == pytest.approx(late, abs=20e-6)
+    match = re.match(rf"the {name} comes (\d+) µs (early|late) against", told)
+    assert float(match.group(1)) * (1e-6 if match.group(2) == "late" else -1e-6) == pytest.approx(late, abs=20e-6)
 
 
 @pytest.mark.real_data
@@ -171,8 +171,8 @@ def test_a_zero_that_drifts_is_told_with_its_size(name: str, by: float, recordin
         return values + by * share[:, None, None]
 
     (told,), _ = said(altered(recording, name, drift))
-    found = re.fullmatch(rf"the zero of the {name.replace('_', ' ')} drifts by (.+) over the test", told)
-    assert parse_quantity(found.group(1), "m" if name == "displacement" else "N") == pytest.approx(by, rel=0.25)
+    match = re.fullmatch(rf"the zero of the {name.replace('_', ' ')} drifts by (.+) over the test", told)
+    assert parse_quantity(match.group(1), "m" if name == "displacement" else "N") == pytest.approx(by, rel=0.25)
 
 
 @pytest.mark.real_data
@@ -287,13 +287,13 @@ def test_delays_are_solved_to_the_end_from_any_guess(name: str, known: bool, gue
     recording = read_recording(recordings / name)
     equations = Equations.of(recording, _rig(case_of(recording)))
     assert equations is not None
-    found = equations.synchronised(np.array(guess))
-    assert found is not None or not known
-    if found is not None:
+    synchronised = equations.synchronised(np.array(guess))
+    assert synchronised is not None or not known
+    if synchronised is not None:
         start = equations.synchronised(np.zeros(2))
         assert start is not None
         errors = np.sqrt(np.diag(start[1].covariance)[DELAYS])
-        np.testing.assert_allclose(found[0] / errors, start[0] / errors, atol=0.01)
+        np.testing.assert_allclose(synchronised[0] / errors, start[0] / errors, atol=0.01)
 
 
 @pytest.mark.real_data

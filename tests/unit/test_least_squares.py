@@ -54,7 +54,7 @@ class Valley:
         """Return nothing."""
 
 
-def found(valley: Valley, secants: bool = False) -> Fit:
+def fit_of(valley: Valley, secants: bool = False) -> Fit:
     """Return the fit from the other side of the valley, by 60 steps at most."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
     plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
@@ -64,7 +64,7 @@ def found(valley: Valley, secants: bool = False) -> Fit:
 
 def test_a_bent_valley_is_followed_to_its_end() -> None:
     """Whole Gauss-Newton steps leave the valley; damped ones stay in it."""
-    end = found(Valley())
+    end = fit_of(Valley())
     assert end.converged
     assert end.z == pytest.approx(TRUE, abs=0.05)
     assert end.chi_squared < 1.0
@@ -82,15 +82,15 @@ class Lost(Valley):
 
 
 def test_where_finer_steps_have_no_solution_the_fit_with_coarse_ones_stays() -> None:
-    assert found(Lost(ripple=0.3)).z == pytest.approx(found(Valley(ripple=0.3, finest=ROUGH)).z)
+    assert fit_of(Lost(ripple=0.3)).z == pytest.approx(fit_of(Valley(ripple=0.3, finest=ROUGH)).z)
 
 
 def test_what_numerical_errors_make_rough_is_fitted_with_finer_ones() -> None:
     """Ripples of several sd stop the fit; those of a tenth do not."""
-    end = found(Valley(ripple=0.3))
+    end = fit_of(Valley(ripple=0.3))
     assert end.z == pytest.approx(TRUE, abs=0.1)
     assert end.chi_squared < 5.0
-    assert found(Valley(ripple=0.3, finest=ROUGH)).chi_squared > 20.0
+    assert fit_of(Valley(ripple=0.3, finest=ROUGH)).chi_squared > 20.0
 
 
 def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
@@ -180,7 +180,7 @@ def test_derivatives_are_made_anew_where_they_told_too_little_and_where_a_fit_re
             seen.append(point.z)
             return super().predict(point, near)
 
-    end = found(Counting(bend=bend), secants=True)
+    end = fit_of(Counting(bend=bend), secants=True)
     assert end.converged
     assert not end.secant
     assert end.z == pytest.approx(TRUE, abs=0.05)
@@ -190,7 +190,7 @@ def test_derivatives_are_made_anew_where_they_told_too_little_and_where_a_fit_re
 
 def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:
     """A fit that came back at its own place, in a copy, says that it is at rest; a worse one says nothing."""
-    fit = replace(found(Valley()), converged=False)
+    fit = replace(fit_of(Valley()), converged=False)
 
     def returned(z: np.ndarray) -> bool:
         search: Any = SimpleNamespace(fits={fit.effects: fit}, fitters={}, fitter=SimpleNamespace(
@@ -207,7 +207,7 @@ def test_a_fit_at_rest_is_known_as_such_when_a_process_returns_it() -> None:
     ("fine", 0.1, True), ("fine", 1.0, False), ("coarse", 0.1, False)])
 def test_a_fit_that_went_on_with_finer_steps_is_kept_where_it_was(steps: str, moved: float, kept: bool) -> None:
     """Though it leaves a little more, which coarse steps hid; of another place in its ranges a better one is known."""
-    known = found(Valley())
+    known = fit_of(Valley())
     at = replace(known.prediction.point, z=known.z + moved)
     own = replace(known, residual=known.residual + 0.1, prediction=replace(known.prediction, point=at, state=steps))
     search: Any = SimpleNamespace(fits={known.effects: known}, fitters={}, fitter=SimpleNamespace(

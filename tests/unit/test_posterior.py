@@ -20,7 +20,7 @@ from fretflow.inference.search import Search, Start
 from fretflow.inference.verdict import Candidate, Detection, HeldOut, Verdict
 
 
-def found(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Decision:
+def decision_of(verdict: Verdict, none: float = 0.2, explained: float = 0.9) -> Decision:
     """Return a verdict whose posterior gives nothing the probability `none`."""
     sets = () if verdict in (Verdict.NONE, Verdict.UNKNOWN) else (frozenset({"viscous"}),)
     return Decision(verdict, sets, frozenset({"viscous"}), explained, 0.7, (), Posterior({frozenset(): none}, 0.1, {}))
@@ -47,22 +47,22 @@ def test_a_p_value_that_is_large_or_none_is_worth_nothing_or_all() -> None:
 @pytest.mark.parametrize("verdict", [Verdict.NAMED, Verdict.AMBIGUOUS, Verdict.UNKNOWN])
 def test_what_the_test_does_not_see_is_nothing(verdict: Verdict) -> None:
     """Its probability is at least what the test alone leaves to nothing."""
-    held = detected(found(verdict), detection_at(0.5))
+    held = detected(decision_of(verdict), detection_at(0.5))
     assert (held.verdict, held.effects, held.after) == (Verdict.NONE, (), frozenset())
     assert held.probability == 0.5
-    assert detected(found(verdict, none=0.6), detection_at(0.5)).probability == 0.6
+    assert detected(decision_of(verdict, none=0.6), detection_at(0.5)).probability == 0.6
 
 
 def test_what_the_test_sees_is_left_to_the_posterior() -> None:
     """What codes differ by is not in the test's null: a clear p-value makes nothing of a verdict, and changes none."""
     for verdict, p in ((Verdict.NONE, 1e-30), (Verdict.NONE, 0.5), (Verdict.NAMED, 1e-3), (Verdict.UNKNOWN, 1e-3)):
-        assert detected(found(verdict), detection_at(p)) == found(verdict)
+        assert detected(decision_of(verdict), detection_at(p)) == decision_of(verdict)
 
 
 def test_probabilities_leave_to_nothing_what_the_test_of_few_tests_leaves() -> None:
     """A p-value of 0.022 is worth odds of 4.4 at most: beside it nothing is not out of the question."""
     sets = {frozenset({"viscous"}): 0.899, frozenset(): 0.001}
-    told = replace(found(Verdict.NAMED), posterior=Posterior(sets, 0.1, {}))
+    told = replace(decision_of(Verdict.NAMED), posterior=Posterior(sets, 0.1, {}))
     sure = replace(told, ranking=tuple(Candidate(
         effects=tuple(sorted(names)), probability=share, explained=0.0, chi_squared=0.0, degrees_of_freedom=1,
         log_evidence=0.0) for names, share in told.posterior.sets.items()))
@@ -79,7 +79,7 @@ def test_probabilities_leave_to_nothing_what_the_test_of_few_tests_leaves() -> N
 def test_a_verdict_that_is_held_back_has_its_probability_in_the_ranking_too() -> None:
     """What rejects a name leaves it no probability on the same page; what tells nothing gives that to nothing."""
     sets = {frozenset({"viscous"}): 0.7, frozenset({"backlash"}): 0.1, frozenset(): 0.05}
-    told = replace(found(Verdict.NAMED), posterior=Posterior(sets, 0.15, {}), ranking=tuple(Candidate(
+    told = replace(decision_of(Verdict.NAMED), posterior=Posterior(sets, 0.15, {}), ranking=tuple(Candidate(
         effects=tuple(sorted(names)), probability=share, explained=0.9, chi_squared=0.0, degrees_of_freedom=1,
         log_evidence=0.0) for names, share in sets.items()))
     for held, none in ((ruled_out(told, "explains nothing"), 0.05), (detected(told, detection_at(0.5)), 0.5)):
@@ -97,21 +97,21 @@ def test_effects_that_predict_worse_or_explain_nothing_are_not_named() -> None:
         return HeldOut(what="", before=2.0, after=after, floor=1.0)
 
     for after in (1.0, 2.0):
-        assert held_to(found(Verdict.NAMED), error(after), 1000).verdict is Verdict.NAMED
+        assert held_to(decision_of(Verdict.NAMED), error(after), 1000).verdict is Verdict.NAMED
     for named, told, rows in (
-            (found(Verdict.NAMED), error(2.2), 10_000), (found(Verdict.NAMED, explained=0.0), None, 1)):
+            (decision_of(Verdict.NAMED), error(2.2), 10_000), (decision_of(Verdict.NAMED, explained=0.0), None, 1)):
         worse = held_to(named, told, rows)
         assert (worse.verdict, worse.effects, worse.probability) == (Verdict.UNKNOWN, (), pytest.approx(0.8))
-    worse = held_to(found(Verdict.NAMED), error(2.2), 1000)
+    worse = held_to(decision_of(Verdict.NAMED), error(2.2), 1000)
     assert (worse.verdict, worse.effects) == (Verdict.UNKNOWN, ())
     assert 0.75 < worse.probability < 0.8
-    assert held_to(found(Verdict.NONE), error(9.0), 1000).verdict is Verdict.NONE
+    assert held_to(decision_of(Verdict.NONE), error(9.0), 1000).verdict is Verdict.NONE
 
 
 def test_few_rows_that_are_predicted_worse_rule_little_out() -> None:
     """Of two errors one may be thrice the other by chance: F's tail of 4 at (2, 2) is 0.2; of a thousand it is none."""
     sets = {frozenset({"viscous"}): 0.9, frozenset(): 0.02}
-    told = replace(found(Verdict.NAMED), posterior=Posterior(sets, 0.08, {}))
+    told = replace(decision_of(Verdict.NAMED), posterior=Posterior(sets, 0.08, {}))
     worse = HeldOut(what="", before=2.0, after=4.0, floor=1.0)
     few, many = (held_to(told, worse, rows) for rows in (2, 1000))
     assert few.verdict is many.verdict is Verdict.UNKNOWN
@@ -125,8 +125,8 @@ def test_noise_alone_is_seldom_a_worse_prediction() -> None:
     """Two independent draws of noise differ by more than their own spread in a quarter of cases at most."""
     rng = np.random.default_rng(0)
     squares = np.sqrt(np.mean(rng.standard_normal((2000, 2, 500))**2, axis=2))
-    named = [held_to(found(Verdict.NAMED), HeldOut(what="", before=a, after=b, floor=1.0), 500).verdict is Verdict.NAMED
-             for a, b in squares]
+    errors = [HeldOut(what="", before=a, after=b, floor=1.0) for a, b in squares]
+    named = [held_to(decision_of(Verdict.NAMED), error, 500).verdict is Verdict.NAMED for error in errors]
     assert 0.7 < np.mean(named) < 0.82  # one-sided, at one over root two of its deviation: 0.76
 
 
@@ -143,9 +143,9 @@ def test_a_law_that_adds_less_than_its_range_begins_is_the_law_it_extends(gain: 
     at = np.array([one.place(gain) if one.field == "gain" else 0.0 for one in space.coordinates])
     search = SimpleNamespace(fits={names: SimpleNamespace(parameters=space)}, prior=lambda _: None,
                              evidence=lambda _: SimpleNamespace(coordinates=lambda _: (at, 0.01 * np.eye(len(at)))))
-    found = faint(cast(Search, search), names, name)
-    assert found == pytest.approx(weaker, abs=0.005)
-    assert (found > 0.5) is (weaker > 0.5)
+    probability = faint(cast(Search, search), names, name)
+    assert probability == pytest.approx(weaker, abs=0.005)
+    assert (probability > 0.5) is (weaker > 0.5)
 
 
 @pytest.mark.parametrize("sd", [0.05, 0.3, 2.0])
@@ -282,7 +282,7 @@ def test_where_no_more_than_noise_is_left_nothing_is_named(left: float, after: f
     One parameter takes 6 of noise with a p-value of 0.0143, the best of 20 such with one of 0.286; and never 40, which
     it takes with 25 limits that are left to chance with a p-value of 0.037.
     """
-    told = replace(found(Verdict.NAMED), probability=0.8)
+    told = replace(decision_of(Verdict.NAMED), probability=0.8)
     fits = {frozenset(): SimpleNamespace(z=np.zeros(2)), told.after: SimpleNamespace(z=np.zeros(3))}
     search = SimpleNamespace(
         chi_squared=lambda names: after if names else left, fits=fits,
@@ -296,8 +296,8 @@ def test_rivals_are_those_that_a_twentieth_is_left_to() -> None:
     """A name with 0.6 of 0.9 has two; what holds less than all but a twentieth of that together is none."""
     tilt, slope, play = (frozenset({name}) for name in ("friction-tilt", "normal-load-coupling", "backlash"))
     sets = {tilt: 0.6, slope: 0.26, play: 0.04, frozenset[str](): 0.05}
-    told = replace(found(Verdict.NAMED), sets=(tilt,), posterior=Posterior(sets, 0.05, {}))
+    told = replace(decision_of(Verdict.NAMED), sets=(tilt,), posterior=Posterior(sets, 0.05, {}))
     assert told.rivals == (tilt, slope)
     assert replace(told, posterior=Posterior({**sets, tilt: 0.5, play: 0.14}, 0.05, {})).rivals == (tilt, slope, play)
     assert replace(told, posterior=Posterior({tilt: 0.88, slope: 0.02, frozenset(): 0.05}, 0.05, {})).rivals == (tilt,)
-    assert found(Verdict.UNKNOWN).rivals == ()
+    assert decision_of(Verdict.UNKNOWN).rivals == ()

@@ -18,16 +18,16 @@ def test_angles_are_given_within_one_turn(turns):
     space = Parameters.of((), ("excitation-distortion",))
     phase = next(one for one in space.coordinates if one.field == "third_phase")
     z = (1.0 + 2.0 * np.pi * turns) / phase.size
-    found = _estimate(NOTHING, NOTHING, phase, z, 0.1 / phase.size, np.array([z]))
-    assert (found.value, found.low, found.high) == pytest.approx((1.0, 0.9, 1.1))
+    estimate = _estimate(NOTHING, NOTHING, phase, z, 0.1 / phase.size, np.array([z]))
+    assert (estimate.value, estimate.low, estimate.high) == pytest.approx((1.0, 0.9, 1.1))
 
 
 def test_what_is_no_angle_keeps_its_value():
     space = Parameters.of((), ("force-offset",))
     force = next(one for one in space.coordinates if one.field == "force_offset")
-    found = _estimate(NOTHING, NOTHING, force, 1.0, 0.5, np.ones(1))
-    assert found.value == pytest.approx(force.value(1.0))
-    assert found.low < found.value < found.high
+    estimate = _estimate(NOTHING, NOTHING, force, 1.0, 0.5, np.ones(1))
+    assert estimate.value == pytest.approx(force.value(1.0))
+    assert estimate.low < estimate.value < estimate.high
 
 
 def test_refitted_compliance_is_told_as_a_modulus_with_its_interval():
@@ -38,8 +38,8 @@ def test_refitted_compliance_is_told_as_a_modulus_with_its_interval():
     rig = SimpleNamespace(problem=SimpleNamespace(friction_coefficient=np.array([0.5])),
                           wear_coefficient=1e-14)
     z = np.log(1.1) / soft.size
-    found = _estimate(case, rig, soft, z, 0.5, np.array([0.0, z]))
-    assert found.value == pytest.approx(200e9 / 1.1)
-    assert found.low < found.value < found.high
-    assert found.draws == pytest.approx([200e9, 200e9 / 1.1])
-    assert (found.name, found.unit) == ("specimen.lower.youngs_modulus", "Pa")
+    estimate = _estimate(case, rig, soft, z, 0.5, np.array([0.0, z]))
+    assert estimate.value == pytest.approx(200e9 / 1.1)
+    assert estimate.low < estimate.value < estimate.high
+    assert estimate.draws == pytest.approx([200e9, 200e9 / 1.1])
+    assert (estimate.name, estimate.unit) == ("specimen.lower.youngs_modulus", "Pa")

@@ -158,8 +158,8 @@ def test_loops_of_any_number_of_samples_are_seen_in_the_same_harmonics(measured:
         return sum(cosines[k] * np.cos(k * at) + sines[k] * np.sin(k * at) for k in range(13))
 
     phase = start + 2.0 * np.pi * np.arange(measured) / measured
-    found = from_zero(wave(phase)[None], phase)
-    assert found[0] == pytest.approx(wave(2.0 * np.pi * np.arange(measured) / measured), abs=1e-12)
+    values = from_zero(wave(phase)[None], phase)
+    assert values[0] == pytest.approx(wave(2.0 * np.pi * np.arange(measured) / measured), abs=1e-12)
 
 
 def thinned(every: int) -> Recording:
@@ -188,9 +188,9 @@ def test_noise_falls_with_the_samples_that_are_recorded() -> None:
     def variance(step: int) -> float:
         loops = replace(seen.loops, phase=seen.loops.phase[::step],  # type: ignore[union-attr]
                         channels={name: values[..., ::step] for name, values in every.items()})
-        found = observe(replace(seen, loops=loops))
-        repeated = found.variance * found.noise  # without what timing is off by
-        return float(np.mean(repeated[found.rows(channel="friction_force")]))
+        observation = observe(replace(seen, loops=loops))
+        repeated = observation.variance * observation.noise  # without what timing is off by
+        return float(np.mean(repeated[observation.rows(channel="friction_force")]))
 
     assert variance(8) / variance(1) == pytest.approx(8.0, rel=0.3)
 
@@ -206,10 +206,11 @@ def test_noise_of_a_colour_weighs_its_own_waves_less(colour: float) -> None:
         made = np.fft.irfft(white / np.abs(1.0 - colour * np.exp(-2j * np.pi * np.arange(white.shape[2]) / SAMPLES)))
         channels = {name: np.repeat(values, 3, axis=1) for name, values in seen.loops.channels.items()}
         channels["friction_force"] += 3.0 * made  # far above what digits hide
-        found = observe(replace(seen, loops=replace(seen.loops, channels=channels)))
-        own = found.rows(channel="friction_force")
-        known = Covariance(found.variance * found.noise, found.modes)  # without what timing is off by
-        squares.append(np.mean((known.whiten(found.values - plain.values)[own].reshape(-1, plain.samples) @ waves)**2))
+        observation = observe(replace(seen, loops=replace(seen.loops, channels=channels)))
+        own = observation.rows(channel="friction_force")
+        known = Covariance(observation.variance * observation.noise, observation.modes)  # without what timing is off by
+        whitened = known.whiten(observation.values - plain.values)[own]
+        squares.append(np.mean((whitened.reshape(-1, plain.samples) @ waves)**2))
     assert 0.6 < np.mean(squares) < 1.4
 
 
@@ -240,9 +241,9 @@ def test_levels_are_those_of_the_approach_and_of_the_normal_force() -> None:
     channels = {**plain.loops.channels, "excitation": 2.0 * force, "normal_force": LOAD + 1e-2 * force,
                 "approach": 1e-8 * force}
     seen = observe(replace(plain, loops=replace(plain.loops, channels=channels)))
-    found = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], frozenset(), None)
-    assert found.levels == {"approach", "normal_force"}
-    assert found.inputs == {"excitation"}
+    measurement = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], frozenset(), None)
+    assert measurement.levels == {"approach", "normal_force"}
+    assert measurement.inputs == {"excitation"}
 
 
 def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> None:
@@ -334,11 +335,11 @@ def test_no_physics_is_named_of_a_rig_that_is_not_the_stated_one(
     z[[one.field == "damping" for one in space.coordinates]] = 3.5  # of the hinge, and of the dashpot
     z[-1] = 5.0  # an effect's own range may be too narrow
     fit = SimpleNamespace(prediction=SimpleNamespace(point=None), parameters=space, z=z)
-    found = Decision(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))
-    hypotheses: Any = SimpleNamespace(fits={names: fit})
+    decision = Decision(Verdict.NAMED, (names,), names, 0.9, 0.9, (), Posterior({frozenset(): 0.05}, 0.1, {}))
+    search: Any = SimpleNamespace(fits={names: fit})
     problem = SimpleNamespace(friction_coefficient=np.full(4, 0.5))
     experiment: Any = SimpleNamespace(rig=SimpleNamespace(problem=problem))
-    judged = run.plausible(found, hypotheses, experiment)
+    judged = run.plausible(decision, search, experiment)
     assert judged.verdict is verdict
     # -3.9 is beyond 1 - 9.62e-5 of a normal distribution, four parameters are stated: p = 3.85e-4 is worth odds of 122
     sure = 0.9 if verdict is Verdict.NAMED else 0.95 * 122 / 123 if compliance == -3.9 else 0.95
@@ -362,11 +363,11 @@ def test_a_motion_that_does_not_repeat_itself_with_a_drive_that_does_is_of_no_mo
         channels["excitation"] = np.cos(plain.loops.phase) + noise + (off if drive == "wandering" else 0.0)
     names, none = frozenset({"viscous"}), 0.05 if first is Verdict.NAMED else 0.95
     sets = {frozenset(): none, names: 0.96 - none}
-    found = Decision(first, (names,) if first is Verdict.NAMED else (), names, 0.9, max(sets.values()), (),
-                     Posterior(sets, 0.04, {}))
-    judged = run.periodic(found, replace(plain, loops=replace(plain.loops, channels=channels)))
+    decision = Decision(first, (names,) if first is Verdict.NAMED else (), names, 0.9, max(sets.values()), (),
+                        Posterior(sets, 0.04, {}))
+    judged = run.periodic(decision, replace(plain, loops=replace(plain.loops, channels=channels)))
     if said == "named":
-        assert judged is found
+        assert judged is decision
     else:
         assert judged.verdict is Verdict.UNKNOWN
         assert judged.against == "repeats itself with the drive, which the recorded motion does not"

@@ -73,13 +73,13 @@ def test_all_counts_are_read_over_the_cycles():
     """Half the force is half the friction, the energy and the stiffness, at the same sliding distance."""
     seen = observation()
     half = seen.values * np.where(seen.rows(channel="friction_force"), 0.5, 1.0)
-    found = evolved(seen, seen.values, half)
-    assert found.cycles == pytest.approx(COUNTS)
+    evolution = evolved(seen, seen.values, half)
+    assert evolution.cycles == pytest.approx(COUNTS)
     area = np.sum(0.5 * (FORCE + np.roll(FORCE, -1)) * (np.roll(MOTION, -1) - MOTION))
-    assert found.dissipated_energy[0] == pytest.approx(abs(area), rel=0.02)
+    assert evolution.dissipated_energy[0] == pytest.approx(abs(area), rel=0.02)
     for name, share in (("dissipated_energy", 0.5), ("friction_limit", 0.5), ("tangential_stiffness", 0.5),
                         ("sliding_distance", 1.0)):
-        measured, before, after = getattr(found, name)
+        measured, before, after = getattr(evolution, name)
         assert before == pytest.approx(measured)
         assert after == pytest.approx(share * measured, rel=1e-6)
 

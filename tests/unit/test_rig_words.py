@@ -20,7 +20,7 @@ LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m"
 REST = Remainder(share=0.07, times_noise=4.7, where="friction force, the knee")
 
 
-def found(verdict: Verdict, *sets: set[str], explained: float = 0.93, probability: float = 0.95) -> Decision:
+def decision_of(verdict: Verdict, *sets: set[str], explained: float = 0.93, probability: float = 0.95) -> Decision:
     """Return a verdict on some alternatives; backlash explains 30 % in the ranking."""
     near = Candidate(effects=("backlash",), probability=0.1, explained=0.3, chi_squared=9.0, degrees_of_freedom=5,
                      log_evidence=0.0)
@@ -33,7 +33,7 @@ def test_a_pair_and_a_single_effect_are_named():
     """Of a pair each has its own probability: that of all sets that it is in."""
     pair = frozenset({"viscous", "backlash"})
     shares = Posterior({pair: 0.75, frozenset({"viscous"}): 0.21, frozenset(): 0.04}, 0.0, {})
-    one, two = (sentence(replace(found(Verdict.NAMED, names), posterior=shares), REST, PLACE, None) for names in (
+    one, two = (sentence(replace(decision_of(Verdict.NAMED, names), posterior=shares), REST, PLACE, None) for names in (
         {"viscous"}, pair))
     assert "Very probably, the model leaves out viscous, which explains 93 %" in one
     assert "backlash (75 %) and viscous (96 %), which explain 93 %" in two
@@ -42,22 +42,22 @@ def test_a_pair_and_a_single_effect_are_named():
 def test_nothing_by_the_tests_says_what_would_be_more_probable():
     """The posterior holds wear for more probable than nothing, and the tests see noise alone: both are told."""
     shares = Posterior({frozenset({"wear-power-law"}): 0.61, frozenset(): 0.35}, 0.04, {})
-    by_tests = replace(found(Verdict.NONE, probability=0.35), posterior=shares)
+    by_tests = replace(decision_of(Verdict.NONE, probability=0.35), posterior=shares)
     assert "; wear-power-law would be more probable (61 %), but no test sees more than noise" in sentence(
         by_tests, REST, PLACE, None)
     assert sentence(replace(by_tests, probability=0.95), REST, PLACE, None).endswith("measurement and simulation.")
 
 
 def test_what_remains_is_told_with_its_place():
-    text = sentence(found(Verdict.NAMED, {"viscous"}), REST, PLACE, None)
+    text = sentence(decision_of(Verdict.NAMED, {"viscous"}), REST, PLACE, None)
     assert "what remains (7 % of the difference, 4.7 times the noise) is not explained" in text
     assert "it lies in friction force, the knee" in text
 
 
 def test_an_unknown_says_why_the_nearest_is_not_enough():
-    plain = sentence(found(Verdict.UNKNOWN), REST, PLACE, None)
+    plain = sentence(decision_of(Verdict.UNKNOWN), REST, PLACE, None)
     assert "backlash would explain 30 %, and what the nearest leaves (4.7 times the noise) is more than" in plain
-    held = held_to(replace(found(Verdict.NAMED, {"backlash"}), after=frozenset({"backlash"})),
+    held = held_to(replace(decision_of(Verdict.NAMED, {"backlash"}), after=frozenset({"backlash"})),
                    HeldOut(what="", before=2.0, after=3.0, floor=1.0), 1000)
     assert sentence(held, REST, PLACE, None).endswith(
         "backlash would explain 30 %, but the nearest predicts what was held out worse than the baseline, and leaves "
@@ -66,7 +66,7 @@ def test_an_unknown_says_why_the_nearest_is_not_enough():
 
 def test_a_remainder_that_rounds_to_nothing_is_not_called_unexplained():
     nothing = Remainder(share=0.002, times_noise=1.3, where="")
-    text = sentence(found(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
+    text = sentence(decision_of(Verdict.NAMED, {"viscous"}, explained=0.998), nothing, PLACE, None)
     assert text.endswith("explains 99.8 % of the difference; 0.2 % of it remains, 1.3 times the noise.")
 
 
@@ -77,23 +77,24 @@ def test_a_remainder_of_the_noise_is_not_called_unexplained_and_lies_nowhere():
             (0.011, 1.1, "what remains (1 % of the difference, 1.1 times the noise) is not explained: it lies in "
                          "reversal.")):
         left = Remainder(share=share, times_noise=times, where="reversal")
-        assert sentence(found(Verdict.NAMED, {"viscous"}, explained=0.989), left, PLACE, None).endswith(said)
+        assert sentence(decision_of(Verdict.NAMED, {"viscous"}, explained=0.989), left, PLACE, None).endswith(said)
 
 
 @pytest.mark.parametrize(("probability", "word"), [(0.995, "Almost surely"), (0.95, "Very probably"),
                                                    (0.8, "Probably"), (0.55, "Perhaps")])
 def test_how_sure_it_is_has_a_word(probability, word):
-    text = sentence(found(Verdict.NAMED, {"viscous"}, probability=probability), REST, PLACE, None)
+    text = sentence(decision_of(Verdict.NAMED, {"viscous"}, probability=probability), REST, PLACE, None)
     assert text.startswith(word)
 
 
 def test_what_all_alternatives_share_is_sure():
-    text = sentence(found(Verdict.AMBIGUOUS, {"viscous", "backlash"}, {"channel-delay", "backlash"}), REST, PLACE, None)
+    decision = decision_of(Verdict.AMBIGUOUS, {"viscous", "backlash"}, {"channel-delay", "backlash"})
+    text = sentence(decision, REST, PLACE, None)
     assert "leaves out backlash, and one of viscous, or channel-delay" in text
 
 
 def test_an_unlisted_effect_is_told_by_its_place_law_and_nearest():
-    text = sentence(found(Verdict.UNKNOWN, explained=0.3), REST, PLACE, LAW)
+    text = sentence(decision_of(Verdict.UNKNOWN, explained=0.3), REST, PLACE, LAW)
     for part in ("not in the catalogue", "'contact law'", "friction force", "'knee'", "backlash would explain 30 %",
                  "4.7 times the noise", "follows the displacement"):
         assert part in text
@@ -103,11 +104,11 @@ def test_an_unlisted_effect_is_told_by_its_place_law_and_nearest():
 def test_a_law_that_explains_little_is_not_told():
     weak = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),
                        y=np.zeros(1), sd=np.zeros(1), explained=0.1)
-    assert "follows" not in sentence(found(Verdict.UNKNOWN), REST, PLACE, weak)
+    assert "follows" not in sentence(decision_of(Verdict.UNKNOWN), REST, PLACE, weak)
 
 
 def test_nothing_found_says_so():
-    assert "explains the recording" in sentence(found(Verdict.NONE), REST, PLACE, None)
+    assert "explains the recording" in sentence(decision_of(Verdict.NONE), REST, PLACE, None)
 
 
 def test_parameters_far_outside_of_their_ranges_are_warned_of():

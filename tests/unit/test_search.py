@@ -19,11 +19,11 @@ from fretflow.inference.search import FAST, Search, log_gain
 from fretflow.inference.strategy import (
     begin_all,
     begin_elsewhere,
-    begun_beside,
+    beginnings_beside,
     exchange_laws,
     leading,
     may_hold,
-    search,
+    run_search,
     start_search,
 )
 from scipy.stats import multivariate_normal
@@ -36,10 +36,10 @@ class Bent(Waves):
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the sum of the waves."""
-        found = point.parameters.values(point.z)[""]["friction"] * cosine()
+        values = point.parameters.values(point.z)[""]["friction"] * cosine()
         for name, t in zip(sorted(point.effects - point.neutral), point.z[1:], strict=False):
-            found = found + (t**3 - t) * wave(name)
-        return Prediction(point, found)
+            values = values + (t**3 - t) * wave(name)
+        return Prediction(point, values)
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return what the slope in the middle promises of a further effect, else differences."""
@@ -52,66 +52,68 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     """The best start by first order ends on the wrong side, at a crest that is too low; another one is right."""
     experiment = Bent(measurement(cosine() + wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    untold = begin_all(found)
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    untold = begin_all(search)
     assert {task.near.point.effects for task in untold if task.near} == {frozenset({"viscous"})}  # near where it began
-    begin_elsewhere(found, untold)
-    fit = found.fits[frozenset({"viscous"})]
+    begin_elsewhere(search, untold)
+    fit = search.fits[frozenset({"viscous"})]
     assert fit.z[1] == pytest.approx(1.3247, abs=0.005)  # the real root of t^3 - t = 1
-    assert fit.chi_squared < 0.01 * found.baseline.chi_squared
+    assert fit.chi_squared < 0.01 * search.baseline.chi_squared
 
 
-@pytest.mark.parametrize(("height", "left", "begun"), [
+@pytest.mark.parametrize(("height", "left", "baselines"), [
     (1.0, 1.0, "baseline"), (50.0, 1.0, "stated, baseline"), (50.0, 0.5, "stated")])
 def test_effects_are_begun_beside_a_bent_baseline_where_the_stated_one_led_to_none_that_explains_more(
-        height: float, left: float, begun: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        height: float, left: float, baselines: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """No truth is near it where one does; a hundred fits from a bent one came before those from the stated one."""
     experiment = Waves(measurement(height * cosine()), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found: Any = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    search: Any = start_search(
+        experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
     origins: list[Fit] = []
 
-    def begin(found: Any, origin: Fit) -> list[Any]:
+    def begin(search: Any, origin: Fit) -> list[Any]:
         origins.append(origin)
-        found.fits[frozenset({"viscous"})] = SimpleNamespace(objective=left * found.baseline.objective, chi_squared=1e9)
+        objective = left * search.baseline.objective
+        search.fits[frozenset({"viscous"})] = SimpleNamespace(objective=objective, chi_squared=1e9)
         return []
 
     monkeypatch.setattr(strategy, "begin_beside", begin)
-    monkeypatch.setattr(strategy, "is_explained", lambda found: False)
-    begin_all(found)
-    assert origins == [found.stated if name == "stated" else found.baseline for name in begun.split(", ")]
+    monkeypatch.setattr(strategy, "is_explained", lambda search: False)
+    begin_all(search)
+    assert origins == [search.stated if name == "stated" else search.baseline for name in baselines.split(", ")]
 
 
 def test_what_explains_all_beside_the_stated_baseline_needs_no_other_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a bent one, where it leads."""
     experiment = Waves(measurement(50.0 * cosine()), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
     origins: list[Fit] = []
-    monkeypatch.setattr(strategy, "begin_beside", lambda found, origin: origins.append(origin) or [])
-    monkeypatch.setattr(strategy, "is_explained", lambda found: True)
-    begin_all(found)
-    assert origins == [found.stated]
+    monkeypatch.setattr(strategy, "begin_beside", lambda search, origin: origins.append(origin) or [])
+    monkeypatch.setattr(strategy, "is_explained", lambda search: True)
+    begin_all(search)
+    assert origins == [search.stated]
 
 
 @pytest.mark.parametrize("hidden", [(), ("viscous",), ("viscous", "support-nonlinearity")])
 def test_pairs_are_sought_where_something_is_left_to_explain(hidden: tuple[str, ...]) -> None:
     """None where the baseline leaves noise, and none without it where one effect does; of two the pair is named."""
     noise = SD * np.random.default_rng(11).standard_normal(LOOPS * SAMPLES)
-    found = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
-    assert all(names & set(hidden) for names in (*leading(found), *found.best(2)))
-    assert decide(found).effects == tuple(sorted(hidden))
+    search = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
+    assert all(names & set(hidden) for names in (*leading(search), *search.best(2)))
+    assert decide(search).effects == tuple(sorted(hidden))
 
 
 @pytest.mark.parametrize("hidden", [("viscous",), ("viscous", "support-nonlinearity")])
 def test_where_one_explains_all_the_hopeless_are_spared(hidden: tuple[str, ...]) -> None:
     """Of two effects neither alone explains all, and nobody knows of any yet what it may do with another."""
     noise = SD * np.random.default_rng(11).standard_normal(LOOPS * SAMPLES)
-    found = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
-    found.fits = {names: fit for names, fit in found.fits.items() if len(names) < 2}
-    alone = found.best(1)
+    search = judged(cosine() + 0.5 * sum(map(wave, hidden)) + noise)
+    search.fits = {names: fit for names, fit in search.fits.items() if len(names) < 2}
+    alone = search.best(1)
     assert len(alone) > 1
-    assert list(may_hold(found, alone)) == ([frozenset(hidden)] if len(hidden) == 1 else alone)
+    assert list(may_hold(search, alone)) == ([frozenset(hidden)] if len(hidden) == 1 else alone)
 
 
 @dataclass(frozen=True)
@@ -121,10 +123,10 @@ class Coarse(Waves):
     restored: float = 0.0
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
-        """Return the sum of the waves without what is lost."""
+        """Return the sum of the waves without what is missing."""
         own, exact = point.parameters.values(point.z), super().predict(point)
-        lost = [(0.15 * own[name]["size"]**2 - self.restored) * wave(name) for name in point.effects - point.neutral]
-        return replace(exact, values=exact.values - sum(lost, np.zeros(len(exact.values))))
+        missing = [(0.15 * own[name]["size"]**2 - self.restored) * wave(name) for name in point.effects - point.neutral]
+        return replace(exact, values=exact.values - sum(missing, np.zeros(len(exact.values))))
 
     def corrected(self, prediction: Prediction) -> Coarse:
         """Return the same with what is lost at a prediction."""
@@ -136,9 +138,9 @@ def test_numerical_errors_are_put_right_where_the_fit_has_moved_to() -> None:
     """The error at the first fit alone would leave the size at 0.584."""
     experiment: Any = Coarse(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
-    fit = found.fits[frozenset({"viscous"})]
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    run_search(search, lambda share, text: None)
+    fit = search.fits[frozenset({"viscous"})]
     assert fit.parameters.values(fit.z)["viscous"]["size"] == pytest.approx(0.6, abs=0.006)
 
 
@@ -146,37 +148,37 @@ def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkey
     """Under what its law might be off by, friction that falls with speed went to a rig ten times as damped."""
     experiment: Any = Coarse(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    run_search(search, lambda share, text: None)
     names = frozenset({"viscous"})
-    best = found.fits[names]
-    away = found.fitter_of(names).at(replace(best.prediction.point, z=best.z + np.array([0.0, 8.0])), None)
-    found.settled.clear()
+    best = search.fits[names]
+    away = search.fitter_of(names).at(replace(best.prediction.point, z=best.z + np.array([0.0, 8.0])), None)
+    search.settled.clear()
     monkeypatch.setattr(strategy, "fit_task", lambda task: away)
-    strategy.correct(found, [1])
-    assert found.fits[names].z == pytest.approx(best.z, abs=0.1)
-    found.fits[names] = away
-    found.keep_more_probable(best)
-    assert found.fits[names] is best
+    strategy.correct(search, [1])
+    assert search.fits[names].z == pytest.approx(best.z, abs=0.1)
+    search.fits[names] = away
+    search.keep_more_probable(best)
+    assert search.fits[names] is best
 
 
 def test_pairs_are_begun_where_they_promise_to_reach_what_one_effect_alone_does() -> None:
     """Beside the strong one the weak one, beside that, which is more probable, whatever helps, beside another none."""
     noise = SD * np.random.default_rng(3).standard_normal(LOOPS * SAMPLES)
-    found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia") + noise)
+    search = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia") + noise)
     strong, weak, other = (frozenset({name}) for name in ("viscous", "sensor-inertia", "parallel-stiffness"))
-    begun = {names: {task.point.effects - names for task in beside(
-        found, names, begun_beside(found, [(found.fitter, found.fits[names])])[0].values())}
+    partners = {names: {task.point.effects - names for task in beside(
+        search, names, beginnings_beside(search, [(search.fitter, search.fits[names])])[0].values())}
         for names in (strong, weak, other)}
-    assert found.best(1)[0] == weak  # by what it leaves, which is smoother
-    assert weak in begun[strong]
-    assert begun[weak] == {strong, frozenset({"support-nonlinearity"})}
-    assert begun[other] == set()  # with the weak one it explains more than alone, and less than the strong one
-    laid = begun_beside(found, [(found.fitter, found.fits[weak])])[0].values()
-    assert beside(found, weak, laid, found.log_evidence(weak)) == []  # those that promise more are fitted
-    found.fits.pop(strong | weak)
-    assert {task.point.effects for task in beside(found, weak, laid, found.log_evidence(weak))} == {strong | weak}
-    assert beside(found, weak, laid, found.fits[weak].objective) == []  # no pair can be so probable
+    assert search.best(1)[0] == weak  # by what it leaves, which is smoother
+    assert weak in partners[strong]
+    assert partners[weak] == {strong, frozenset({"support-nonlinearity"})}
+    assert partners[other] == set()  # with the weak one it explains more than alone, and less than the strong one
+    laid = beginnings_beside(search, [(search.fitter, search.fits[weak])])[0].values()
+    assert beside(search, weak, laid, search.log_evidence(weak)) == []  # those that promise more are fitted
+    search.fits.pop(strong | weak)
+    assert {task.point.effects for task in beside(search, weak, laid, search.log_evidence(weak))} == {strong | weak}
+    assert beside(search, weak, laid, search.fits[weak].objective) == []  # no pair can be so probable
 
 
 def test_those_that_explain_most_are_bases_beside_those_that_are_most_probable() -> None:
@@ -203,7 +205,7 @@ def test_further_partners_follow_where_no_pair_leaves_noise(
         fitter_of=lambda names: None, best=lambda size: [pair] if size == 2 else [],
         pool=lambda function, tasks: [{} for _ in tasks], keep=lambda fits: None, effort=FAST,
         promising=lambda sets: sets, log_evidence=worth.__getitem__, leaves_noise=lambda names: noise)
-    monkeypatch.setattr(strategy, "beside", lambda found, names, laid, beyond=None: calls.append((names, beyond)) or [])
+    monkeypatch.setattr(strategy, "beside", lambda _, names, laid, beyond=None: calls.append((names, beyond)) or [])
     for name in ("to_rest", "exchange_laws"):
         monkeypatch.setattr(strategy, name, lambda *_: None)
     strategy.seek_partners(cast(Search, search), [one, other])
@@ -216,13 +218,13 @@ def test_an_effect_that_was_never_fitted_stands_where_it_was_begun() -> None:
     at = {"stated": np.zeros(2), "baseline": np.array([1.0, 2.0])}
     search = SimpleNamespace(**{name: SimpleNamespace(z=z) for name, z in at.items()})
 
-    def begun(z: Sequence[float], *effects: str) -> bool:
+    def never_fitted(z: Sequence[float], *effects: str) -> bool:
         return strategy.is_where_begun(cast(Search, search), cast(Fit, SimpleNamespace(z=np.array(z), effects=effects)))
 
-    assert begun([0.0, 0.0, -1.3], "viscous")
-    assert begun([1.0, 2.0, 0.5], "viscous")
-    assert not begun([0.1, 0.0, -1.3], "viscous")
-    assert not begun([1.0, 2.0])
+    assert never_fitted([0.0, 0.0, -1.3], "viscous")
+    assert never_fitted([1.0, 2.0, 0.5], "viscous")
+    assert not never_fitted([0.1, 0.0, -1.3], "viscous")
+    assert not never_fitted([1.0, 2.0])
 
 
 @pytest.mark.parametrize(("effects", "objective", "ratio", "steps"), [
@@ -232,7 +234,7 @@ def test_an_effect_that_was_never_fitted_stands_where_it_was_begun() -> None:
 def test_what_is_worse_than_its_parts_goes_on_where_it_falls_as_it_must_alone(
         effects: set[str], objective: float, ratio: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing leaves 100, backlash 50: where a set moves through its ranges, but not down, it is left."""
-    monkeypatch.setattr(strategy, "is_explained", lambda found: False)
+    monkeypatch.setattr(strategy, "is_explained", lambda search: False)
     names, taken = frozenset(effects), []
 
     def fit(objective: float, z: float) -> Any:
@@ -242,22 +244,22 @@ def test_what_is_worse_than_its_parts_goes_on_where_it_falls_as_it_must_alone(
         taken.extend(asked)
         return [fit(ratio * one.objective, one.z[0] + 1.0) for one in asked]
 
-    found: Any = SimpleNamespace(
+    search: Any = SimpleNamespace(
         pool=pool, further=lambda one, count: one, keep=lambda fits: None,
         fits={frozenset(own): SimpleNamespace(objective=left) for own, left in (((), 100.0), ({"backlash"}, 50.0))})
-    strategy.go_on(found, [fit(objective, 0.0)], 4)
+    strategy.go_on(search, [fit(objective, 0.0)], 4)
     assert len(taken) == steps
 
 
 def test_how_much_corrections_change_is_how_far_another_set_may_be_behind() -> None:
     """A set e^20 less probable holds no share of the posterior, unless errors of as much are put right."""
-    found = judged(cosine() + 0.6 * wave("viscous"))
+    search = judged(cosine() + 0.6 * wave("viscous"))
     best, other = frozenset({"viscous"}), frozenset({"sensor-inertia"})
-    behind = found.log_evidence(best, frozenset()) - found.log_evidence(other, frozenset())
+    behind = search.log_evidence(best, frozenset()) - search.log_evidence(other, frozenset())
     assert behind > 20.0
-    assert found.promising([best, other]) == [best]
-    assert found.promising([best, other], behind - 20.0) == [best]
-    assert found.promising([best, other], behind) == [best, other]
+    assert search.promising([best, other]) == [best]
+    assert search.promising([best, other], behind - 20.0) == [best]
+    assert search.promising([best, other], behind) == [best, other]
 
 
 @dataclass(frozen=True)
@@ -279,12 +281,12 @@ def test_a_fit_that_came_to_a_halt_stays_with_the_finer_steps_that_went_on() -> 
     """Else what an effect does would be told by the difference of two models, and each further step be made twice."""
     experiment: Any = Halting(measurement(cosine() + 0.6 * wave("viscous")), ("viscous",))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    own: Any = found.fitter_of(frozenset()).experiment
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    own: Any = search.fitter_of(frozenset()).experiment
     assert own.fine
-    again: Any = found.further(found.baseline, 1).fitter.experiment
+    again: Any = search.further(search.baseline, 1).fitter.experiment
     assert again.fine
-    missing: Any = found.fitter_of(frozenset({"viscous"})).experiment
+    missing: Any = search.fitter_of(frozenset({"viscous"})).experiment
     assert not missing.fine
     asked: list[Any] = []
 
@@ -292,8 +294,8 @@ def test_a_fit_that_came_to_a_halt_stays_with_the_finer_steps_that_went_on() -> 
         asked.extend(one[0].experiment.fine for one in arguments if isinstance(one, tuple))
         return [function(one) for one in arguments]
 
-    found.pool = begin
-    begin_all(found)
+    search.pool = begin
+    begin_all(search)
     assert asked
     assert all(asked)  # effects begin with the steps of the fit that they begin beside
 
@@ -315,12 +317,12 @@ class Springs(Waves):
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the sum of the waves."""
         own, share = point.parameters.values(point.z), self.measurement.cycles
-        found = own[""]["friction"] * cosine() + own.get("viscous", {}).get("damping", 0.0) * wave("viscous")
+        values = own[""]["friction"] * cosine() + own.get("viscous", {}).get("damping", 0.0) * wave("viscous")
         for name in ("contact-stiffness", "contact-stiffness-evolution"):
             if name in point.effects:
                 growth = 1.0 + own[name].get("gain", 0.0) * share
-                found = found + own[name]["stiffness"] * growth * wave("support-nonlinearity")
-        return Prediction(point, found)
+                values = values + own[name]["stiffness"] * growth * wave("support-nonlinearity")
+        return Prediction(point, values)
 
 
 @pytest.mark.parametrize("beside", [(), ("viscous",)])
@@ -334,19 +336,19 @@ def test_a_law_is_begun_where_one_that_it_extends_or_that_extends_it_was_fitted(
     wanted = np.array([0.2, *(0.4 for one in there.coordinates[1:])])
     wanted[[one.field == "gain" for one in there.coordinates]] = -4.0  # 0.1 per cent
     experiment = Springs(measurement(bare.predict(Point(there, wanted)).values))
-    found = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
+    search = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
     space = experiment.parameters([stuck, *beside])
     for point in (Point(experiment.parameters(()), np.zeros(1)), Point(there, wanted),
                   Point(space, np.full(space.size, 3.0))):
-        fit = found.fitter.at(point, None)
-        found.fits[point.effects] = replace(fit, converged=True)
+        fit = search.fitter.at(point, None)
+        search.fits[point.effects] = replace(fit, converged=True)
     both = [frozenset([one, *beside]) for one in (known, stuck)]
-    assert found.fits[both[1]].chi_squared > 100.0 * found.fits[both[0]].chi_squared + 1e4
-    exchange_laws(found, len(both[0]))
-    assert found.fits[both[1]].chi_squared == pytest.approx(found.fits[both[0]].chi_squared, abs=3.0)
-    before = found.fits[both[1]]
-    exchange_laws(found, len(both[0]))
-    assert found.fits[both[1]] is before
+    assert search.fits[both[1]].chi_squared > 100.0 * search.fits[both[0]].chi_squared + 1e4
+    exchange_laws(search, len(both[0]))
+    assert search.fits[both[1]].chi_squared == pytest.approx(search.fits[both[0]].chi_squared, abs=3.0)
+    before = search.fits[both[1]]
+    exchange_laws(search, len(both[0]))
+    assert search.fits[both[1]] is before
 
 
 @dataclass(frozen=True)
@@ -355,20 +357,20 @@ class Untold(Waves):
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return differences, none by that wave."""
-        found = differences(self, prediction, points)
+        changes = differences(self, prediction, points)
         beside = [point.effects > prediction.point.effects and "viscous" in point.effects for point in points]
-        return np.where(beside, 0.0, found)
+        return np.where(beside, 0.0, changes)
 
 
 def test_an_effect_of_which_first_order_promises_nothing_is_fitted_where_nothing_else_explains_all() -> None:
     """Where it is begun it does twice as much as it should, and no slope leads away; another explains more."""
     experiment = Untold(measurement(cosine() + 0.3 / 2.2 * wave("viscous") + 0.3 * wave("parallel-stiffness")))
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, replace(FAST, bases=0, partners=0), lambda function, arguments: [
+    search = start_search(experiment, first, replace(FAST, bases=0, partners=0), lambda function, arguments: [
         function(one) for one in arguments])
-    search(found, lambda share, text: None)
-    assert found.fits[frozenset({"parallel-stiffness"})].objective < 500.0
-    assert not found.fits[frozenset({"viscous"})].provisional
+    run_search(search, lambda share, text: None)
+    assert search.fits[frozenset({"parallel-stiffness"})].objective < 500.0
+    assert not search.fits[frozenset({"viscous"})].provisional
 
 
 @pytest.mark.parametrize("bend", [0.0, 6.0])

@@ -10,7 +10,7 @@ import pytest
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.parameters import Array
 from fretflow.inference.search import FAST
-from fretflow.inference.strategy import search, start_search
+from fretflow.inference.strategy import run_search, start_search
 from waves import LOOPS, SAMPLES, Waves, cosine, measurement, wave
 
 LAST = np.repeat(np.arange(LOOPS), SAMPLES) >= LOOPS - 2
@@ -26,11 +26,11 @@ class Jumping(Waves):
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the sum of the waves, with what the last loops jump by."""
-        found = super().predict(point, near).values
+        values = super().predict(point, near).values
         if "viscous" in point.effects - point.neutral:
             size = point.parameters.values(point.z)["viscous"]["size"]
-            found = found + np.where(LAST, jump(size), 0.0) * wave("viscous")
-        return Prediction(point, found[self.kept])
+            values = values + np.where(LAST, jump(size), 0.0) * wave("viscous")
+        return Prediction(point, values[self.kept])
 
     def before_jump(self, leading: Prediction) -> Any:
         """Return the loops before the last ones."""
@@ -53,10 +53,10 @@ def test_what_explains_a_test_until_it_jumps_leads_to_the_whole(known: bool) -> 
     values = cosine() + (TRUE + np.where(LAST, jump(TRUE), 0.0)) * wave("viscous")
     experiment: Any = Jumping(measurement(values), known=known)
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
-    fit = found.fits[frozenset({"viscous"})]
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    run_search(search, lambda share, text: None)
+    fit = search.fits[frozenset({"viscous"})]
     size = fit.parameters.values(fit.z)["viscous"]["size"]
-    assert found.leaves_noise(frozenset({"viscous"})) is known
+    assert search.leaves_noise(frozenset({"viscous"})) is known
     if known:
         assert size == pytest.approx(TRUE, abs=0.02)

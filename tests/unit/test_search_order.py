@@ -12,7 +12,7 @@ from fretflow.inference import strategy
 from fretflow.inference.beginnings import Beginning, beginnings_task, beside
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.search import FAST, Search, Task
-from fretflow.inference.strategy import begun_beside, fit_pairs, search, start_search, to_rest
+from fretflow.inference.strategy import beginnings_beside, fit_pairs, run_search, start_search, to_rest
 from waves import Waves, cosine, judged, measurement, wave
 
 
@@ -35,33 +35,33 @@ class Biased(Waves):
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the sum of the waves, and the bias."""
-        found = super().predict(point, near)
+        prediction = super().predict(point, near)
         error = self.bias * wave("viscous") if point.effects else 0.0
-        return Prediction(point, found.values + error)
+        return Prediction(point, prediction.values + error)
 
     def corrected(self, prediction: Prediction) -> Biased:
         """Return the same without its error."""
         return Biased(self.measurement, self.listed, bias=0.0)
 
 
-@pytest.mark.parametrize(("left", "looked"), [(0.0, False), (0.4, True)])
+@pytest.mark.parametrize(("left", "elsewhere"), [(0.0, False), (0.4, True)])
 def test_effects_are_begun_elsewhere_only_where_the_leading_ones_leave_more_once_they_are_right(
-        left: float, looked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+        left: float, elsewhere: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A coarse model's error is no reason to: points far off in a range cost as much as all other fits."""
     asked: list[Any] = []
-    monkeypatch.setattr(strategy, "begin_elsewhere", lambda found, untold: asked.append(untold))
+    monkeypatch.setattr(strategy, "begin_elsewhere", lambda search, untold: asked.append(untold))
     values = cosine() + 0.6 * wave("sensor-inertia") + left * wave("parallel-stiffness")
-    found = started(Biased(measurement(values), ("sensor-inertia",)))
-    search(found, lambda share, text: None)
-    assert bool(asked) is looked
+    search = started(Biased(measurement(values), ("sensor-inertia",)))
+    run_search(search, lambda share, text: None)
+    assert bool(asked) is elsewhere
 
 
 def test_effects_are_begun_in_two_parts_as_in_one() -> None:
-    found = judged(cosine() + 0.6 * wave("viscous"))
+    search = judged(cosine() + 0.6 * wave("viscous"))
     names = frozenset({"viscous"})
-    fitter, fit = found.fitter_of(names), found.fits[names]
-    whole = beginnings_task((fitter, fit, found.experiment.candidates()))
-    (parts,) = begun_beside(found, [(fitter, fit)])
+    fitter, fit = search.fitter_of(names), search.fits[names]
+    whole = beginnings_task((fitter, fit, search.experiment.candidates()))
+    (parts,) = beginnings_beside(search, [(fitter, fit)])
     assert parts.keys() == whole.keys()
     assert len(whole) == 3
     for key, one in whole.items():
@@ -72,34 +72,34 @@ def test_effects_are_begun_in_two_parts_as_in_one() -> None:
 
 def test_a_partner_begins_where_it_promises_most_and_where_it_does_least() -> None:
     """What promises most by first order may do far too much; the pair goes on from the better start."""
-    found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
+    search = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
     strong, pair = frozenset({"viscous"}), frozenset({"viscous", "sensor-inertia"})
-    (laid,) = begun_beside(found, [(found.fitter, found.fits[strong])])
+    (laid,) = beginnings_beside(search, [(search.fitter, search.fits[strong])])
     own = next(one for one in laid.values() if one.point.effects == pair)
     weaker = replace(own.point, z=own.point.z - [1.0, 0.0, 0.0])
-    tasks = beside(found, strong, [replace(own, least=weaker)])
+    tasks = beside(search, strong, [replace(own, least=weaker)])
     assert [list(task.point.z) for task in tasks] == [list(own.point.z), list(weaker.z)]
     gone: list[Any] = []
-    found.pool = lambda function, asked: gone.append([one.point.z for one in asked]) or one_by_one(function, asked)
+    search.pool = lambda function, asked: gone.append([one.point.z for one in asked]) or one_by_one(function, asked)
     for order in (tasks, tasks[::-1]):
-        found.fits.pop(pair, None)
+        search.fits.pop(pair, None)
         gone.clear()
-        fit_pairs(found, order)
+        fit_pairs(search, order)
         assert len(gone[0]) == 2
-        best = min((found.fitter.at(task.point, None) for task in tasks), key=lambda fit: fit.objective)
+        best = min((search.fitter.at(task.point, None) for task in tasks), key=lambda fit: fit.objective)
         assert np.array_equal(gone[1], [best.z])
 
 
 def test_a_pair_goes_on_from_beside_either_of_its_effects() -> None:
     """Which of two valleys is the deeper one does not show where they are begun."""
-    found = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
+    search = judged(cosine() + 0.6 * wave("viscous") + 0.2 * wave("sensor-inertia"))
     one, other = frozenset({"viscous"}), frozenset({"sensor-inertia"})
-    tasks = [Task(found.fitter, found.fits[one | other].prediction.point, found.fits[names].prediction, 0)
+    tasks = [Task(search.fitter, search.fits[one | other].prediction.point, search.fits[names].prediction, 0)
              for names in (one, other, one)]
     gone: list[int] = []
-    found.pool = lambda function, asked: gone.append(len(asked)) or one_by_one(function, asked)
-    found.fits.pop(one | other)
-    fit_pairs(found, tasks)
+    search.pool = lambda function, asked: gone.append(len(asked)) or one_by_one(function, asked)
+    search.fits.pop(one | other)
+    fit_pairs(search, tasks)
     assert gone[:2] == [3, 2]
 
 
@@ -122,6 +122,6 @@ def test_pairs_that_are_worse_than_one_effect_alone_are_not_fitted_to_rest(pair:
 
 
 def test_beginnings_of_nothing_that_first_order_tells_are_of_nothing() -> None:
-    found = judged(cosine() + 0.6 * wave("viscous"))
-    begun: dict[Any, Beginning] = beginnings_task((found.fitter, found.baseline, []))
-    assert begun == {}
+    search = judged(cosine() + 0.6 * wave("viscous"))
+    beginnings: dict[Any, Beginning] = beginnings_task((search.fitter, search.baseline, []))
+    assert beginnings == {}

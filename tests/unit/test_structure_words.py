@@ -16,8 +16,8 @@ REST = Remainder(share=0.7, times_noise=4.7, where="damping")
     ("explains nothing", "but the nearest explains nothing, and leaves 4.7 times the noise")])
 def test_an_unknown_says_why_the_nearest_is_not_enough(room: Any, against: str, words: str) -> None:
     judged = SimpleNamespace(verdict=Verdict.UNKNOWN, sets=(), after=frozenset({"bending-gap"}), against=against)
-    found = SimpleNamespace(explained=lambda names: 0.3)
-    said = room._sentence(judged, found, REST, "It is there.")
+    search = SimpleNamespace(explained=lambda names: 0.3)
+    said = room._sentence(judged, search, REST, "It is there.")
     assert f"bending-gap would explain 30 % of the difference, {words}. It is there." in said
 
 

@@ -65,13 +65,13 @@ def made(folder, effects=(), frequencies=(0.1, 2.0), coefficient=1e-13):
 def test_profiles_and_volumes_are_read_in_si(tmp_path):
     made(tmp_path)
     (tmp_path / "recording.toml").write_text((tmp_path / "recording.toml").read_text() + VOLUMES)
-    found = read_structure_recording(tmp_path)
-    first, second = found.profiles
+    recording = read_structure_recording(tmp_path)
+    first, second = recording.profiles
     assert (first.test.frequency, second.test.frequency, first.test.amplitude) == (0.1, 2.0, 75e-6)
     assert first.test.area == pytest.approx(1e-13 * 1e6 * 3e-4 * 5000.0, rel=0.05)
     assert first.depth_sd == pytest.approx(1e-6)
-    assert found.areas[0].area == pytest.approx(1.2e-9 / 8e-3)
-    measured = ProfileExperiment(found).measurement
+    assert recording.areas[0].area == pytest.approx(1.2e-9 / 8e-3)
+    measured = ProfileExperiment(recording).measurement
     assert measured.channels == ("worn depth", "worn volume")
     assert len(measured.values) == 83
 
@@ -111,10 +111,10 @@ def test_a_map_is_the_profile_of_its_lines(tmp_path):
     np.savetxt(tmp_path / "map.csv", rows, delimiter=",", header="x_mm,y_mm,z_um", comments="")
     (tmp_path / "recording.toml").write_text(HEAD + MAP)
     recording = read_structure_recording(tmp_path)
-    (found,) = recording.profiles
-    assert found.x == pytest.approx(1e-3 * x, abs=1e-12)
-    assert found.depth == pytest.approx(1e-6 * z, abs=1e-12)
-    assert found.depth_sd == pytest.approx(3e-6, rel=0.15)
+    (profile,) = recording.profiles
+    assert profile.x == pytest.approx(1e-3 * x, abs=1e-12)
+    assert profile.depth == pytest.approx(1e-6 * z, abs=1e-12)
+    assert profile.depth_sd == pytest.approx(3e-6, rel=0.15)
     assert diagnose_structure(recording, True, lambda share, text: None).verdict is Verdict.NONE
 
 
@@ -144,15 +144,15 @@ def test_the_march_that_made_them_is_found_again(tmp_path):
 
 
 def test_one_coefficient_is_enough_where_nothing_else_acts(tmp_path):
-    found = diagnose_structure(made(tmp_path, frequencies=(1.0,)), True, lambda share, text: None)
-    assert found.verdict is Verdict.NONE
-    (curve,) = found.curves
+    diagnosis = diagnose_structure(made(tmp_path, frequencies=(1.0,)), True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.NONE
+    (curve,) = diagnosis.curves
     assert np.abs(curve.measured - curve.before).max() < 5e-6
 
 
 def test_laws_that_predict_the_other_profile_worse_than_one_coefficient_are_not_named(tmp_path, monkeypatch):
     monkeypatch.setattr(worn, "held_out", lambda *told: HeldOut(what="", before=3.0, after=9.0, floor=1.0))
-    found = diagnose_structure(made(tmp_path, (OxygenLimitedWear(),)), True, lambda share, text: None)
-    assert found.verdict is Verdict.UNKNOWN
-    assert found.held_out.after == 9.0
-    assert "what was held out worse" in found.sentence
+    diagnosis = diagnose_structure(made(tmp_path, (OxygenLimitedWear(),)), True, lambda share, text: None)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert diagnosis.held_out.after == 9.0
+    assert "what was held out worse" in diagnosis.sentence

@@ -9,7 +9,7 @@ import numpy as np
 from fretflow.inference.experiment import Measurement, Point, Prediction, differences
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.search import FAST, Search
-from fretflow.inference.strategy import search, start_search
+from fretflow.inference.strategy import run_search, start_search
 
 LOOPS, SAMPLES = 6, 24
 BASELINE = (Coordinate("", "friction", 0.0, 0.3, True),)
@@ -58,10 +58,10 @@ class Waves:
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the sum of the waves."""
         own = point.parameters.values(point.z)
-        found = own[""]["friction"] * cosine()
+        values = own[""]["friction"] * cosine()
         for name in point.effects - point.neutral:
-            found = found + own[name]["size"] * wave(name)
-        return Prediction(point, found)
+            values = values + own[name]["size"] * wave(name)
+        return Prediction(point, values)
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return differences."""
@@ -100,6 +100,6 @@ def judged(values: Array, listed: tuple[str, ...] = tuple(SHAPES), sd: float = S
     """Return the finished search in a recording."""
     experiment = Waves(measurement(values, sd), listed)
     first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
-    found = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
-    search(found, lambda share, text: None)
-    return found
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    run_search(search, lambda share, text: None)
+    return search

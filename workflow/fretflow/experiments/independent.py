@@ -22,6 +22,7 @@ from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, cod
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, Coordinate
+from fretflow.inference.posterior import visible
 from fretflow.inference.search import Names, Search, basis
 from fretflow.inference.verdict import Estimate
 
@@ -50,10 +51,10 @@ class IndependentDiscrepancy(Discrepancy):
         inner = np.eye(scale.shape[-1]) + scale[..., None] * gram[:, 1:, 1:] * scale[..., None, :]
         pulled = scale * gram[:, 1:, 0]
         inverse = np.linalg.inv(inner)
-        found = np.einsum("fkij,fkj->fki", inverse, pulled)
-        table = -0.5 * (gram[:, 0, 0] - np.sum(found * pulled, axis=-1) + np.linalg.slogdet(inner)[1]
+        mean = np.einsum("fkij,fkj->fki", inverse, pulled)
+        table = -0.5 * (gram[:, 0, 0] - np.sum(mean * pulled, axis=-1) + np.linalg.slogdet(inner)[1]
                         - np.log(kept) @ weight)
-        return Evidence(table=table, mean=found[..., :count],
+        return Evidence(table=table, mean=mean[..., :count],
                         covariance=inverse[..., :count, :count])
 
 
@@ -94,8 +95,8 @@ class IndependentSearch(Search, Generic[E]):
 
     def evidence(self, names: Names, laws: Names | None = None) -> Evidence:
         """Return the evidence of a set, what the choice of its laws' forms costs taken off."""
-        found, cost = super().evidence(names, laws), sum(self.experiment.choice(name) for name in names)
-        return replace(found, table=found.table - cost) if cost else found
+        evidence, cost = super().evidence(names, laws), sum(self.experiment.choice(name) for name in names)
+        return replace(evidence, table=evidence.table - cost) if cost else evidence
 
     def prior(self, names: Names, laws: Names | None = None, forms: Array | None = None) -> Array:
         """Return the prior (forms, sizes) of law-form errors and of the one general discrepancy."""
@@ -118,41 +119,40 @@ class IndependentSearch(Search, Generic[E]):
         return Fitter(self.experiment, self.experiment.measurement.covariance())
 
 
-def estimates(hypotheses: IndependentSearch[E], names: Names) -> tuple[Estimate, ...]:
+def estimates(search: IndependentSearch[E], names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
-    mean, covariance = hypotheses.evidence(names).coordinates(hypotheses.any_size(names))
-    return tuple(estimate(one, float(middle), HALF * float(sd), draws, hypotheses.experiment.described(one))
-                 for one, middle, sd, draws in zip(hypotheses.fits[names].parameters.coordinates, mean,
+    mean, covariance = search.evidence(names).coordinates(search.any_size(names))
+    return tuple(estimate(one, float(middle), HALF * float(sd), draws, search.experiment.described(one))
+                 for one, middle, sd, draws in zip(search.fits[names].parameters.coordinates, mean,
                                                    np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
 
 
-def visible(hypotheses: IndependentSearch[E]) -> dict[str, float]:
+def smallest_visible(search: IndependentSearch[E]) -> dict[str, float]:
     """Return the share of its plausible range at which each effect would have been as probable as none.
 
-    There half the square of its signature's norm is the logarithm of how many effects there are; the signature is that
-    of the stronger end of the ranges, taken as linear in the effect's size.
+    The signature is that of the stronger end of the ranges, taken as linear in the effect's size.
     """
-    experiment, base, found = hypotheses.experiment, hypotheses.baseline, {}
-    least, rest = np.sqrt(2.0 * np.log(max(len(experiment.candidates()), 2))), basis(base.whitened_jacobian)
+    experiment, base, shares = search.experiment, search.baseline, {}
+    least, rest = visible(len(experiment.candidates())), basis(base.whitened_jacobian)
     for name in experiment.candidates():
         own, size = experiment.parameters([name]), 0.0
         for way in (-HALF, HALF):
             z = np.r_[base.z, np.full(own.size - len(base.z), way)]
-            change = hypotheses.fitter.covariance.whiten(experiment.predict(Point(own, z)).values - base.predicted)
+            change = search.fitter.covariance.whiten(experiment.predict(Point(own, z)).values - base.predicted)
             size = max(size, float(np.linalg.norm(change - rest @ (rest.T @ change))))
-        found[name] = least / size if size > least else 1.0
-    return found
+        shares[name] = least / size if size > least else 1.0
+    return shares
 
 
 def at_rest(fitter: Fitter, point: Point) -> Fit:
     """Return the most probable parameters from a point, to round-off of what could be told of them."""
-    found = fitter.fit(point, None)
+    fit = fitter.fit(point, None)
     while True:
-        step = np.linalg.solve(found.information, found.whitened_jacobian.T @ found.residual - found.z)
-        after = fitter.at(Point(found.parameters, found.z + step), None)
-        if not after.objective < found.objective * (1.0 - sys.float_info.epsilon):
-            return found
-        found = after
+        step = np.linalg.solve(fit.information, fit.whitened_jacobian.T @ fit.residual - fit.z)
+        after = fitter.at(Point(fit.parameters, fit.z + step), None)
+        if not after.objective < fit.objective * (1.0 - sys.float_info.epsilon):
+            return fit
+        fit = after
 
 
 def in_turn(function: Callable[[T], R], arguments: Sequence[T]) -> list[R]:

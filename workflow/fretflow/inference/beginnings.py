@@ -36,26 +36,26 @@ class Beginning:
     least: Point | None = None
 
 
-def is_worth(found: Search, beginning: Beginning, fit: Fit) -> bool:
+def is_worth(search: Search, beginning: Beginning, fit: Fit) -> bool:
     """Tell whether an effect may be as probable as none, were all linear, beside the baseline that it was begun at."""
-    return fit.promise < beginning.origin.promise - 2.0 * log(max(len(found.experiment.candidates()), 1))
+    return fit.promise < beginning.origin.promise - 2.0 * log(max(len(search.experiment.candidates()), 1))
 
 
-def is_untold(found: Search, beginning: Beginning, fit: Fit | None) -> bool:
+def is_untold(search: Search, beginning: Beginning, fit: Fit | None) -> bool:
     """Tell whether first order is off, where an effect was begun, by more than all that there is to explain."""
     if beginning.change is None or fit is None:
         return beginning.change is not None
-    told = beginning.origin.residual - found.fitter.covariance.whiten(np.nan_to_num(beginning.change))
+    told = beginning.origin.residual - search.fitter.covariance.whiten(np.nan_to_num(beginning.change))
     return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
 
 
-def elsewhere(fitter: Fitter, beginning: Beginning, begun: Fit | None) -> list[Task]:
+def elsewhere(fitter: Fitter, beginning: Beginning, fit: Fit | None) -> list[Task]:
     """Return an effect at the other points of its ranges than the one that it was begun at, and may have a fit of.
 
     Near that one they take a third of the time that they take near its origin, where they have a solution.
     """
     point, origin = beginning.point, beginning.origin
-    near = (begun or origin).prediction
+    near = (fit or origin).prediction
     return [Task(fitter, one, near, 0)
             for one in _laid(fitter.experiment, origin, point.effects - origin.effects)
             if _signed(one) == _signed(point) and (one.z != point.z).any()]
@@ -98,12 +98,12 @@ def beginnings_task(asked: tuple[Fitter, Fit, Sequence[str]]) -> dict[tuple[Hash
     fitter, origin, effects = asked
     laid = list(_laid(fitter.experiment, origin, effects))
     told = [point for point in laid if is_told(point, origin)]
-    found: dict[tuple[Hashable, ...], Beginning] = dict(_best(fitter, origin, told)) if told else {}
+    beginnings: dict[tuple[Hashable, ...], Beginning] = dict(_best(fitter, origin, told)) if told else {}
     for point in laid:  # of the others nothing is known before they are simulated
         at = point.z[len(origin.z):]
         if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
-            found[*_signed(point), tuple(at)] = Beginning(origin, point)
-    return found
+            beginnings[*_signed(point), tuple(at)] = Beginning(origin, point)
+    return beginnings
 
 
 def _best(fitter: Fitter, origin: Fit, told: Sequence[Point]) -> Iterator[tuple[tuple[Hashable, ...], Beginning]]:
@@ -136,13 +136,13 @@ def _sloping(experiment: Experiment, origin: Fit, points: Sequence[tuple[Point, 
     beside = [point.beside() for point, _ in points]
     asked = [near for (around, _), mine in zip(beside, own, strict=True)
              for near, is_own in zip(around, mine, strict=True) if is_own]
-    changes, at, found = experiment.changes(origin.prediction, asked), 0, []
+    changes, at, beginnings = experiment.changes(origin.prediction, asked), 0, []
     for (point, change), (_, steps), mine in zip(points, beside, own, strict=True):
         count = sum(mine)
         slopes = (changes[:, at:at + count] - change[:, None]) / steps[mine]
-        found.append(Beginning(origin, point, change, slopes if np.isfinite(slopes).all() else None))
+        beginnings.append(Beginning(origin, point, change, slopes if np.isfinite(slopes).all() else None))
         at += count
-    return found
+    return beginnings
 
 
 def is_told(point: Point, origin: Fit) -> bool:
@@ -172,16 +172,16 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
                     yield Point(space, middle + 2.0 * quartile * np.eye(len(middle))[place])
 
 
-def started(found: Search, origin: Fit, fit: Fit) -> Start:
+def started(search: Search, origin: Fit, fit: Fit) -> Start:
     """Return what the further effect of a fit changes where it was begun."""
     (name,) = fit.effects - origin.effects
     rest = basis(origin.whitened_jacobian)
-    columns = np.column_stack([found.fitter.covariance.whiten(fit.predicted - origin.predicted),
+    columns = np.column_stack([search.fitter.covariance.whiten(fit.predicted - origin.predicted),
                                fit.whitened_jacobian[:, fit.parameters.own(name)]])
     return Start(name, columns - rest @ (rest.T @ columns), columns)
 
 
-def beside(found: Search, names: Names, beginnings: Iterable[Beginning], beyond: float | None = None) -> list[Task]:
+def beside(search: Search, names: Names, beginnings: Iterable[Beginning], beyond: float | None = None) -> list[Task]:
     """Return where the fits of a set with the effects beside it begin that promise most of what it leaves.
 
     These begin where they explain most and where they do least, as more than first order tells may be too much. What
@@ -189,15 +189,15 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning], beyond:
     promise no more than one effect alone reaches are begun beside the most probable one only. Where log evidence is
     given that pairs are to go `beyond`, it is those that promise to, and are not fitted yet.
     """
-    fit, white = found.fits[names], found.fitter.covariance.whiten
-    reached = np.inf if names == found.best(len(names))[0] else min(
-        one.objective for effects, one in found.fits.items() if len(effects) == len(names))
+    fit, white = search.fits[names], search.fitter.covariance.whiten
+    reached = np.inf if names == search.best(len(names))[0] else min(
+        one.objective for effects, one in search.fits.items() if len(effects) == len(names))
     known = dict(zip((one.name for one in fit.parameters.coordinates), fit.z, strict=True))
     promised: dict[str, tuple[float, list[Point]]] = {}
 
     def weigh(effect: str, columns: Array, *points: Point | None) -> None:
-        beyond_forms, gain = (found.gain_beside(names, columns, beyond) for beyond in (True, False))
-        least = log(len(found.experiment.candidates()))  # what the choice costs
+        beyond_forms, gain = (search.gain_beside(names, columns, beyond) for beyond in (True, False))
+        least = log(len(search.experiment.candidates()))  # what the choice costs
         if fit.objective - 2.0 * gain < reached and beyond_forms > promised.get(effect, (least, points))[0]:
             promised[effect] = (beyond_forms, [one for one in points if one is not None])
 
@@ -207,57 +207,57 @@ def beside(found: Search, names: Names, beginnings: Iterable[Beginning], beyond:
             (effect,) = one.point.effects - names
             weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point, one.least)
             told.add(effect)
-    for start in found.starts:
-        alone = found.fits.get(frozenset({start.effect}))
-        if alone is not None and start.effect not in told and found.experiment.together([*names, start.effect]):
-            space = found.experiment.parameters([*names, start.effect], {
+    for start in search.starts:
+        alone = search.fits.get(frozenset({start.effect}))
+        if alone is not None and start.effect not in told and search.experiment.together([*names, start.effect]):
+            space = search.experiment.parameters([*names, start.effect], {
                 **fit.parameters.signs, **alone.parameters.signs})
             own = dict(zip((one.name for one in alone.parameters.coordinates), alone.z, strict=True)) | known
             weigh(start.effect, start.changes, Point(space, np.array([own[one.name] for one in space.coordinates])))
     best = [points for promise, points in sorted(promised.values(), key=lambda one: -one[0]) if beyond is None or (
-        points[0].effects not in found.fits and found.log_evidence(names) + promise > beyond)][:found.effort.partners]
-    begun = [point for points in best for point in points]
-    for point in begun:
-        if point.effects not in found.settled:
-            found.fitters[point.effects] = found.fitter_of(names)
-    return [Task(found.fitter_of(names), point, fit.prediction, 0) for point in begun]
+        points[0].effects not in search.fits and search.log_evidence(names) + promise > beyond)]
+    starting_points = [point for points in best[:search.effort.partners] for point in points]
+    for point in starting_points:
+        if point.effects not in search.settled:
+            search.fitters[point.effects] = search.fitter_of(names)
+    return [Task(search.fitter_of(names), point, fit.prediction, 0) for point in starting_points]
 
 
-def without(found: Search, names: Names, effect: str) -> Task:
+def without(search: Search, names: Names, effect: str) -> Task:
     """Return the fit of a set without one of its effects, from where the rest was fitted beside it."""
-    fit = found.fits[names]
+    fit = search.fits[names]
     kept = ~fit.parameters.own(effect)
     signs = {name: sign for name, sign in fit.parameters.signs.items() if name.split(".")[0] != effect}
-    space = found.experiment.parameters(sorted(names - {effect}), signs)
-    return Task(found.fitter_of(names - {effect}), Point(space, fit.z[kept]), fit.prediction,
-                found.effort.last_steps // 2)
+    space = search.experiment.parameters(sorted(names - {effect}), signs)
+    return Task(search.fitter_of(names - {effect}), Point(space, fit.z[kept]), fit.prediction,
+                search.effort.last_steps // 2)
 
 
-def exchanged(found: Search, names: Names) -> list[Task]:
+def exchanged(search: Search, names: Names) -> list[Task]:
     """Return fits with a law that extends one of a fitted set's, or that this extends, from where the set is fitted.
 
     A wider law does all that a plainer one does, and is begun where it does little more: a step from its range's end.
     """
-    fit, tasks = found.fits[names], []
+    fit, tasks = search.fits[names], []
     for one in sorted(names):
-        for other in found.experiment.candidates():
+        for other in search.experiment.candidates():
             swapped = names - {one} | {other}
-            known = found.fits.get(swapped)
+            known = search.fits.get(swapped)
             if other in names or not (extends(one, other) or extends(other, one)) or (
                     known is not None and known.objective <= fit.objective) or not (
-                    has_moved(fit, found.exchanged.get((names, swapped))) and found.experiment.together([*swapped])):
+                    has_moved(fit, search.exchanged.get((names, swapped))) and search.experiment.together([*swapped])):
                 continue
-            found.exchanged[names, swapped] = fit.z
-            if swapped not in found.settled:
-                found.fitters[swapped] = found.fitter_of(names)
-            tasks.append(Task(found.fitter_of(swapped), _exchanged(found, fit, one, other), fit.prediction,
-                              found.effort.last_steps))
+            search.exchanged[names, swapped] = fit.z
+            if swapped not in search.settled:
+                search.fitters[swapped] = search.fitter_of(names)
+            tasks.append(Task(search.fitter_of(swapped), _exchanged(search, fit, one, other), fit.prediction,
+                              search.effort.last_steps))
     return tasks
 
 
-def _exchanged(found: Search, fit: Fit, one: str, other: str) -> Point:
+def _exchanged(search: Search, fit: Fit, one: str, other: str) -> Point:
     """Return the point of a fit with another law in the place of `one`, which does as much as that, or little more."""
-    space = found.experiment.parameters(sorted(fit.effects - {one} | {other}), {
+    space = search.experiment.parameters(sorted(fit.effects - {one} | {other}), {
         f"{other}.{name.removeprefix(f'{one}.')}" if name.startswith(f"{one}.") else name: sign
         for name, sign in fit.parameters.signs.items()})
     z = dict(zip((own.name for own in fit.parameters.coordinates), fit.z, strict=True))

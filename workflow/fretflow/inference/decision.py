@@ -35,14 +35,14 @@ class Decision:
     @property
     def rivals(self) -> tuple[Names, ...]:
         """Return the sets of the verdict, then those that with them hold all but a twentieth of the effects' share."""
-        found, held = list(self.sets), sum(self.posterior.sets.get(names, 0.0) for names in self.sets)
-        for names, own in self.posterior.sets.items() if found else ():
+        rivals, held = list(self.sets), sum(self.posterior.sets.get(names, 0.0) for names in self.sets)
+        for names, own in self.posterior.sets.items() if rivals else ():
             if held >= (1.0 - FALSE_ALARMS) * self.posterior.listed:
                 break
-            if names and names not in found:
-                found.append(names)
+            if names and names not in rivals:
+                rivals.append(names)
                 held += own
-        return tuple(found)
+        return tuple(rivals)
 
 
 def decide(search: Search) -> Decision:

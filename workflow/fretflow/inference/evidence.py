@@ -152,13 +152,13 @@ def smooth_functions(measurement: Measurement) -> tuple[Array, Array]:
     """
     size, early = discrepancy_sizes(measurement), harmonics(measurement.phase, MODULATING)
     early[size == 0.0, 1:] = 0.0
-    found = [np.hstack([_products(measurement, waves(measurement, LOOP_HARMONICS), courses, size),
-                        _products(measurement, early, courses, rates(measurement))])
-             for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
+    functions = [np.hstack([_products(measurement, waves(measurement, LOOP_HARMONICS), courses, size),
+                            _products(measurement, early, courses, rates(measurement))])
+                 for courses in (np.ones((len(measurement.values), 1)), _courses(measurement))]
     if measurement.embedded is not None:
         products = measurement.embedded[:, :, None] * _courses(measurement)[:, None, :]
-        found[1] = np.hstack([found[1], products.reshape(len(size), -1)])
-    return found[0], found[1]
+        functions[1] = np.hstack([functions[1], products.reshape(len(size), -1)])
+    return functions[0], functions[1]
 
 
 def modulations(measurement: Measurement, signature: Array) -> Array:
@@ -180,21 +180,21 @@ def modulations(measurement: Measurement, signature: Array) -> Array:
         level[rows] = level[rows] - level[rows].mean() if name in measurement.levels else 0.0
     single = np.column_stack([measurement.group == one for one in range(len(measurement.groups))]).astype(float)
     beside = [_courses(measurement), single]
-    found = _levelled(measurement, seen)[:, None] * _unit(np.hstack([waves(measurement, MODULATING), *beside]))
-    return np.hstack([found, level[:, None] * _unit(np.hstack(beside))]) if level.any() else np.asarray(found)
+    functions = _levelled(measurement, seen)[:, None] * _unit(np.hstack([waves(measurement, MODULATING), *beside]))
+    return np.hstack([functions, level[:, None] * _unit(np.hstack(beside))]) if level.any() else np.asarray(functions)
 
 
 def _levelled(measurement: Measurement, signature: Array) -> Array:
     """Return a signature (M,) with what single groups of rows show of it raised to the rms of all with this channel."""
-    share, found = np.square(signature / sizes(measurement)), signature.copy()
+    share, raised = np.square(signature / sizes(measurement)), signature.copy()
     for channel in range(len(measurement.channels)):
         parts = [rows for rows in groups_of(measurement) if measurement.channel[rows][0] == channel]
         own = np.sqrt([np.mean(share[rows]) for rows in parts])
         rms = float(np.sqrt(np.mean(own**2)))
         for rows, size in zip(parts, own, strict=True):
             if TOLERANCE < size < rms:  # what is less has no direction
-                found[rows] *= rms / size
-    return found
+                raised[rows] *= rms / size
+    return raised
 
 
 def relative_size(measurement: Measurement, signatures: Array) -> float:
@@ -225,13 +225,13 @@ def discrepancy_sizes(measurement: Measurement) -> Array:
 
     Of a worn face codes tell less than of loops: there it is by as much larger as they differ by more.
     """
-    found, squares = sizes(measurement), _code_squares(measurement)
-    found[np.isin(measurement.channel, [measurement.channels.index(one) for one in measurement.inputs])] = 0.0
+    sd, squares = sizes(measurement), _code_squares(measurement)
+    sd[np.isin(measurement.channel, [measurement.channels.index(one) for one in measurement.inputs])] = 0.0
     if measurement.place is not None:
         face = np.isfinite(measurement.place).all(axis=1) & (squares > 0.0)
         if face.any():
-            found[face] *= max(1.0, _over_sizes(measurement, squares, face) / code_size(measurement))
-    return found
+            sd[face] *= max(1.0, _over_sizes(measurement, squares, face) / code_size(measurement))
+    return sd
 
 
 def _code_squares(measurement: Measurement) -> Array:
@@ -258,8 +258,8 @@ def size_prior(code: float, formed: Array | None = None) -> Array:
     Codes differ by `code`; laws of another form by `formed` (forms,), one row each. Without laws there is one row.
     """
     sd = np.maximum(np.hypot(code, np.zeros(1) if formed is None else formed), SIZES[0])[:, None]  # no less is told
-    found = SIZES * np.exp(-0.5 * np.square(SIZES / sd))
-    return np.asarray(found / found.sum(axis=1, keepdims=True))
+    prior = SIZES * np.exp(-0.5 * np.square(SIZES / sd))
+    return np.asarray(prior / prior.sum(axis=1, keepdims=True))
 
 
 def groups_of(measurement: Measurement) -> list[NDArray[np.bool_]]:
@@ -278,13 +278,13 @@ def sizes(measurement: Measurement, whole: bool = False) -> Array:
 
     The `whole` of it has the means in it.
     """
-    found = np.zeros(len(measurement.values))
+    size = np.zeros(len(measurement.values))
     for channel in range(len(measurement.channels)):
         rows = measurement.channel == channel
         groups = [measurement.values[rows & (measurement.group == g)] for g in np.unique(measurement.group[rows])]
         periodic = np.isfinite(measurement.phase[rows]).all() and not whole
-        found[rows] = max(float(np.std(own) if periodic else np.sqrt(np.mean(own**2))) for own in groups)
-    return np.maximum(found, np.finfo(float).tiny)
+        size[rows] = max(float(np.std(own) if periodic else np.sqrt(np.mean(own**2))) for own in groups)
+    return np.maximum(size, np.finfo(float).tiny)
 
 
 def rates(measurement: Measurement) -> Array:
@@ -292,14 +292,14 @@ def rates(measurement: Measurement) -> Array:
 
     It is that of the Fourier series up to half of what the samples of the loop could hold, so that noise counts little.
     """
-    found = np.zeros(len(measurement.values))
+    derivative = np.zeros(len(measurement.values))
     for own in loops_of(measurement):
         angle = 2.0 * np.pi * measurement.phase[own][:, None]
         order = np.arange(1, max(1, len(angle) // 4) + 1)
         series = np.hstack([np.ones_like(angle), np.cos(angle * order), np.sin(angle * order)])
         slopes = np.hstack([np.zeros_like(angle), -order * np.sin(angle * order), order * np.cos(angle * order)])
-        found[own] = slopes @ np.linalg.lstsq(series, measurement.values[own], rcond=None)[0]
-    return found
+        derivative[own] = slopes @ np.linalg.lstsq(series, measurement.values[own], rcond=None)[0]
+    return derivative
 
 
 def waves(measurement: Measurement, most: int) -> Array:
@@ -307,9 +307,9 @@ def waves(measurement: Measurement, most: int) -> Array:
 
     Over a face they are products of those along its sides, whose orders' product is at most `most`.
     """
-    found = harmonics(measurement.phase, most)
+    over_phase = harmonics(measurement.phase, most)
     if measurement.place is None:
-        return found
+        return over_phase
     on_face = np.isfinite(measurement.place).all(axis=1)[:, None]
     order = np.arange(most + 1)
     falling = np.where(order > 0, np.sqrt(2.0) / np.maximum(order, 1), 1.0)  # sd, times the rms of a cosine
@@ -317,7 +317,7 @@ def waves(measurement: Measurement, most: int) -> Array:
     kept = np.multiply.outer(np.maximum(order, 1), np.maximum(order, 1)) <= most
     both = (x[:, :, None] * y[:, None, :])[:, kept]
     total = float(np.sum(np.multiply.outer(*2 * [1.0 / np.maximum(order, 1)**2])[kept]))
-    return np.hstack([np.where(on_face, 0.0, found), np.where(on_face, both / np.sqrt(total), 0.0)])
+    return np.hstack([np.where(on_face, 0.0, over_phase), np.where(on_face, both / np.sqrt(total), 0.0)])
 
 
 def harmonics(phase: Array, most: int) -> Array:
@@ -326,8 +326,8 @@ def harmonics(phase: Array, most: int) -> Array:
     angle = 2.0 * np.pi * np.nan_to_num(phase)[:, None] * order
     waves = np.hstack([np.cos(angle) / order, np.sin(angle) / order])
     waves = np.where(np.isfinite(phase)[:, None], waves, 0.0)
-    found = np.column_stack([np.ones(len(phase)), waves])
-    return np.asarray(found / np.sqrt(1.0 + float(np.sum(1.0 / order**2))))
+    columns = np.column_stack([np.ones(len(phase)), waves])
+    return np.asarray(columns / np.sqrt(1.0 + float(np.sum(1.0 / order**2))))
 
 
 def _courses(measurement: Measurement) -> Array:
@@ -351,7 +351,7 @@ def _products(measurement: Measurement, waves: Array, courses: Array, size: Arra
     Those of each channel are its own, and no more than it has rows.
     """
     product = (waves[:, :, None] * courses[:, None, :]).reshape(len(waves), -1) * size[:, None]
-    found = []
+    columns = []
     for channel in range(len(measurement.channels)):
         rows = measurement.channel == channel
         own = np.where(rows[:, None], product, 0.0)
@@ -359,6 +359,6 @@ def _products(measurement: Measurement, waves: Array, courses: Array, size: Arra
             left, strength, _ = np.linalg.svd(own[rows], full_matrices=False)
             own = np.zeros((len(rows), len(strength)))
             own[rows] = left * strength
-        found.append(own)
-    every = np.hstack(found)
+        columns.append(own)
+    every = np.hstack(columns)
     return np.asarray(every[:, np.any(every, axis=0)])

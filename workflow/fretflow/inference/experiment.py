@@ -179,15 +179,15 @@ def differences(experiment: Experiment, prediction: Prediction, points: Sequence
 
     Where several have the same other coordinates, the first of them is the neighbour that the next begin from.
     """
-    found, near = np.full((len(prediction.values), len(points)), np.nan), prediction
-    for column, point in zip(found.T, points, strict=True):
+    changes, near = np.full((len(prediction.values), len(points)), np.nan), prediction
+    for column, point in zip(changes.T, points, strict=True):
         first = near.point.parameters != point.parameters
         try:
             one = experiment.predict(point, prediction if first else near)
         except FretflowError:
             continue
         column[:], near = one.values - prediction.values, one if first else near
-    return found
+    return changes
 
 
 def jacobian(experiment: Experiment, prediction: Prediction) -> Array:
@@ -196,10 +196,10 @@ def jacobian(experiment: Experiment, prediction: Prediction) -> Array:
     What first-order changes do not know is differenced.
     """
     points, steps = prediction.point.beside()
-    found = np.asarray(experiment.changes(prediction, points))
-    unknown = np.flatnonzero(~np.isfinite(found).all(axis=0))
-    found[:, unknown] = differences(experiment, prediction, [points[k] for k in unknown])
-    return np.asarray(np.nan_to_num(found) / steps)
+    changes = np.asarray(experiment.changes(prediction, points))
+    unknown = np.flatnonzero(~np.isfinite(changes).all(axis=0))
+    changes[:, unknown] = differences(experiment, prediction, [points[k] for k in unknown])
+    return np.asarray(np.nan_to_num(changes) / steps)
 
 
 @dataclass(frozen=True)

@@ -43,9 +43,9 @@ def families() -> tuple[tuple[Form, ...], ...]:
 def law_form_errors() -> Array:
     """Return the relative errors (any,) of all pairs of forms within each family."""
     x, rates = np.linspace(0.0, 1.0, 101), (0.5, 1.0, 3.0)  # from a law that has barely bent to one that ran its course
-    found = [_left(true(x, rate), other, x) for family in families() for true in family
-             for other in family if other is not true for rate in rates]
-    return np.asarray(found)
+    errors = [_left(true(x, rate), other, x) for family in families() for true in family
+              for other in family if other is not true for rate in rates]
+    return np.asarray(errors)
 
 
 def density(sample: Array, at: Array) -> Array:
@@ -56,8 +56,8 @@ def density(sample: Array, at: Array) -> Array:
     logs, own = np.log(np.clip(sample, at[0], at[-1])), np.log(at)
     silverman = 1.06 * float(np.std(logs)) / float(len(logs)**0.2)
     width: float = max(silverman, float(own[1] - own[0]))
-    found = np.exp(-0.5 * np.square((own[:, None] - logs) / width)).sum(axis=1)
-    return np.asarray(found / found.sum())
+    weights = np.exp(-0.5 * np.square((own[:, None] - logs) / width)).sum(axis=1)
+    return np.asarray(weights / weights.sum())
 
 
 def _left(law: Array, form: Form, x: Array) -> float:

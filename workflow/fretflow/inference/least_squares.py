@@ -140,26 +140,28 @@ class Fitter:
         while place < len(DAMPINGS):
             z = np.clip(now.z + _step(now, DAMPINGS[place]), -FARTHEST, FARTHEST)
             try:
-                found = self.experiment.predict(Point(now.parameters, z), now.prediction)
+                prediction = self.experiment.predict(Point(now.parameters, z), now.prediction)
             except NonConvergenceError:  # half of the way may have a solution, and nearly all of it has none either
                 place = max(place + 1, DAMPINGS.index(1.0))
                 continue
-            residual = self.covariance.whiten(self.experiment.measurement.values - found.values)
+            residual = self.covariance.whiten(self.experiment.measurement.values - prediction.values)
             if float(residual @ residual + z @ z) < now.objective:
-                return self._carried(now, replace(found, point=found.point.turned())), place
+                return self._carried(now, replace(prediction, point=prediction.point.turned())), place
             place += 1
         return now, len(DAMPINGS)
 
-    def _carried(self, now: Fit, found: Prediction) -> Fit:
+    def _carried(self, now: Fit, prediction: Prediction) -> Fit:
         """Return a better prediction with derivatives: by a secant where those before told what it would bring."""
-        if not self.secants or found.point.parameters != now.parameters:
-            return self.linearised(found)
-        moved = found.point.z - now.z
-        missed = found.values - now.predicted - now.jacobian @ moved
-        fit = self.linearised(found, now.jacobian + np.outer(missed, moved) / float(moved @ moved))
+        if not self.secants or prediction.point.parameters != now.parameters:
+            return self.linearised(prediction)
+        moved = prediction.point.z - now.z
+        missed = prediction.values - now.predicted - now.jacobian @ moved
+        fit = self.linearised(prediction, now.jacobian + np.outer(missed, moved) / float(moved @ moved))
         told = now.residual - now.whitened_jacobian @ moved
         fall = now.objective - float(told @ told + fit.z @ fit.z)
-        return replace(fit, secant=True) if now.objective - fit.objective >= TOLD * fall else self.linearised(found)
+        if now.objective - fit.objective >= TOLD * fall:
+            return replace(fit, secant=True)
+        return self.linearised(prediction)
 
 
 def _step(now: Fit, damping: float = 0.0) -> Array:

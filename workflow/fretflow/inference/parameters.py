@@ -112,10 +112,10 @@ class Parameters:
 
     def values(self, z: Array) -> dict[str, dict[str, float]]:
         """Return the parameters' values in SI by effect (none: the baseline) and field at coordinates z (size,)."""
-        found: dict[str, dict[str, float]] = {name: {} for name in ("", *self.effects)}
+        values: dict[str, dict[str, float]] = {name: {} for name in ("", *self.effects)}
         for coordinate, at in zip(self.coordinates, z, strict=True):
-            found[coordinate.effect][coordinate.field] = coordinate.value(float(at))
-        return found
+            values[coordinate.effect][coordinate.field] = coordinate.value(float(at))
+        return values
 
     def built(self, z: Array) -> tuple[Effect, ...]:
         """Return the effects at coordinates z (size,)."""
@@ -143,7 +143,7 @@ def is_bent(z: Array) -> NDArray[np.bool_]:
 
 
 def _of_effect(kind: type[Effect], signs: Mapping[str, float], scaled: Scaled | None) -> list[Coordinate]:
-    found = []
+    coordinates = []
     for name, stated in kind.priors().items():
         if getattr(kind(), name) is None:  # follows the case
             continue
@@ -152,8 +152,9 @@ def _of_effect(kind: type[Effect], signs: Mapping[str, float], scaled: Scaled | 
             continue
         lowest, highest = parameter_limits(kind, name)
         sign = signs.get(f"{kind.id}.{name}", 1.0) if lowest < 0.0 <= prior.low else 1.0
-        found.append(Coordinate.within(kind.id, name, prior.low, prior.high, prior.logarithmic, lowest, highest, sign))
-    return found
+        coordinates.append(Coordinate.within(
+            kind.id, name, prior.low, prior.high, prior.logarithmic, lowest, highest, sign))
+    return coordinates
 
 
 def signed_fields(kind: type[Effect]) -> list[str]:

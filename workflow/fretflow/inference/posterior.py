@@ -54,44 +54,44 @@ class Posterior:
         return 1.0 - self.none - self.unlisted
 
 
-def freedom(found: Search, names: Names) -> int:
+def freedom(search: Search, names: Names) -> int:
     """Return how many coordinates a set has, those of what it leaves to chance among them."""
-    return len(found.fits[names].z) + found.by_chance(names).shape[1]
+    return len(search.fits[names].z) + search.by_chance(names).shape[1]
 
 
-def posterior(found: Search) -> Posterior:
+def posterior(search: Search) -> Posterior:
     """Return the probabilities of all hypotheses that were fitted, and of something that is not in the catalogue."""
-    count = len(found.experiment.candidates())
+    count = len(search.experiment.candidates())
     prior = {0: 0.0, 1: -log(count), 2: -log(max(comb(count, 2), 1))}
-    singles = found.promising(found.best(1))
-    pairs = found.promising(found.best(2)) if singles else []
-    singles += [names for names in found.best(1) if names not in singles
+    singles = search.promising(search.best(1))
+    pairs = search.promising(search.best(2)) if singles else []
+    singles += [names for names in search.best(1) if names not in singles
                 and any(_plainer(names, one) for one in (*singles, *pairs))]
-    found.sign([*singles, *pairs])
-    weight: dict[Names, float] = {frozenset(): found.log_evidence(frozenset())}
-    errors = {size: left_out(found.starts, size, count) for size in (1, 2)}
+    search.sign([*singles, *pairs])
+    weight: dict[Names, float] = {frozenset(): search.log_evidence(frozenset())}
+    errors = {size: left_out(search.starts, size, count) for size in (1, 2)}
     like: dict[Names, float] = {}  # what an unlisted effect may be like, and the evidence for that
-    shows = {names: found.shows(names) for names in (*singles, *pairs)}
+    shows = {names: search.shows(names) for names in (*singles, *pairs)}
     for names in sorted(shows, key=lambda one: sum(_plainer(other, one) for other in shows)):
-        strong = prod(1.0 - faint(found, names, one) for one in names)
+        strong = prod(1.0 - faint(search, names, one) for one in names)
         if min(shows[names].values()) < HALF or strong < LEVEL:
             continue  # what it says of one effect is that this does nothing: it is the set without it
-        left = found.fits[names].chi_squared
-        if any(fewer < names and left > found.fits[fewer].chi_squared for fewer in weight if fewer):
+        left = search.fits[names].chi_squared
+        if any(fewer < names and left > search.fits[fewer].chi_squared for fewer in weight if fewer):
             continue  # its fit was not ended: a wider set can do all that a plainer one does
-        by_form = any(mostly_by_form(found, names, one) for one in names)
+        by_form = any(mostly_by_form(search, names, one) for one in names)
         if by_form and len(names) > 1:
             continue  # beside others it is no more than another form of theirs
-        own = found.log_evidence(names)
-        beyond = {fewer: beyond_forms(found, fewer, names) + farther_out(found, fewer, names)
-                  for fewer in _likeliest(found, names, [one for one in weight if one and _plainer(one, names)])}
-        like[names] = found.evidence(names).averaged(found.prior(names, forms=errors[len(names)]))
+        own = search.log_evidence(names)
+        beyond = {fewer: beyond_forms(search, fewer, names) + farther_out(search, fewer, names)
+                  for fewer in _likeliest(search, names, [one for one in weight if one and _plainer(one, names)])}
+        like[names] = search.evidence(names).averaged(search.prior(names, forms=errors[len(names)]))
         if by_form:
             continue  # it is like it, and not it
         for fewer, odds in beyond.items():  # another form of its laws may do the same, or as what is like the wider set
             weight[fewer] = float(np.logaddexp(weight[fewer], max(own, like[names]) - odds + prior[len(fewer)]))
         weight[names] = own + prior[len(names)] + log(strong)
-    values = [[found.evidence(frozenset()).averaged(found.beyond_codes())], *(
+    values = [[search.evidence(frozenset()).averaged(search.beyond_codes())], *(
         [prior[size] + own for names, own in like.items() if len(names) == size] for size in errors)]
     unlisted = float(np.logaddexp.reduce([one for own in values for one in own])) - log(len(values))
     top = max(*weight.values(), unlisted)
@@ -100,13 +100,13 @@ def posterior(found: Search) -> Posterior:
     return Posterior({names: exp(weight[names] - top) / total for names in order}, exp(unlisted - top) / total, shows)
 
 
-def faint(found: Search, names: Names, effect: str) -> float:
+def faint(search: Search, names: Names, effect: str) -> float:
     """Return the probability that an effect of a fitted set, or what it adds to a law, is weaker than its range begins.
 
     So weak an effect is what codes and laws differ by, and not what its name says.
     """
-    kind, space = catalogue()[effect], found.fits[names].parameters
-    mean, covariance = found.evidence(names).coordinates(found.prior(names))
+    kind, space = catalogue()[effect], search.fits[names].parameters
+    mean, covariance = search.evidence(names).coordinates(search.prior(names))
     told = list(zip(space.coordinates, mean, np.sqrt(np.diag(covariance)), strict=True))
     strong = 1.0
     for less in (kind.neutral(), kind.plainest()):
@@ -117,14 +117,14 @@ def faint(found: Search, names: Names, effect: str) -> float:
     return 1.0 - strong
 
 
-def mostly_by_form(found: Search, names: Names, effect: str) -> bool:
+def mostly_by_form(search: Search, names: Names, effect: str) -> bool:
     """Tell whether an effect of a fitted set is probable by other forms of its law more than by its law.
 
     That is where its law, as the catalogue has it, adds less evidence to the rest of the set than another form of it
     adds to that: the freedom of any law that changes as much would do the same.
     """
-    less, worth = names - {effect}, found.log_evidence
-    if less not in found.fits:
+    less, worth = names - {effect}, search.log_evidence
+    if less not in search.fits:
         return False
     law, form = worth(names, less) - worth(less), worth(names) - worth(names, less)
     return form > abs(law)
@@ -141,26 +141,26 @@ def _is_off(own: Coordinate, at: float, sd: float, off: float) -> float:
     return float(norm.cdf((-HALF - at) / sd) if own.sign * off < ends[0] else norm.sf((HALF - at) / sd))
 
 
-def _likeliest(found: Search, wider: Names, sets: Sequence[Names]) -> list[Names]:
+def _likeliest(search: Search, wider: Names, sets: Sequence[Names]) -> list[Names]:
     """Return the plainer sets of which a wider one may be another form.
 
     Where one of them does what the wider set does, other forms of its laws allowed for, that is no other form of those
     which are negligible beside it.
     """
-    best = max((found.log_evidence(names) for names in sets), default=0.0)
-    if best < found.log_evidence(wider) - NEGLIGIBLE:
+    best = max((search.log_evidence(names) for names in sets), default=0.0)
+    if best < search.log_evidence(wider) - NEGLIGIBLE:
         return list(sets)
-    return [names for names in sets if found.log_evidence(names) > best - NEGLIGIBLE]
+    return [names for names in sets if search.log_evidence(names) > best - NEGLIGIBLE]
 
 
-def farther_out(found: Search, fewer: Names, wider: Names) -> float:
+def farther_out(search: Search, fewer: Names, wider: Names) -> float:
     """Return by what log prior the parameters of a plainer set are farther out of their ranges than a wider one's.
 
     Where it does the same by another form of its laws, it does it there.
     """
     squares = []
     for names in (fewer, wider):
-        mean, _ = found.evidence(names).coordinates(found.prior(names))
+        mean, _ = search.evidence(names).coordinates(search.prior(names))
         squares.append(float(mean @ mean))
     return 0.5 * max(squares[0] - squares[1], 0.0)
 
@@ -212,7 +212,7 @@ def visible(candidates: int) -> float:
     return sqrt(2.0 * log(max(candidates, 2)))
 
 
-def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
+def beyond_forms(search: Search, fewer: Names, wider: Names) -> float:
     """Return the log odds of a wider set over another form of the plainer set's laws that does the same.
 
     They are those of what the wider set takes beyond chance, and how rare forms are among published ones that differ by
@@ -221,36 +221,36 @@ def beyond_forms(found: Search, fewer: Names, wider: Names) -> float:
     law-form errors of the plainer set, drawn smooth and, as these are physics too, as structured as the catalogue's own
     effects.
     """
-    told, before, after = found.experiment.measurement.expected, found.chi_squared(fewer), found.chi_squared(wider)
+    told, before, after = search.experiment.measurement.expected, search.chi_squared(fewer), search.chi_squared(wider)
     left = before - min(told, after)  # as in `Search.explained`, noise is no more than what a set leaves
-    outside = max(_outside_forms(found, fewer, wider), 0.0) if fewer < wider else inf
+    outside = max(_outside_forms(search, fewer, wider), 0.0) if fewer < wider else inf
     if before <= told:  # all that is left passes for noise: what is taken of that may be chance
-        more = max(freedom(found, wider) - freedom(found, fewer), 1)
+        more = max(freedom(search, wider) - freedom(search, fewer), 1)
         outside = min(outside, log(largest_odds(float(chi2.sf(before - after, more)))))
     if left <= 0.0:
         return outside
     least = float(np.finfo(np.float32).eps)  # so that logits are finite
     taken = float(np.clip((before - after) / left, least, 1.0 - least))
-    shares = logit(np.clip(taken_by_chance(found, fewer), least, 1.0 - least))
+    shares = logit(np.clip(taken_by_chance(search, fewer), least, 1.0 - least))
     p = float(norm.sf((logit(taken) - shares.mean()) / max(float(shares.std()), least)))
     beyond = min(log(largest_odds(p)), outside)
-    size = float(np.linalg.norm(form_changes(found, fewer)))  # as it is seen: what parameters take up is not left
+    size = float(np.linalg.norm(form_changes(search, fewer)))  # as it is seen: what parameters take up is not left
     if left > size**2:
         return inf  # what is larger than all that a law does is no form of it
-    alike = taken_of_effects(found, fewer)
+    alike = taken_of_effects(search, fewer)
     rank = np.count_nonzero(alike >= taken)  # that none takes as much is no p-value, but happens to one of so many
     beyond = min(beyond, log(largest_odds((rank + 1) / (len(alike) + 1)) if rank else len(alike) + 1))
     forms = law_form_errors() * size
     return beyond - log((np.count_nonzero(np.square(forms) >= taken * left) + 1) / (len(forms) + 1))
 
 
-def _outside_forms(found: Search, fewer: Names, wider: Names) -> float:
+def _outside_forms(search: Search, fewer: Names, wider: Names) -> float:
     """Return the log evidence for the further effects of a wider set in what no form of the plainer laws explains."""
-    fit, white = found.fits[wider], found.fitter.covariance.whiten
+    fit, white = search.fits[wider], search.fitter.covariance.whiten
     further = [place for place, name in enumerate(sorted(wider)) if name not in fewer]
     own = np.any([fit.parameters.own(sorted(wider)[place]) for place in further], axis=0)
-    columns = np.column_stack([white(found.signatures(wider)[:, further]), white(fit.jacobian[:, own])])
-    return found.gain_beside(fewer, columns, beyond_forms=True)
+    columns = np.column_stack([white(search.signatures(wider)[:, further]), white(fit.jacobian[:, own])])
+    return search.gain_beside(fewer, columns, beyond_forms=True)
 
 
 def largest_odds(p: float) -> float:
@@ -260,35 +260,36 @@ def largest_odds(p: float) -> float:
     return -1.0 / (e * p * log(p)) if p > 0.0 else inf
 
 
-def form_changes(found: Search, names: Names) -> Array:
+def form_changes(search: Search, names: Names) -> Array:
     """Return what law-form errors of size one change (M, any), whitened, beyond what a fitted set's parameters can."""
-    rest = basis(found.fits[names].whitened_jacobian)
-    errors = found.fitter.covariance.whiten(found.formed(names))
+    rest = basis(search.fits[names].whitened_jacobian)
+    errors = search.fitter.covariance.whiten(search.formed(names))
     return np.asarray(errors - rest @ (rest.T @ errors))
 
 
-def taken_by_chance(found: Search, names: Names) -> Array:
+def taken_by_chance(search: Search, names: Names) -> Array:
     """Return the share (DRAWS,) of draws of a set's law-form error that the best further effect takes."""
-    rest, errors = basis(found.fits[names].whitened_jacobian), form_changes(found, names)
+    rest, errors = basis(search.fits[names].whitened_jacobian), form_changes(search, names)
     draws = errors @ np.random.default_rng(SEED).standard_normal((errors.shape[1], DRAWS))
     draws /= np.maximum(np.linalg.norm(draws, axis=0), 1e-300)
     best = np.zeros(DRAWS)
-    for start in found.starts:
+    for start in search.starts:
         if start.effect not in names:
             own = basis(start.changes - rest @ (rest.T @ start.changes))
             best = np.maximum(best, np.sum((own.T @ draws)**2, axis=0))
     return best
 
 
-def taken_of_effects(found: Search, names: Names) -> Array:
+def taken_of_effects(search: Search, names: Names) -> Array:
     """Return the share (any,) of what each effect would change beside a set that the best other effect takes.
 
     Of those alone that this recording would show.
     """
-    rest, starts = basis(found.fits[names].whitened_jacobian), [one for one in found.starts if one.effect not in names]
+    rest = basis(search.fits[names].whitened_jacobian)
+    starts = [one for one in search.starts if one.effect not in names]
     columns = [one.changes - rest @ (rest.T @ one.changes) for one in starts]
     bases = [basis(own) for own in columns]
-    least, shares = visible(len(found.experiment.candidates())), []
+    least, shares = visible(len(search.experiment.candidates())), []
     for one, own in zip(starts, columns, strict=True):
         size = float(np.linalg.norm(own[:, 0]))
         if size >= least:

@@ -259,21 +259,21 @@ class Search:
             for one in sorted(names)]
         tasks = [Task(self.fitter_of(names), replace(self.fits[names].prediction.point, neutral=frozenset({one})),
                       self.fits[names].prediction, 0) for names, one in asked]
-        found: dict[Names, list[Array]] = {}
+        changes: dict[Names, list[Array]] = {}
         for (names, _), values in zip(asked, self.pool(predict_task, tasks), strict=True):
             predicted = self.fits[names].predicted
-            found.setdefault(names, []).append(np.zeros(len(predicted)) if values is None else predicted - values)
-        for names, columns in found.items():
+            changes.setdefault(names, []).append(np.zeros(len(predicted)) if values is None else predicted - values)
+        for names, columns in changes.items():
             self._signatures[names] = (self.fits[names], np.column_stack(columns))
 
     def shows(self, names: Names) -> dict[str, float]:
         """Return how many standard deviations each effect of a set is away from doing nothing."""
-        fit, found = self.fits[names], {}
+        fit, deviations = self.fits[names], {}
         for one, change in zip(sorted(names), self.signatures(names).T, strict=True):
             rest = basis(fit.whitened_jacobian[:, ~fit.parameters.own(one)])
             white = self.fitter.covariance.whiten(change)
-            found[one] = float(np.linalg.norm(white - rest @ (rest.T @ white)))
-        return found
+            deviations[one] = float(np.linalg.norm(white - rest @ (rest.T @ white)))
+        return deviations
 
     def fitter_of(self, names: Names) -> Fitter:
         """Return the fitter of a set: that of its fit where it has one, whose numerical steps may be finer."""
@@ -304,9 +304,9 @@ class Search:
         return Task(self.maker(fit), fit.prediction.point, fit.prediction, steps,
                     None if fit.provisional else fit.jacobian, fit.secant, fit.damping)
 
-    def keep(self, found: Iterable[Fit | None]) -> None:
+    def keep(self, fits: Iterable[Fit | None]) -> None:
         """Keep fits that are better than those that are known, or went on from these with finer steps."""
-        for fit in found:
+        for fit in fits:
             if fit is None:
                 continue
             known, own = self.fits.get(fit.effects), self.fitters.get(fit.effects, self.fitter).experiment

@@ -39,122 +39,122 @@ MOST_CORRECTIONS = 3  # of the numerical errors at fits that these move
 
 def start_search(experiment: Experiment, first: Prediction, effort: Effort, pool: Pool) -> Search:
     """Return a search with the baseline fitted from its first prediction."""
-    found = Search(experiment, pool, effort)
-    found.stated = found.fitter.linearised(first)
-    found.fits[frozenset()] = found.fitter.fit(first.point, first, effort.last_steps)
-    return found
+    search = Search(experiment, pool, effort)
+    search.stated = search.fitter.linearised(first)
+    search.fits[frozenset()] = search.fitter.fit(first.point, first, effort.last_steps)
+    return search
 
 
-def search(found: Search, progress: Progress) -> None:
+def run_search(search: Search, progress: Progress) -> None:
     """Fit all sets of effects that may explain the measurement."""
     progress(0.0, "beginning every effect")
-    untold = begin_all(found)
+    untold = begin_all(search)
     progress(0.3, "fitting the most promising")
-    refine_leading(found)
-    if not is_explained(found):  # first order, where effects were begun, may have told nothing of what it is
+    refine_leading(search)
+    if not is_explained(search):  # first order, where effects were begun, may have told nothing of what it is
         progress(0.4, "beginning effects elsewhere")
-        begin_elsewhere(found, untold)
-        begin_before_jump(found)
-        go_on(found, [fit for fit in found.fits.values() if is_where_begun(found, fit)], found.effort.last_steps)
-        refine_leading(found)
+        begin_elsewhere(search, untold)
+        begin_before_jump(search)
+        go_on(search, [fit for fit in search.fits.values() if is_where_begun(search, fit)], search.effort.last_steps)
+        refine_leading(search)
     sought: dict[Names, Array] = {}
     for _ in range(MOST_CORRECTIONS):  # what leads may have moved where its numerical errors were put right
-        lead = leading(found)
-        found.continue_fits(lead, found.effort.last_steps)
-        bases = [names for names in lead if has_moved(found.fits[names], sought.get(names))]
+        lead = leading(search)
+        search.continue_fits(lead, search.effort.last_steps)
+        bases = [names for names in lead if has_moved(search.fits[names], sought.get(names))]
         if not bases:
             break
-        sought.update({names: found.fits[names].z for names in bases})
+        sought.update({names: search.fits[names].z for names in bases})
         progress(0.6, "what could act beside them")
-        seek_partners(found, bases)
+        seek_partners(search, bases)
         progress(0.85, "what the model's numbers leave out at the best")
-        correct(found, [1, 2])
-    if not found.leaves_noise(frozenset()):
-        allow_for_chance(found)
+        correct(search, [1, 2])
+    if not search.leaves_noise(frozenset()):
+        allow_for_chance(search)
 
 
-def refine_leading(found: Search) -> None:
+def refine_leading(search: Search) -> None:
     """Fit the leading single effects, and put their numerical errors right."""
-    to_rest(found, 1)
-    exchange_laws(found, 1)
-    correct(found, [0, 1])
+    to_rest(search, 1)
+    exchange_laws(search, 1)
+    correct(search, [0, 1])
 
 
-def leading(found: Search) -> list[Names]:
+def leading(search: Search) -> list[Names]:
     """Return the effects to which others are sought: the most probable, and those that explain most.
 
     These may be improbable for what they leave, as the stronger one of two is. Laws of other forms are allowed for.
     Where one leaves noise alone there is nothing that pairs without it could explain more of, and where none leaves
     that, nothing that two could. What leaves more than nothing does takes no other's place, however probable.
     """
-    if found.leaves_noise(frozenset()):
+    if search.leaves_noise(frozenset()):
         return []
-    nothing = found.chi_squared(frozenset())
-    singles = [names for names in found.best(1) if found.chi_squared(names) < nothing] or found.best(1)
-    first = singles[:2 * found.effort.bases]
-    if any(map(found.leaves_noise, first)):
-        return found.promising(first)[:found.effort.bases]
-    every = found.best(1)[:2 * found.effort.bases]
-    found.sign([*first, *every])
+    nothing = search.chi_squared(frozenset())
+    singles = [names for names in search.best(1) if search.chi_squared(names) < nothing] or search.best(1)
+    first = singles[:2 * search.effort.bases]
+    if any(map(search.leaves_noise, first)):
+        return search.promising(first)[:search.effort.bases]
+    every = search.best(1)[:2 * search.effort.bases]
+    search.sign([*first, *every])
     probable = [one for sets in (first, every)
-                for one in sorted(sets, key=lambda names: -found.log_evidence(names))[:found.effort.bases]]
-    return list(dict.fromkeys([*probable, *sorted(singles, key=found.chi_squared)[:found.effort.bases]]))
+                for one in sorted(sets, key=lambda names: -search.log_evidence(names))[:search.effort.bases]]
+    return list(dict.fromkeys([*probable, *sorted(singles, key=search.chi_squared)[:search.effort.bases]]))
 
 
-def seek_partners(found: Search, bases: Sequence[Names]) -> None:
+def seek_partners(search: Search, bases: Sequence[Names]) -> None:
     """Fit pairs of some effects with those that promise most beside them, and the pairs' members alone from there.
 
     Where none leaves noise alone, those follow that promise next beside the most probable and would be more probable.
     """
-    found.sign(bases)
-    laid = dict(zip(bases, begun_beside(found, [(found.fitter_of(one), found.fits[one]) for one in bases]),
+    search.sign(bases)
+    laid = dict(zip(bases, beginnings_beside(search, [(search.fitter_of(one), search.fits[one]) for one in bases]),
                     strict=True))
-    fit_pairs(found, [task for one in bases for task in beside(found, one, laid[one].values())])
-    pairs = found.best(2)[:1]
-    if pairs and bases and not found.leaves_noise(pairs[0]):
-        first = max(bases, key=found.log_evidence)
-        fit_pairs(found, beside(found, first, laid[first].values(), found.log_evidence(pairs[0])))
-    to_rest(found, 2)
-    exchange_laws(found, 2)
-    for pair in found.promising([*found.best(1)[:1], *found.best(2)[:1]])[1:]:
+    fit_pairs(search, [task for one in bases for task in beside(search, one, laid[one].values())])
+    pairs = search.best(2)[:1]
+    if pairs and bases and not search.leaves_noise(pairs[0]):
+        first = max(bases, key=search.log_evidence)
+        fit_pairs(search, beside(search, first, laid[first].values(), search.log_evidence(pairs[0])))
+    to_rest(search, 2)
+    exchange_laws(search, 2)
+    for pair in search.promising([*search.best(1)[:1], *search.best(2)[:1]])[1:]:
         # one of the two may have brought the other out of a bad start
-        found.keep(found.pool(fit_task, [without(found, pair, one) for one in sorted(pair)]))
-    to_rest(found, 1)
+        search.keep(search.pool(fit_task, [without(search, pair, one) for one in sorted(pair)]))
+    to_rest(search, 1)
 
 
-def fit_pairs(found: Search, tasks: Sequence[Task]) -> None:
+def fit_pairs(search: Search, tasks: Sequence[Task]) -> None:
     """Begin pairs, and fit them as far as they may matter."""
-    begun: dict[tuple[Names, Names], Fit] = {}  # the better start of each pair beside each of its sets
-    for task, fit in zip(tasks, found.pool(fit_task, tasks), strict=True):
+    starts: dict[tuple[Names, Names], Fit] = {}  # the better start of each pair beside each of its sets
+    for task, fit in zip(tasks, search.pool(fit_task, tasks), strict=True):
         key = task.point.effects, task.near.point.effects if task.near else frozenset()
-        if fit is not None and (key not in begun or fit.objective < begun[key].objective):
-            begun[key] = fit
-    found.keep(begun.values())
-    go_on(found, list(begun.values()), found.effort.last_steps)
+        if fit is not None and (key not in starts or fit.objective < starts[key].objective):
+            starts[key] = fit
+    search.keep(starts.values())
+    go_on(search, list(starts.values()), search.effort.last_steps)
 
 
-def allow_for_chance(found: Search) -> None:
+def allow_for_chance(search: Search) -> None:
     """Fit sets that leave something to chance under that as an error: under others alone, parameters take it up.
 
     They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline: where
     they are fitted under other errors they may do nothing, and how probable they are does not show.
     """
     middles = {}
-    for names in found.best(1):
-        point, there = found.fits[names].prediction.point, np.zeros(len(found.fits[names].z))
-        there[:len(found.baseline.z)] = found.baseline.z
-        if found.by_chance(names).shape[1]:
-            middles[names] = Task(found.fitter_of(names), replace(point, z=there), found.fits[names].prediction, 0)
-    for fit in found.pool(fit_task, list(middles.values())):
+    for names in search.best(1):
+        point, there = search.fits[names].prediction.point, np.zeros(len(search.fits[names].z))
+        there[:len(search.baseline.z)] = search.baseline.z
+        if search.by_chance(names).shape[1]:
+            middles[names] = Task(search.fitter_of(names), replace(point, z=there), search.fits[names].prediction, 0)
+    for fit in search.pool(fit_task, list(middles.values())):
         if fit is not None:
-            found.keep_more_probable(fit)
-    sets = [names for names in may_hold(found, [*found.best(1), *found.best(2)[:found.effort.bases]])
-            if found.by_chance(names).shape[1]]
-    tasks = [replace(found.further(found.fits[names], found.effort.last_steps // 2), slopes=None) for names in sets]
-    tasks += [replace(middles[names], steps=found.effort.last_steps // 2) for names in sets if names in middles]
-    for fit in found.pool(chance_task, tasks):
+            search.keep_more_probable(fit)
+    sets = [names for names in may_hold(search, [*search.best(1), *search.best(2)[:search.effort.bases]])
+            if search.by_chance(names).shape[1]]
+    tasks = [replace(search.further(search.fits[names], search.effort.last_steps // 2), slopes=None) for names in sets]
+    tasks += [replace(middles[names], steps=search.effort.last_steps // 2) for names in sets if names in middles]
+    for fit in search.pool(chance_task, tasks):
         if fit is not None:
-            found.keep_more_probable(fit)
+            search.keep_more_probable(fit)
 
 
 def chance_task(task: Task) -> Fit | None:
@@ -171,7 +171,7 @@ def chance_task(task: Task) -> Fit | None:
     return replace(fitter.linearised(near, fit.jacobian), converged=fit.converged)
 
 
-def correct(found: Search, of: Sequence[int]) -> None:
+def correct(search: Search, of: Sequence[int]) -> None:
     """Put the numerical errors of the leading sets of some sizes right at their own fits, and of those that lead then.
 
     What a set explains by the errors of a coarse model is no longer explained, and another leads: one that is less
@@ -181,27 +181,27 @@ def correct(found: Search, of: Sequence[int]) -> None:
     """
     changed = 0.0  # of log evidence
     for _ in range(MOST_CORRECTIONS):
-        leading = [names for size in of for names in found.promising(found.best(size)[:found.effort.bases], changed)
-                   if not found.is_settled(names) and all(
-                       found.log_evidence(names, frozenset()) > found.log_evidence(one, frozenset())
-                       for less in range(size) for one in found.best(less)[:1])]
+        leading = [names for size in of for names in search.promising(search.best(size)[:search.effort.bases], changed)
+                   if not search.is_settled(names) and all(
+                       search.log_evidence(names, frozenset()) > search.log_evidence(one, frozenset())
+                       for less in range(size) for one in search.best(less)[:1])]
         if not leading:
             break
-        before = {names: found.log_evidence(names, frozenset()) for names in leading}
-        asked = [(found.fitter_of(names), found.fits[names]) for names in leading]
-        found.settled.update({names: found.fits[names].z for names in leading})
-        put_right = {names: own for names, own in zip(leading, found.pool(correct_task, asked), strict=True)
+        before = {names: search.log_evidence(names, frozenset()) for names in leading}
+        asked = [(search.fitter_of(names), search.fits[names]) for names in leading]
+        search.settled.update({names: search.fits[names].z for names in leading})
+        put_right = {names: own for names, own in zip(leading, search.pool(correct_task, asked), strict=True)
                      if own is not None}
         for names, own in put_right.items():
-            found.fitters[names], found.fits[names] = own
-        found.sign(put_right)
-        again = [names for names in put_right if found.log_evidence(names) > -NEGLIGIBLE + max(
-            found.log_evidence(one) for one in put_right if len(one) == len(names))]
-        for names, fit in zip(again, found.pool(fit_task, [found.allowing(one) for one in again]), strict=True):
+            search.fitters[names], search.fits[names] = own
+        search.sign(put_right)
+        again = [names for names in put_right if search.log_evidence(names) > -NEGLIGIBLE + max(
+            search.log_evidence(one) for one in put_right if len(one) == len(names))]
+        for names, fit in zip(again, search.pool(fit_task, [search.allowing(one) for one in again]), strict=True):
             if fit is not None:
-                found.keep_more_probable(replace(found.fitter_of(names).linearised(fit.prediction, fit.jacobian),
-                                                 converged=fit.converged, secant=fit.secant), known_by=0.5 * ENOUGH)
-        changed = max(changed, *(abs(found.log_evidence(names, frozenset()) - own) for names, own in before.items()))
+                search.keep_more_probable(replace(search.fitter_of(names).linearised(fit.prediction, fit.jacobian),
+                                                  converged=fit.converged, secant=fit.secant), known_by=0.5 * ENOUGH)
+        changed = max(changed, *(abs(search.log_evidence(names, frozenset()) - own) for names, own in before.items()))
 
 
 def correct_task(asked: tuple[Fitter, Fit]) -> tuple[Fitter, Fit] | None:
@@ -221,166 +221,167 @@ def correct_task(asked: tuple[Fitter, Fit]) -> tuple[Fitter, Fit] | None:
                         secant=fit.secant)
 
 
-def to_rest(found: Search, size: int) -> None:
+def to_rest(search: Search, size: int) -> None:
     """Fit the leading sets of a size on until they have come to rest.
 
     Of single effects the first few whatever their distance, unless one explains all: how probable one is shows at rest
     only. Pairs that are worse than one effect alone are hopeless.
     """
     for _ in range(2):
-        sets = may_hold(found, found.best(1)) if size == 1 else found.promising(
-            [*found.best(1)[:1], *found.promising(found.best(size))])[1:]
-        open_ = [names for names in sets[:2 * found.effort.bases] if not found.fits[names].converged]
+        sets = may_hold(search, search.best(1)) if size == 1 else search.promising(
+            [*search.best(1)[:1], *search.promising(search.best(size))])[1:]
+        open_ = [names for names in sets[:2 * search.effort.bases] if not search.fits[names].converged]
         if not open_:
             break
-        found.continue_fits(open_, found.effort.last_steps // 2)
+        search.continue_fits(open_, search.effort.last_steps // 2)
 
 
-def exchange_laws(found: Search, size: int) -> None:
+def exchange_laws(search: Search, size: int) -> None:
     """Fit the leading sets of a size with laws that extend theirs, or that theirs extend, from where they are."""
-    found.keep(found.pool(fit_task, [
-        task for names in may_hold(found, found.best(size)[:found.effort.bases]) for task in exchanged(found, names)]))
+    sets = may_hold(search, search.best(size)[:search.effort.bases])
+    search.keep(search.pool(fit_task, [task for names in sets for task in exchanged(search, names)]))
 
 
-def begin_before_jump(found: Search) -> None:
+def begin_before_jump(search: Search) -> None:
     """Fit what explains a measurement until its motion jumps, if anything does, to all of it.
 
     The parameters with which a motion jumps when the recorded one did lie in a valley that is too narrow for starts
     from afar, and nearly straight before the jump. Where the leading fit jumps as well, nothing has to be led there.
     """
-    leading = min(found.fits.values(), key=lambda fit: fit.objective)
-    before = found.experiment.before_jump(leading.prediction)
-    if before is None or found.stated is None:
+    leading = min(search.fits.values(), key=lambda fit: fit.objective)
+    before = search.experiment.before_jump(leading.prediction)
+    if before is None or search.stated is None:
         return
-    point = found.stated.prediction.point
-    part = start_search(before, before.predict(point), found.effort, found.pool)
+    point = search.stated.prediction.point
+    part = start_search(before, before.predict(point), search.effort, search.pool)
     untold = begin_all(part)
     to_rest(part, 1)
     if not is_explained(part):
         begin_elsewhere(part, untold)
         to_rest(part, 1)
-    lead = part.promising(part.best(1))[:found.effort.bases]
+    lead = part.promising(part.best(1))[:search.effort.bases]
     if lead and part.log_evidence(lead[0]) > part.log_evidence(frozenset()) + NEGLIGIBLE:
         for names in lead:
-            found.keep(carried_on(found, part.fits[names]))
+            search.keep(carried_on(search, part.fits[names]))
 
 
-def carried_on(found: Search, part: Fit) -> list[Fit | None]:
+def carried_on(search: Search, part: Fit) -> list[Fit | None]:
     """Return fits of a hypothesis that was fitted to a part of the measurement.
 
     They begin from the best of several draws of what the part leaves probable (N. Chopin, A sequential particle filter
     method for static models, Biometrika 89 (2002) 539-551).
     """
     point, spread = part.prediction.point, np.linalg.cholesky(np.linalg.inv(part.information))
-    drawn = np.random.default_rng(0).standard_normal((found.effort.draws, len(point.z)))
-    fits = found.pool(fit_task, [Task(found.fitter, replace(point, z=np.clip(
+    drawn = np.random.default_rng(0).standard_normal((search.effort.draws, len(point.z)))
+    fits = search.pool(fit_task, [Task(search.fitter, replace(point, z=np.clip(
         point.z + spread @ one, -FARTHEST, FARTHEST)), None, 0) for one in drawn])
-    best = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.objective)[:found.effort.starts]
-    return found.pool(fit_task, [found.further(fit, 2 * found.effort.last_steps) for fit in best])
+    best = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.objective)[:search.effort.starts]
+    return search.pool(fit_task, [search.further(fit, 2 * search.effort.last_steps) for fit in best])
 
 
-def begin_all(found: Search) -> list[Task]:
+def begin_all(search: Search) -> list[Task]:
     """Fit every effect from the best of its starts, and keep what it changes there.
 
     Other points are returned of the ranges of those that first order does not tell where they were begun. A baseline
     outside of its ranges is bent to explain what it cannot: effects are begun as it was stated, first, and beside it
     only where that leads to none that explains more.
     """
-    origins = [found.baseline]
-    if found.stated is not None and is_bent(found.baseline.z).any():
-        origins.insert(0, found.stated)
+    origins = [search.baseline]
+    if search.stated is not None and is_bent(search.baseline.z).any():
+        origins.insert(0, search.stated)
     untold: list[Task] = []
     for origin in origins:
-        left = begin_beside(found, origin)
-        if is_explained(found):
+        left = begin_beside(search, origin)
+        if is_explained(search):
             return []  # what may be left to tell is small, and of first order
-        untold = untold or [task for one, fit in left for task in elsewhere(found.maker(origin), one, fit)]
-        if min(fit.objective for fit in found.fits.values()) < found.baseline.objective - 2.0 * NEGLIGIBLE:
+        untold = untold or [task for one, fit in left for task in elsewhere(search.maker(origin), one, fit)]
+        if min(fit.objective for fit in search.fits.values()) < search.baseline.objective - 2.0 * NEGLIGIBLE:
             break
     return untold
 
 
-def begin_elsewhere(found: Search, untold: Sequence[Task]) -> None:
+def begin_elsewhere(search: Search, untold: Sequence[Task]) -> None:
     """Fit effects from the best of some points of their ranges."""
     best: dict[Names, list[tuple[float, Task]]] = {}
-    for task, weighed in zip(untold, found.pool(weigh_task, untold), strict=True):
+    for task, weighed in zip(untold, search.pool(weigh_task, untold), strict=True):
         if weighed is not None:
             objective, predicted = weighed
             best.setdefault(task.point.effects, []).append((objective, replace(task, near=predicted)))
-    starts = [task for own in best.values() for _, task in sorted(own, key=lambda one: one[0])[:found.effort.starts]]
-    fits = [fit for fit in found.pool(fit_task, starts) if fit is not None]
-    found.keep(fits)
-    go_on(found, fits, found.effort.last_steps)
+    starts = [task for own in best.values() for _, task in sorted(own, key=lambda one: one[0])[:search.effort.starts]]
+    fits = [fit for fit in search.pool(fit_task, starts) if fit is not None]
+    search.keep(fits)
+    go_on(search, fits, search.effort.last_steps)
 
 
-def begun_beside(found: Search, asked: Sequence[tuple[Fitter, Fit]]) -> list[dict[tuple[Hashable, ...], Beginning]]:
+def beginnings_beside(search: Search, asked: Sequence[tuple[Fitter, Fit]]
+                      ) -> list[dict[tuple[Hashable, ...], Beginning]]:
     """Return where each further effect is begun beside every one of some fits, each in two parts, for two processes."""
-    candidates = found.experiment.candidates()
+    candidates = search.experiment.candidates()
     parts = [candidates[0::2], candidates[1::2]]
-    begun = found.pool(beginnings_task, [(fitter, fit, part) for fitter, fit in asked for part in parts])
-    return [even | odd for even, odd in zip(begun[0::2], begun[1::2], strict=True)]
+    beginnings = search.pool(beginnings_task, [(fitter, fit, part) for fitter, fit in asked for part in parts])
+    return [even | odd for even, odd in zip(beginnings[0::2], beginnings[1::2], strict=True)]
 
 
-def begin_beside(found: Search, origin: Fit) -> list[tuple[Beginning, Fit | None]]:
+def begin_beside(search: Search, origin: Fit) -> list[tuple[Beginning, Fit | None]]:
     """Fit every effect from its best start beside a baseline; return the starts of which first order does not tell.
 
     With them comes what they are there, None where that has no solution.
     """
-    fitter = found.maker(origin)  # what the origin's model leaves out is no effect's change
-    (beginnings,) = begun_beside(found, [(fitter, origin)])
+    fitter = search.maker(origin)  # what the origin's model leaves out is no effect's change
+    (beginnings,) = beginnings_beside(search, [(fitter, origin)])
     # first what is simulated at many points, as it takes longest
     laid = sorted(beginnings.values(), key=lambda one: one.change is not None)
-    first_fits = found.pool(begin_task, [(fitter, one) for one in laid])
+    first_fits = search.pool(begin_task, [(fitter, one) for one in laid])
     # an effect that does more than first order tells may be worth it where it does least
     anew = {place: Beginning(origin, one.least) for place, (one, fit) in enumerate(zip(laid, first_fits, strict=True))
-            if one.least is not None and (fit is None or not is_worth(found, one, fit))}
-    weaker = dict(zip(anew, found.pool(begin_task, [(fitter, one) for one in anew.values()]), strict=True))
+            if one.least is not None and (fit is None or not is_worth(search, one, fit))}
+    weaker = dict(zip(anew, search.pool(begin_task, [(fitter, one) for one in anew.values()]), strict=True))
     going = []
     for place, (one, first) in enumerate(zip(laid, first_fits, strict=True)):
         fit = min((own for own in (first, weaker.get(place)) if own is not None), key=lambda own: own.promise,
                   default=None)
         if fit is not None:
-            found.starts.append(started(found, origin, fit))
-            if is_worth(found, one, fit) or not is_told(fit.prediction.point, found.baseline):
+            search.starts.append(started(search, origin, fit))
+            if is_worth(search, one, fit) or not is_told(fit.prediction.point, search.baseline):
                 going.append(fit)
-            found.keep([fit])
-    go_on(found, sorted(going, key=lambda one: one.promise)[:found.effort.going], found.effort.last_steps)
-    return [(one, fit) for one, fit in zip(laid, first_fits, strict=True) if is_untold(found, one, fit)]
+            search.keep([fit])
+    go_on(search, sorted(going, key=lambda one: one.promise)[:search.effort.going], search.effort.last_steps)
+    return [(one, fit) for one, fit in zip(laid, first_fits, strict=True) if is_untold(search, one, fit)]
 
 
-def may_hold(found: Search, sets: Sequence[Names]) -> Sequence[Names]:
+def may_hold(search: Search, sets: Sequence[Names]) -> Sequence[Names]:
     """Return the sets that may hold a share of the posterior: all of them, as long as none explains all."""
-    if not is_explained(found):
+    if not is_explained(search):
         return sets
-    held = found.promising([*found.best(1)[:1], *sets])
+    held = search.promising([*search.best(1)[:1], *sets])
     return [names for names in sets if names in held]
 
 
-def is_explained(found: Search) -> bool:
+def is_explained(search: Search) -> bool:
     """Tell whether a set leaves no more than what passes for noise."""
-    return found.passes_for_noise(min(fit.chi_squared for fit in found.fits.values()))
+    return search.passes_for_noise(min(fit.chi_squared for fit in search.fits.values()))
 
 
-def is_where_begun(found: Search, fit: Fit) -> bool:
+def is_where_begun(search: Search, fit: Fit) -> bool:
     """Tell whether an effect was never fitted: the baseline's parameters are those that it was begun beside."""
     return bool(fit.effects) and any(origin is not None and np.array_equal(fit.z[:len(origin.z)], origin.z)
-                                     for origin in (found.baseline, found.stated))
+                                     for origin in (search.baseline, search.stated))
 
 
-def go_on(found: Search, going: Sequence[Fit], steps: int) -> None:
+def go_on(search: Search, going: Sequence[Fit], steps: int) -> None:
     """Fit some sets of a size on step by step, those that may become the best of that size, or of smaller ones.
 
     They fall by factors that would bring them there in the steps that are left, or are better than all that they are
     made of and still move through their ranges, so that nobody knows where they will end, and nothing explains all.
     """
     def is_more(fit: Fit) -> bool:
-        return fit.objective < min(less.objective for names, less in found.fits.items() if names < fit.effects)
+        return fit.objective < min(less.objective for names, less in search.fits.items() if names < fit.effects)
 
     for left in reversed(range(steps)):
-        fits = found.pool(fit_task, [found.further(one, 1) for one in going])
-        found.keep(fits)
-        best = {size: min(one.objective for names, one in found.fits.items() if 0 < len(names) <= size)
+        fits = search.pool(fit_task, [search.further(one, 1) for one in going])
+        search.keep(fits)
+        best = {size: min(one.objective for names, one in search.fits.items() if 0 < len(names) <= size)
                 for size in {len(fit.effects) for fit in going}}
         going = [fit for before, fit in zip(going, fits, strict=True) if fit is not None and not fit.converged and (
-            (is_more(fit) and has_moved(fit, before.z) and not is_explained(found))
+            (is_more(fit) and has_moved(fit, before.z) and not is_explained(search))
             or fit.objective * (fit.objective / before.objective)**left <= best[len(fit.effects)])]

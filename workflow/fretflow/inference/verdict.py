@@ -218,9 +218,9 @@ class Diagnosis:
     Examples
     --------
     >>> import fretflow as ff
-    >>> found = ff.diagnose("my recording")  # doctest: +SKIP
-    >>> {one.name: (one.value, one.unit) for one in found.parameters}  # doctest: +SKIP
-    >>> found.to_json()["location"]["block"]  # doctest: +SKIP
+    >>> diagnosis = ff.diagnose("my recording")  # doctest: +SKIP
+    >>> {one.name: (one.value, one.unit) for one in diagnosis.parameters}  # doctest: +SKIP
+    >>> diagnosis.to_json()["location"]["block"]  # doctest: +SKIP
     """
 
     title: str
@@ -327,7 +327,7 @@ class Diagnosis:
     def posterior(self) -> xr.Dataset:
         """Return draws of the parameters, dimensions (chain, draw), as ArviZ names them.
 
-        ``arviz.InferenceData(posterior=found.posterior)`` goes on with them, and so does ``arviz.from_netcdf`` with
+        ``arviz.InferenceData(posterior=diagnosis.posterior)`` goes on with them, and so does ``arviz.from_netcdf`` with
         what ``to_netcdf(file, group="posterior", engine="h5netcdf")`` writes.
         """
         return to_dataset({one.name: (("chain", "draw"), one.draws[None], one.unit) for one in self.parameters

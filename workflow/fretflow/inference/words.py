@@ -240,8 +240,8 @@ def parameter_words(name: str) -> str:
 
 def blocks_of(effects: Iterable[str]) -> str:
     """Return the blocks that effects change, in words."""
-    found = dict.fromkeys(BLOCKS.get(block, block.value) for block in (catalogue()[name].block for name in effects))
-    return " and ".join(found)
+    blocks = dict.fromkeys(BLOCKS.get(block, block.value) for block in (catalogue()[name].block for name in effects))
+    return " and ".join(blocks)
 
 
 def listed(names: Iterable[str], last: str = "and") -> str:

@@ -76,11 +76,11 @@ class DrivenData:
     def phase(self) -> Array:
         """Return the phase (N,) in [0, 1): of the cycle, or without cycles of the motion in the plane of x and v."""
         x, v = self.motion.displacement - self.motion.displacement.mean(), self.motion.velocity
-        found = np.asarray(np.arctan2(v / max(float(v.std()), 1e-300), x / max(float(x.std()), 1e-300)) / (2.0 * np.pi)
+        phase = np.asarray(np.arctan2(v / max(float(v.std()), 1e-300), x / max(float(x.std()), 1e-300)) / (2.0 * np.pi)
                            % 1.0)
         for one in self.cycles:
-            found[self.samples_of(one)] = self.phases_of(one)
-        return found
+            phase[self.samples_of(one)] = self.phases_of(one)
+        return phase
 
     @cached_property
     def stretch(self) -> NDArray[np.int64]:
@@ -166,8 +166,8 @@ def _of_series(kind: RecordingKind, series: Series) -> DrivenData:
         motion=motion, force=thin, cycles=cycles, repeats=_alike(x, cycles), fitted=np.zeros(0, bool),
         held_out=np.zeros(0, bool), held_out_words="", timed=timed, notes=tuple(notes), half_width=measured.half_width,
         displacement_noise=measured.noise if timed else 0.0)
-    reach = np.ones(2 * measured.half_width + 1)  # rates are not to be had at the ends, nor beside gaps
-    inside = np.convolve(usable, reach, "same") >= len(reach) - 0.5
+    window = np.ones(2 * measured.half_width + 1)  # rates are not to be had at the ends, nor beside gaps
+    inside = np.convolve(usable, window, "same") >= len(window) - 0.5
     return _split(data, inside[::every])
 
 
@@ -200,12 +200,12 @@ def _of_loops(kind: RecordingKind, loops: LoopSet) -> DrivenData:
     samples = x.shape[-1]
     thin = next((k for k in range(samples // LEAST_OF_CYCLE, 0, -1) if samples % k == 0
                  and x.shape[0] * samples // k >= SAMPLES), 1)
-    found, steps = [], []
+    cycles, steps = [], []
     for k, r in np.argwhere(loops.usable):
         frequency = loops.frequency[k]
-        found.append((int(loops.cycles[k]), x[k, r, ::thin], force[k, r, ::thin]))
+        cycles.append((int(loops.cycles[k]), x[k, r, ::thin], force[k, r, ::thin]))
         steps.append(thin / (samples * frequency) if np.isfinite(frequency) else 1.0)
-    return _closed(kind, found, steps, bool(np.isfinite(loops.frequency).all()))
+    return _closed(kind, cycles, steps, bool(np.isfinite(loops.frequency).all()))
 
 
 def _closed(kind: RecordingKind, loops: Sequence[tuple[int, Array, Array]], steps: Sequence[float], timed: bool
@@ -255,9 +255,9 @@ def _cycles(cuts: Array, usable: Mask) -> tuple[Cycle, ...]:
 
 def _alike(x: Array, cycles: tuple[Cycle, ...]) -> tuple[tuple[Cycle, Cycle], ...]:
     def same(a: Cycle, b: Cycle) -> bool:
-        reach = np.array([np.ptp(x[one.start:one.stop]) for one in (a, b)])
+        strokes = np.array([np.ptp(x[one.start:one.stop]) for one in (a, b)])
         length = np.array([one.stop - one.start for one in (a, b)])
-        return all(bool(np.ptp(one) < SAME_REACH * one.mean()) for one in (reach, length))
+        return all(bool(np.ptp(one) < SAME_REACH * one.mean()) for one in (strokes, length))
 
     return tuple((a, b) for a, b in pairwise(cycles) if b.number == a.number + 1 and same(a, b))
 

@@ -28,13 +28,13 @@ def phases(data: DrivenData) -> dict[str, Mask]:
         speed, rate = np.abs(data.motion.velocity), np.abs(data.motion.acceleration)
         brisk = rate * speed.max() > speed * rate.max()
         return {"acceleration": brisk, "plateau": ~brisk}
-    found = {name: np.zeros(len(data.force), bool) for name in PHASES}
+    masks = {name: np.zeros(len(data.force), bool) for name in PHASES}
     for one in data.cycles:
         own = data.samples_of(one)
         phase = Strokes.of(data.motion.displacement[own], data.force[own]).phase
         for k, name in enumerate(PHASES):
-            found[name][own[phase == k]] = True
-    return found
+            masks[name][own[phase == k]] = True
+    return masks
 
 
 def locate(data: DrivenData, noise: Noise, left: Array, block: str) -> Location:

@@ -68,12 +68,12 @@ def measured_noise(data: DrivenData, joint: DrivenJoint) -> Noise:
 
 def _common(data: DrivenData, values: Array) -> Array:
     """Return values (N,) as all cycles have them in common at each phase, what is noise in them averaged away."""
-    found, every = np.zeros_like(values), [data.samples_of(one) for one in data.cycles]
+    common, every = np.zeros_like(values), [data.samples_of(one) for one in data.cycles]
     phases = [data.phases_of(one) for one in data.cycles]
     for own, at in zip(every, phases, strict=True):
-        found[own] = np.mean([np.interp(at, phase, values[one], period=1.0)
-                              for one, phase in zip(every, phases, strict=True)], axis=0)
-    return found if data.cycles else values
+        common[own] = np.mean([np.interp(at, phase, values[one], period=1.0)
+                               for one, phase in zip(every, phases, strict=True)], axis=0)
+    return common if data.cycles else values
 
 
 def white_noise(data: DrivenData) -> Noise:
@@ -111,9 +111,10 @@ def _of_motion(data: DrivenData, joint: DrivenJoint) -> tuple[Array, Array, floa
         moved = replace(data.whole, **{name: getattr(data.whole, name) + getattr(noise, name) for name in (
             "displacement", "velocity", "acceleration")})
         changes.append(joint.predict(moved).measured[::data.every] - plain)
-    found = np.array(changes)
+    drawn = np.array(changes)
     rounded = joint.predict(replace(data.whole, displacement=data.unsmoothed)).measured[::data.every] - plain
-    return found.mean(axis=0), _common(data, rounded), float(np.sqrt(np.mean(found[:, data.used].var(axis=0, ddof=1))))
+    deviation = float(np.sqrt(np.mean(drawn[:, data.used].var(axis=0, ddof=1))))
+    return drawn.mean(axis=0), _common(data, rounded), deviation
 
 
 def effective(left: Array, used: Mask) -> float:

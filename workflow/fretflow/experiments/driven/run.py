@@ -24,14 +24,14 @@ from fretflow.experiments.driven.views import (
     residual_maps,
     two_stiffnesses,
 )
-from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
 from fretflow.inference.search import FAST, FULL
-from fretflow.inference.strategy import Progress, begin_all, search
+from fretflow.inference.strategy import Progress, begin_all, run_search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED
@@ -51,33 +51,33 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
     """
     data = driven_data(recording)
     progress(0.05, "baseline and noise")
-    hypotheses = searched(data, fast, progress)
-    found = decide(hypotheses)
+    search = searched(data, fast, progress)
+    decision = decide(search)
     progress(0.9, "parameters and pictures")
-    experiment, fit = hypotheses.experiment, hypotheses.fits[found.after]
-    before, after = (experiment.force(one) for one in (hypotheses.baseline, fit))
-    noise, named = experiment.noise, found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    block = blocks_of(found.effects) or ("rig" if data.kind is LUMPED else "contact law")
-    location = locate(data, noise, data.force - before, "" if found.verdict is Verdict.NONE else block)
-    law = residual_law(data, noise, data.force - before) if found.verdict is Verdict.UNKNOWN else None
+    experiment, fit = search.experiment, search.fits[decision.after]
+    before, after = (experiment.force(one) for one in (search.baseline, fit))
+    noise, named = experiment.noise, decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    block = blocks_of(decision.effects) or ("rig" if data.kind is LUMPED else "contact law")
+    location = locate(data, noise, data.force - before, "" if decision.verdict is Verdict.NONE else block)
+    law = residual_law(data, noise, data.force - before) if decision.verdict is Verdict.UNKNOWN else None
     remainder = Remainder(
-        share=1.0 - hypotheses.explained(found.after) if found.after else 1.0,
+        share=1.0 - search.explained(decision.after) if decision.after else 1.0,
         times_noise=float(np.sqrt(np.mean((data.force - after)[data.used]**2))) / noise.sd,
         where=locate(data, noise, data.force - after, block).phase)
-    made, readings = estimates(hypotheses, found.after), evolved(data, before, after)
+    made, readings = estimates(search, decision.after), evolved(data, before, after)
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=data.kind.id, verdict=found.verdict,
-        effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=sentence(found, remainder, location, law), detection=detect(data, noise, data.force - before),
+        title=recording.title, recording=str(recording.path), kind=data.kind.id, verdict=decision.verdict,
+        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
+        sentence=sentence(decision, remainder, location, law), detection=detect(data, noise, data.force - before),
         location=location, remainder=remainder,
         parameters=made,
-        held_out=held_out(experiment, hypotheses.baseline, fit), residual_law=law,
-        separating_measurement=separating(found.rivals or [()]) if law is None else next_measurement(law),
-        smallest_visible=visible(hypotheses) if found.verdict is Verdict.NONE else {},
+        held_out=held_out(experiment, search.baseline, fit), residual_law=law,
+        separating_measurement=separating(decision.rivals or [()]) if law is None else next_measurement(law),
+        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),
         notes=(*_notes(recording, data, experiment), *implausible(made), *two_stiffnesses(readings, made)),
-        after_model=after_model(found.verdict, found.after),
+        after_model=after_model(decision.verdict, decision.after),
         case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "")
 
 
@@ -97,9 +97,9 @@ def searched(data: DrivenData, fast: bool, progress: Progress) -> DrivenSearch:
         best = min((alone.fitter.fit(fit.prediction.point, None) for fit in alone.fits.values()),
                    key=lambda fit: fit.chi_squared)
         shared = max(noise.correlation, _alike(rough, best))
-    found = _start_search(DrivenExperiment(data, noise, shared, every), first, fast)
-    search(found, lambda share, text: progress(0.2 + 0.65 * share, text))
-    return found
+    search = _start_search(DrivenExperiment(data, noise, shared, every), first, fast)
+    run_search(search, lambda share, text: progress(0.2 + 0.65 * share, text))
+    return search
 
 
 def _alike(experiment: DrivenExperiment, fit: Fit) -> float:
@@ -109,10 +109,10 @@ def _alike(experiment: DrivenExperiment, fit: Fit) -> float:
 
 
 def _start_search(experiment: DrivenExperiment, first: Fit, fast: bool) -> DrivenSearch:
-    found = DrivenSearch(experiment, in_turn, FAST if fast else FULL)
-    found.fits[frozenset()] = refitted(experiment, first.prediction.point)
-    found.stated = found.fitter.at(Point(first.parameters, np.zeros(len(first.z))), None)
-    return found
+    search = DrivenSearch(experiment, in_turn, FAST if fast else FULL)
+    search.fits[frozenset()] = refitted(experiment, first.prediction.point)
+    search.stated = search.fitter.at(Point(first.parameters, np.zeros(len(first.z))), None)
+    return search
 
 
 def refitted(experiment: DrivenExperiment, point: Point) -> Fit:

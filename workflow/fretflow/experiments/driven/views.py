@@ -36,17 +36,17 @@ def comparisons(data: DrivenData, before: Array, after: Array) -> tuple[Comparis
     if not groups and data.kind is LUMPED:
         groups = [(name, out, np.flatnonzero(mask), slice(0)) for name, out, mask in (
             ("fitted", False, data.fitted), ("held out", True, data.held_out))]
-    found = []
+    shown = []
     for label, held_out, own, whole in groups:
         x = data.motion.displacement[own]
         thin = data.every > 1 and whole.stop > 0
-        found.append(Comparison(
+        shown.append(Comparison(
             label=label, held_out=held_out, displacement=x, force=data.force[own], before_displacement=x,
             after_displacement=x, before_force=before[own], after_force=after[own],
             time=data.motion.time[own] if data.kind is LUMPED and data.timed else None,
             raw_displacement=data.unsmoothed[whole] if thin else None,
             raw_force=data.whole_force[whole] if thin else None))
-    return tuple(found)
+    return tuple(shown)
 
 
 def evolved(data: DrivenData, before: Array, after: Array) -> Evolution | None:

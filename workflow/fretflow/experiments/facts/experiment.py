@@ -117,7 +117,7 @@ class FactsExperiment(IndependentExperiment):
         NonConvergenceError
             If a period is not found, or a test does not show what a fact is of.
         """
-        hypothesis, found = self.hypothesis(point), []
+        hypothesis, quantities = self.hypothesis(point), []
         known = {} if near is None else shown(near).resonances
         with np.errstate(over="ignore", invalid="ignore"):
             tests = {one.key: worn_test(self.rig, hypothesis, one, known.get(one.key)) for one in self.conditions}
@@ -125,12 +125,12 @@ class FactsExperiment(IndependentExperiment):
                 own = quantity_of(fact, self.file.cycles_of(fact), tests[self.file.condition_of(fact)])
                 if own is None or not np.isfinite(own):
                     raise NonConvergenceError(f"the hypothesis shows no {fact.quantity}")
-                found.append(own)
+                quantities.append(own)
             resonances = {key: tests[key].resonance(0) for fact in self.file.facts
                           if fact.quantity in ("resonance", "resonance-change")
                           for key in (self.file.condition_of(fact),)}
         return Prediction(point, np.array([_row(fact, fact.distance(own) + more) for fact, own, more in zip(
-            self.file.facts, found, self.correction, strict=True)]), Shown(np.array(found), resonances))
+            self.file.facts, quantities, self.correction, strict=True)]), Shown(np.array(quantities), resonances))
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return nan (M, V): nothing tells a test's neighbours for less than they cost."""
@@ -155,8 +155,8 @@ class FactsExperiment(IndependentExperiment):
 
 def shown(prediction: Prediction) -> Shown:
     """Return what is behind a prediction of facts."""
-    found: Shown = prediction.state
-    return found
+    state: Shown = prediction.state
+    return state
 
 
 def _level(fact: Fact) -> float:

@@ -102,11 +102,11 @@ def largest_motion(solve: Callable[..., PeriodicSolution], problem: PeriodicProb
 
     def motion(frequency: float) -> float:
         try:
-            found = solve(problem.vary(frequency=frequency), last[-1] if last else None)
+            solution = solve(problem.vary(frequency=frequency), last[-1] if last else None)
         except NonConvergenceError:
-            found = solve(problem.vary(frequency=frequency))
-        last.append(found)
-        block = found.rig_displacement[:, 0]
+            solution = solve(problem.vary(frequency=frequency))
+        last.append(solution)
+        block = solution.rig_displacement[:, 0]
         return float(abs(np.fft.rfft(block)[1]) / len(block))
 
     middle = start = max(map(float, starts), key=motion) if len(starts) > 1 else float(starts[0])

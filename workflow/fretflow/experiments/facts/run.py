@@ -22,7 +22,7 @@ from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
-from fretflow.inference.strategy import Progress, search
+from fretflow.inference.strategy import Progress, run_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.kinds.facts import QUANTITIES, FactsFile, FactsRecording
@@ -49,12 +49,12 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
     coarse, fine = (model_of(recording.file, tools.statics(case_of(recording.file, elements)))
                     for elements in range(first, first + 2))
     progress(0.1, "refitting the baseline")
-    hypotheses = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
-    search(hypotheses, lambda share, text: progress(0.2 + 0.7 * share, text))
-    detection = detect(hypotheses)
-    found = detected(decide(hypotheses), detection)
+    search = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
+    run_search(search, lambda share, text: progress(0.2 + 0.7 * share, text))
+    detection = detect(search)
+    decision = detected(decide(search), detection)
     progress(0.95, "what is held out")
-    return told(recording, case, hypotheses, found, detection)
+    return told(recording, case, search, decision, detection)
 
 
 def case_of(file: FactsFile, elements: int = CONFIRMING) -> Case:
@@ -85,19 +85,19 @@ def refitted(experiment: FactsExperiment, finer: RigModel, fast: bool, pool: Poo
     effort, space = FAST if fast else FULL, experiment.parameters(())
     coarse = FactsSearch(experiment, pool, effort)
     laid = [np.zeros(space.size), *(way * HALF * one for one in np.eye(space.size) for way in (-1.0, 1.0))]
-    begun = [one for one in pool(begin_task, [(experiment, Point(space, z)) for z in laid]) if one is not None]
-    if not begun:
+    predictions = [one for one in pool(begin_task, [(experiment, Point(space, z)) for z in laid]) if one is not None]
+    if not predictions:
         raise NonConvergenceError("no rig in the middle or at the ends of the ranges of [unknown] shows what the facts "
                                   "are of; widen the ranges")
     measured = experiment.measurement.values
-    begun.sort(key=lambda one: float(np.sum(np.square(measured - one.values)) + np.sum(np.square(one.point.z))))
+    predictions.sort(key=lambda one: float(np.sum(np.square(measured - one.values)) + np.sum(np.square(one.point.z))))
     coarse.keep(pool(fit_task, [Task(coarse.fitter, one.point, one, effort.last_steps)
-                                for one in begun[:effort.starts]]))
+                                for one in predictions[:effort.starts]]))
     checked = experiment.checked_by(finer, coarse.baseline.prediction)
-    found = FactsSearch(checked, pool, effort)
+    search = FactsSearch(checked, pool, effort)
     first = coarse.baseline.prediction
-    found.fits[frozenset()] = found.fitter.fit(first.point, first, effort.last_steps)
-    return found
+    search.fits[frozenset()] = search.fitter.fit(first.point, first, effort.last_steps)
+    return search
 
 
 def begin_task(asked: tuple[FactsExperiment, Point]) -> Prediction | None:
@@ -108,51 +108,51 @@ def begin_task(asked: tuple[FactsExperiment, Point]) -> Prediction | None:
         return None
 
 
-def detect(found: FactsSearch) -> Detection:
+def detect(search: FactsSearch) -> Detection:
     """Return whether any rig within its ranges shows the facts: Box's check of what was predicted beforehand.
 
     Were all linear and normal, the least ``|r|^2 + |z|^2`` of M facts would be a chi-squared of M degrees of freedom,
     whatever the number of parameters (G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383-430); a bound adds less.
     """
     name = "least squares of facts and parameters"
-    p = float(chi2.sf(found.baseline.objective, len(found.experiment.measurement.values)))
+    p = float(chi2.sf(search.baseline.objective, len(search.experiment.measurement.values)))
     return Detection(p_value=p, statistic=name, tests={name: p}, false_alarm_rate=FALSE_ALARMS)
 
 
-def told(recording: FactsRecording, case: Case, hypotheses: FactsSearch, found: Decision, detection: Detection
+def told(recording: FactsRecording, case: Case, search: FactsSearch, decision: Decision, detection: Detection
          ) -> Diagnosis:
     """Return the diagnosis of a verdict."""
-    base, after = hypotheses.baseline, hypotheses.fits[found.after]
+    base, after = search.baseline, search.fits[decision.after]
     made = tuple(replace(one, name=NAMES.get(one.name.removeprefix("baseline."), one.name))
-                 for one in estimates(hypotheses, found.after))
-    remainder = Remainder(share=1.0 - hypotheses.explained(found.after) if found.after else 1.0,
+                 for one in estimates(search, decision.after))
+    remainder = Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
                           times_noise=float(np.sqrt(np.mean(after.residual**2))),
-                          where=listed_misses(hypotheses, after))
-    location = locate(hypotheses, found)
-    unlisted = found.verdict is Verdict.UNKNOWN
-    warnings = [*unfinished({names for names in (frozenset[str](), found.after)
-                             if not hypotheses.fits[names].converged}), *at_bounds(after.parameters, after.z)]
+                          where=listed_misses(search, after))
+    location = locate(search, decision)
+    unlisted = decision.verdict is Verdict.UNKNOWN
+    warnings = [*unfinished({names for names in (frozenset[str](), decision.after)
+                             if not search.fits[names].converged}), *at_bounds(after.parameters, after.z)]
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
-        effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=sentence(found, remainder, location), detection=detection, location=location, parameters=made,
-        held_out=held_out(hypotheses, base, after), remainder=remainder, warnings=tuple(warnings),
-        separating_measurement=NEXT if unlisted else separating(found.rivals or [()]),
-        smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
-        notes=(*map(str, recording.notes), *warnings, *comparisons(hypotheses, base, after)),
-        case_file=case_text(case, hypotheses.experiment.hypothesis(after.prediction.point),
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
+        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
+        sentence=sentence(decision, remainder, location), detection=detection, location=location, parameters=made,
+        held_out=held_out(search, base, after), remainder=remainder, warnings=tuple(warnings),
+        separating_measurement=NEXT if unlisted else separating(decision.rivals or [()]),
+        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
+        notes=(*map(str, recording.notes), *warnings, *comparisons(search, base, after)),
+        case_file=case_text(case, search.experiment.hypothesis(after.prediction.point),
                             case.contact.friction_coefficient, case.wear.coefficient)
-        if found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) else "",
-        after_model=after_model(found.verdict, found.after))
+        if decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) else "",
+        after_model=after_model(decision.verdict, decision.after))
 
 
-def comparisons(hypotheses: FactsSearch, base: Fit, after: Fit) -> list[str]:
+def comparisons(search: FactsSearch, base: Fit, after: Fit) -> list[str]:
     """Return each fact in words: what is stated, and what the baseline and the model of the verdict give."""
     models = {"the baseline gives": base, "the model of the verdict": after}
     if after is base:
         del models["the model of the verdict"]
     lines = []
-    for k, fact in enumerate(hypotheses.experiment.file.facts):
+    for k, fact in enumerate(search.experiment.file.facts):
         unit = QUANTITIES[fact.quantity][0]
         given = [f"{text} {pretty_quantity(float(shown(fit.prediction).quantities[k]), unit, 3)} "
                  f"({_off(float(fit.residual[k]))})" for text, fit in models.items()]
@@ -165,44 +165,45 @@ def _off(residual: float) -> str:
     return "as stated" if size < 0.05 else f"{size:.1f} sd too {'low' if residual > 0.0 else 'high'}"
 
 
-def listed_misses(hypotheses: FactsSearch, fit: Fit) -> str:
+def listed_misses(search: FactsSearch, fit: Fit) -> str:
     """Return the facts that a fit misses by more than their 90 % interval, in words."""
-    facts = hypotheses.experiment.file.facts
+    facts = search.experiment.file.facts
     missed = dict.fromkeys(fact.quantity.replace("-", " ") for fact, off in zip(facts, fit.residual, strict=True)
                            if abs(off) > HALF)
     return listed(missed) if missed else ""
 
 
-def locate(hypotheses: FactsSearch, found: Decision) -> Location:
+def locate(search: FactsSearch, decision: Decision) -> Location:
     """Return which facts the refitted baseline misses."""
-    own, square = hypotheses.experiment.measurement, hypotheses.baseline.residual**2
+    own, square = search.experiment.measurement, search.baseline.residual**2
     places = tuple(Place(cut="channel", where=label, share=float(one / max(square.sum(), 1e-300)),
                          p_value=float(min(1.0, len(square) * chi2.sf(one, 1))))
                    for label, one in sorted(zip(own.channels, square, strict=True), key=lambda pair: -pair[1]))
-    if found.verdict is Verdict.NONE:
+    if decision.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="", places=places)
-    missed = listed_misses(hypotheses, hypotheses.baseline)
-    return Location(block=blocks_of(found.effects) if found.effects else "", channel=places[0].where, phase="",
+    missed = listed_misses(search, search.baseline)
+    return Location(block=blocks_of(decision.effects) if decision.effects else "", channel=places[0].where, phase="",
                     cycles=(0, 0), zone="", places=places,
                     text=f"The refitted baseline misses the {missed}." if missed else "")
 
 
-def sentence(found: Decision, remainder: Remainder, location: Location) -> str:
+def sentence(decision: Decision, remainder: Remainder, location: Location) -> str:
     """Return the verdict in one sentence."""
-    share, left = f"{100.0 * found.explained:.0f} %", f"it still misses the {remainder.where}" if remainder.where else (
+    share = f"{100.0 * decision.explained:.0f} %"
+    left = f"it still misses the {remainder.where}" if remainder.where else (
         "all facts are then within their uncertainty")
-    if found.verdict is Verdict.NONE:
+    if decision.verdict is Verdict.NONE:
         return "A rig within the given ranges shows the facts within their uncertainty."
-    if found.verdict is Verdict.UNKNOWN:
-        best = listed(found.after) if found.after else "nothing in the catalogue"
+    if decision.verdict is Verdict.UNKNOWN:
+        best = listed(decision.after) if decision.after else "nothing in the catalogue"
         return (f"No rig within the given ranges shows these facts, and no effect of the catalogue explains them well "
                 f"enough: {best} explains {share} of the difference; {left}. {location.text}")
-    names = " or ".join(" with ".join(sorted(one)) for one in found.sets)
-    return (f"{grade(found.probability)}, the model leaves out {names}, which explains {share} of the difference; "
+    names = " or ".join(" with ".join(sorted(one)) for one in decision.sets)
+    return (f"{grade(decision.probability)}, the model leaves out {names}, which explains {share} of the difference; "
             f"{left}. {location.text}")
 
 
-def held_out(hypotheses: FactsSearch, *fits: Fit) -> HeldOut:
+def held_out(search: FactsSearch, *fits: Fit) -> HeldOut:
     """Return the errors of each fact as the others predict it, to first order about the fits.
 
     With ``H = J (1 + J^T J)^-1 J^T`` of whitened derivatives, leaving row i out makes its residual

@@ -95,8 +95,8 @@ def spaces(experiment: RigExperiment, base: Fit) -> list[Space]:
     """Return the spaces of all blocks at a fitted baseline."""
     solved, covariance = simulation_of(base.prediction), experiment.measurement.covariance()
     loops = [Loop.of(experiment.rig, base, period) for period in (*solved.loops, *solved.sweep)]
-    found = []
+    by_block = []
     for block, make in MAKERS:
         shared, single = (projected(base, covariance.whiten(part)) for part in make(experiment.rig, base, loops))
-        found.append(Space(block=block, shared=shared, single=single))
-    return found
+        by_block.append(Space(block=block, shared=shared, single=single))
+    return by_block

@@ -70,17 +70,17 @@ class Loop:
 
     def answers(self, directions: Sequence[Direction]) -> list[dict[str, Array]]:
         """Return the changes of the channels for each direction, to first order."""
-        found = sensitivities(self.period.problem, self.period.solution, directions,
-                              harmonics_of(len(self.period.solution.state)))
-        return [self._changes(found, v) for v in range(len(directions))]
+        sensitivity = sensitivities(self.period.problem, self.period.solution, directions,
+                                    harmonics_of(len(self.period.solution.state)))
+        return [self._changes(sensitivity, v) for v in range(len(directions))]
 
-    def _changes(self, found: PeriodSensitivity, v: int) -> dict[str, Array]:
+    def _changes(self, sensitivity: PeriodSensitivity, v: int) -> dict[str, Array]:
         solution = self.period.solution
-        moved = found.moved(solution, v)
-        faces = found.relative_displacement[v]
+        moved = sensitivity.moved(solution, v)
+        faces = sensitivity.relative_displacement[v]
         seen = self.rig.displacement(replace(self.period, solution=moved)) - self.rig.displacement(self.period)
-        changes = {"displacement": seen if np.any(seen) else faces, "friction_force": found.friction_force[v],
-                   "arm": found.outputs["arm"][v], "approach": -found.outputs["approach"][v]}
+        changes = {"displacement": seen if np.any(seen) else faces, "friction_force": sensitivity.friction_force[v],
+                   "arm": sensitivity.outputs["arm"][v], "approach": -sensitivity.outputs["approach"][v]}
         return {name: band_limited(change, self.rig.observation.harmonics) for name, change in changes.items()}
 
     @cached_property
@@ -147,10 +147,10 @@ def _contact(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
 
 def _worn(rig: RigModel) -> Array:
     """Return any field of depth at the end alone: what is worn otherwise as other pressures act."""
-    found = np.zeros((len(rig.observation.values), rig.problem.interface.size))
-    for column, field in zip(found.T, np.eye(rig.problem.interface.size), strict=True):
+    columns = np.zeros((len(rig.observation.values), rig.problem.interface.size))
+    for column, field in zip(columns.T, np.eye(rig.problem.interface.size), strict=True):
         rig.put_wear(column, GAP_SIZE * field)
-    return found
+    return columns
 
 
 def _followed(loop: Loop, force: Array) -> dict[str, Array]:
@@ -175,8 +175,8 @@ def _laws(loop: Loop) -> list[Array]:
     force = loop.signals.friction_force
     speed = np.abs(loop.signals.velocity) / loop.rig.problem.omega / loop.motion_size
     load = loop.period.problem.normal_load
-    found = [load * (strokes.way == way) * hat for hat in hats for way in (1.0, -1.0)]
-    return found + [force * np.exp(-speed / fading) for fading in (0.1, 0.5)] + [force * speed]
+    forces = [load * (strokes.way == way) * hat for hat in hats for way in (1.0, -1.0)]
+    return forces + [force * np.exp(-speed / fading) for fading in (0.1, 0.5)] + [force * speed]
 
 
 def _rig(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
@@ -206,9 +206,9 @@ def _beside(loop: Loop) -> list[dict[str, Array]]:
     v = rates @ np.linalg.lstsq(waves, x, rcond=None)[0]
     histories = [x, x**2, x**3, np.abs(x) * x**3, v, np.abs(v) * v, np.sign(v) * np.sqrt(np.abs(v)), np.abs(x) * v]
     histories = [loop.rig.problem.normal_load * history for history in histories]
-    found = loop.answers([_on_arm(loop, -history, 0) for history in histories])
+    answers = loop.answers([_on_arm(loop, -history, 0) for history in histories])
     return [change | {"friction_force": change["friction_force"] + history}
-            for change, history in zip(found, histories, strict=True)]
+            for change, history in zip(answers, histories, strict=True)]
 
 
 def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
@@ -260,18 +260,18 @@ def _likenesses(loop: Loop, loops: list[Loop], name: str, other: str) -> list[Ar
     size, across = _sizes(loops, name, other)
     mine, its = getattr(loop.signals, name), size / across * getattr(loop.signals, other)
     drive, share = size * loop.harmonics(1)[:, 1], loop.period.elapsed
-    found = [size * (mine / size)**2, size * (mine / size)**3, share * mine, _early(share) * mine]
+    histories = [size * (mine / size)**2, size * (mine / size)**3, share * mine, _early(share) * mine]
     for signal, orders in ((mine, LOOP_HARMONICS), (its, LOOP_HARMONICS), (drive, 1)):
         spectrum = np.fft.rfft(signal)
         for k in range(1, orders + 1):
             for turn in (1.0, 1j):
                 one = np.zeros_like(spectrum)
                 one[k] = turn * spectrum[k]
-                found.append(np.fft.irfft(one, len(signal)))
+                histories.append(np.fft.irfft(one, len(signal)))
     order = np.arange(len(mine) // 2 + 1)
     for signal in (mine, its):
-        found += [np.fft.irfft(factor * np.fft.rfft(signal), len(mine)) for factor in (1.0, 1j * order, -order**2)]
-    return found
+        histories += [np.fft.irfft(factor * np.fft.rfft(signal), len(mine)) for factor in (1.0, 1j * order, -order**2)]
+    return histories
 
 
 def _early(share: float) -> float:
@@ -292,19 +292,19 @@ def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float],
     nodes = rig.problem.interface.size
     total = max(loop.period.step.cycles for loop in loops)
     times = len(course(0.0))
-    found = np.zeros((len(rig.observation.values), nodes * times))
+    columns = np.zeros((len(rig.observation.values), nodes * times))
     directions = [Direction(name="gap", gap=GAP_SIZE * row) for row in np.eye(nodes)]
     for loop in loops:
         answers = loop.answers(directions)
         weights = course(loop.period.step.cycles / max(total, 1))
         for m, change in enumerate(answers):
-            one = np.zeros(len(found))
+            one = np.zeros(len(columns))
             loop.column(one, change)
             for t, weight in enumerate(weights):
-                found[:, m * times + t] += weight * one
+                columns[:, m * times + t] += weight * one
     ends = np.array(course(1.0)) - np.array(course(0.0))
-    found += np.kron(_worn(rig), ends)
-    return found, np.zeros((len(found), 0))
+    columns += np.kron(_worn(rig), ends)
+    return columns, np.zeros((len(columns), 0))
 
 
 def _geometry(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:

@@ -52,11 +52,11 @@ DELAYS = [Unknown.DISPLACEMENT_DELAY, Unknown.FORCE_DELAY]
 def blocks_of(recording: Recording) -> list[tuple[LoopSet, Array]]:
     """Return the loops of the test and of the sweep after it, and the frequency (K,) of each in Hz."""
     usual = recording.test.excitation_frequency or np.nan
-    found = [] if recording.loops is None else [(recording.loops, np.full(len(recording.loops.cycles), usual))]
+    blocks = [] if recording.loops is None else [(recording.loops, np.full(len(recording.loops.cycles), usual))]
     if recording.sweep is not None:
         own = {one.id: one.excitation_frequency or usual for one in recording.sweep.conditions}
-        found.append((recording.sweep.loops, np.array([own[int(k)] for k in recording.sweep.loops.cycles])))
-    return found
+        blocks.append((recording.sweep.loops, np.array([own[int(k)] for k in recording.sweep.loops.cycles])))
+    return blocks
 
 
 @dataclass(frozen=True)
@@ -162,11 +162,11 @@ class Equations:
         """
         for _ in range(20):  # where there is a root, a handful
             x, force = np.exp(1j * np.outer(late, self.omega))
-            found = replace(self, displacement=x * self.displacement, damped=x * self.damped,
-                            friction=force * self.friction, force=force * self.force).solve()
-            step = found.values[DELAYS] / found.values[GAINS]
-            if np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(found.covariance)[DELAYS])):
-                return late, found
+            solution = replace(self, displacement=x * self.displacement, damped=x * self.damped,
+                               friction=force * self.friction, force=force * self.force).solve()
+            step = solution.values[DELAYS] / solution.values[GAINS]
+            if np.all(np.abs(step) < 1e-3 * np.sqrt(np.diag(solution.covariance)[DELAYS])):
+                return late, solution
             late = late + step
         return None
 

@@ -74,14 +74,14 @@ class RigExperiment(Experiment):
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""
-        found, before = np.empty((len(prediction.values), len(points))), simulation_of(prediction)
+        changes, before = np.empty((len(prediction.values), len(points))), simulation_of(prediction)
         alike = {place: one for place, point in enumerate(points) if (one := resensed(prediction, point)) is not None}
         moved = [place for place in range(len(points)) if place not in alike]
-        found[:, moved] = neighbours(self.rig, before, [hypothesis(points[place]) for place in moved])
+        changes[:, moved] = neighbours(self.rig, before, [hypothesis(points[place]) for place in moved])
         shown = self.rig.predict(before) if alike else prediction.values
         for place, one in alike.items():
-            found[:, place] = self.rig.predict(one) - shown
-        return found
+            changes[:, place] = self.rig.predict(one) - shown
+        return changes
 
     def by_chance(self, prediction: Prediction) -> Array:
         """Return what a standard deviation of each thing that a prediction leaves to chance changes, (M, any)."""
@@ -146,15 +146,15 @@ class RigExperiment(Experiment):
         if self.checks is None:
             return None
         (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
-        observation, found = rig.observation, simulation_of(prediction)
+        observation, simulation = rig.observation, simulation_of(prediction)
         twice = rig.twice_as_dense() if 2 * rig.samples < dense.samples else None
         try:
             if twice is not None:  # at once to all samples, Newton loses what rings otherwise with few
-                found = twice.refine(found)
-            denser = dense.predict(dense.refine(found))
+                simulation = twice.refine(simulation)
+            denser = dense.predict(dense.refine(simulation))
             if twice is not None and is_seen(observation, denser - coarse):
-                rig, fine, coarse = twice, fine.twice_as_dense(), twice.predict(found)
-            finer = fine.predict(fine.refine(found))
+                rig, fine, coarse = twice, fine.twice_as_dense(), twice.predict(simulation)
+            finer = fine.predict(fine.refine(simulation))
         except NonConvergenceError:
             return None
         correction, _ = errors_of(observation, finer, denser, coarse, dense.samples / rig.samples)
@@ -178,8 +178,8 @@ def resensed(near: Prediction, point: Point) -> Simulation | None:
 
 def simulation_of(prediction: Prediction) -> Simulation:
     """Return the simulation behind a prediction of the rig."""
-    found: Simulation = prediction.state
-    return found
+    simulation: Simulation = prediction.state
+    return simulation
 
 
 def rig_effects() -> tuple[str, ...]:

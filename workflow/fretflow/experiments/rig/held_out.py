@@ -40,23 +40,23 @@ def held_out_labels(observation: Observation) -> frozenset[str]:
     return frozenset([*kept, *sweep[1::2]])
 
 
-def held_out(hypotheses: Search, experiment: RigExperiment, names: Names) -> HeldOutPrediction:
+def held_out(search: Search, experiment: RigExperiment, names: Names) -> HeldOutPrediction:
     """Return what the fits of the baseline and of a set predict, made again without some of the loops."""
-    observation, fits = experiment.rig.observation, (hypotheses.baseline, hypotheses.fits[names])
+    observation, fits = experiment.rig.observation, (search.baseline, search.fits[names])
     labels = held_out_labels(observation)
     if not labels:
         return HeldOutPrediction(labels, None, fits[0].predicted, fits[1].predicted)
     out = np.zeros(len(observation.values), dtype=bool)
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
-    known = hypotheses.fitter.covariance
+    known = search.fitter.covariance
     hidden = Covariance(known.variance, np.where(out[:, None], 0.0, known.modes)).hiding(out)
     sets = list(dict.fromkeys((frozenset[str](), names)))
-    refits = hypotheses.pool(fit_task, [
-        Task(Fitter(hypotheses.fitter_of(one).experiment, hidden), hypotheses.fits[one].prediction.point,
-             hypotheses.fits[one].prediction, 1) for one in sets])  # a step: they stand near where all rows put them
+    refits = search.pool(fit_task, [
+        Task(Fitter(search.fitter_of(one).experiment, hidden), search.fits[one].prediction.point,
+             search.fits[one].prediction, 1) for one in sets])  # a step: they stand near where all rows put them
     predicted = [fit.predicted if own is None else own.predicted
-                 for fit, own in zip([hypotheses.fits[one] for one in sets], refits, strict=True)]
+                 for fit, own in zip([search.fits[one] for one in sets], refits, strict=True)]
     shared = experiment.measurement.covariance()
     seen = Covariance(hidden.variance, np.where(out[:, None], 0.0, shared.modes))
     sensed = [one + shared.modes @ seen.shared(observation.values - one) for one in (predicted[0], predicted[-1])]

@@ -83,7 +83,7 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
         return None
     felt, driven = equations.friction / equations.force, equations.damped / equations.displacement
     forces = further_forces(recording, equations)
-    bending, waves, found = equations.solve(forces), np.concatenate(shapes).T, []
+    bending, waves, hums = equations.solve(forces), np.concatenate(shapes).T, []
     # a filter of a channel, whatever it does to each harmonic, grows with the channel from loop to loop as no hum does
     filtered = min(equations.solve([one * np.where(equations.harmonic == n, unit, 0.0) for n in range(1, SMOOTH)
                                     for unit in (1.0, 1j)]).squares
@@ -97,9 +97,9 @@ def hum_begun_anew(recording: Recording, equations: Equations, mains: float) -> 
             one = equations.solve([*more, *factor * waves[:count]])
             if one.holds and one.squares < filtered and (
                     one.better_than(bending, level) if more else one.odds_over(bending) > 1.0 / level):
-                found.append((one.lack_of_fit, name, float(np.hypot(*one.values[-count:][:2]))))
+                hums.append((one.lack_of_fit, name, float(np.hypot(*one.values[-count:][:2]))))
                 break
-    return max(found, default=None)
+    return max(hums, default=None)
 
 
 def _seen(turns_a_period: float, turns: Array) -> NDArray[np.complex128]:

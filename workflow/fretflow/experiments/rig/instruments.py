@@ -53,13 +53,13 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     """Return what is wrong with the channels of a recording of the rig, in words; nothing where all may be right."""
     blocks = [recording.loops, None if recording.sweep is None else recording.sweep.loops]
     known = [loops for loops in blocks if loops is not None]
-    found = [text for loops in known for text in _saturated(loops)]
-    if found or not known:
-        return tuple(found[:1])
+    saturated = [text for loops in known for text in _saturated(loops)]
+    if saturated or not known:
+        return tuple(saturated[:1])
     try:
-        found = [*_gains(recording, case), *_friction(recording)] or _wear(recording)
-        return tuple(found or _late(recording, case) or _humming(recording, case) or _drifting(recording, case)
-                     or _small_gains(recording, case)[0] or _lost_zero(recording, case))
+        implausible = [*_gains(recording, case), *_friction(recording)] or _wear(recording)
+        return tuple(implausible or _late(recording, case) or _humming(recording, case) or _drifting(recording, case)
+                     or _small_gains(recording, case)[0] or _drifting_zero(recording, case))
     except (FretflowError, np.linalg.LinAlgError):
         return ()
 
@@ -76,15 +76,15 @@ def doubts(recording: Recording, case: Case) -> tuple[str, ...]:
 
 def _saturated(loops: LoopSet) -> list[str]:
     """Return the channels that stand still at an extreme value; none where nothing has noise as sensors have."""
-    found = []
+    texts = []
     for name in [name for name in loops.channels if name in WORDS and any(map(is_noisy, map(
             np.ravel, loops.channels.values())))]:
         values = loops.channels[name]
         if (still := standing_still(values)).any():
             limit = pretty_quantity(float(np.abs(values[still]).max()), UNITS.get(name, "N"), 3)
-            found.append(f"the {WORDS[name]} saturates at {limit} in "
+            texts.append(f"the {WORDS[name]} saturates at {limit} in "
                          f"{100.0 * still.sum() / np.isfinite(values).sum():.0f} % of the samples")
-    return found
+    return texts
 
 
 def _gains(recording: Recording, case: Case) -> list[str]:
@@ -148,16 +148,16 @@ def _late(recording: Recording, case: Case) -> list[str]:
     gains, period = _fitted_gains(rows, case), 2.0 * np.pi / np.median(rows[:, 3].real)
     guesses = [np.zeros(2)] + ([] if gains is None else [-np.angle(gains) * period / (2.0 * np.pi)])
     tried = map(equations.synchronised, guesses if equations.repeated else [])
-    late, found = next((one for one in tried if one is not None and one[1].holds), (guesses[-1], None))
-    if found is None and equations.repeated:
+    late, solution = next((one for one in tried if one is not None and one[1].holds), (guesses[-1], None))
+    if solution is None and equations.repeated:
         return []  # more acts on the rig than a delay, which may turn the fundamentals as one does
-    if found is None:  # nothing tells the errors: the fundamentals tell large delays alone
+    if solution is None:  # nothing tells the errors: the fundamentals tell large delays alone
         off = np.abs(late) > ChannelDelay.priors()["delay"].high
     else:
-        covariance, known = found.covariance[np.ix_(DELAYS, DELAYS)], (SYNCHRONISED * period)**2
-        off = np.array([found.is_off(late[k], covariance[k, k], known) for k in (0, 1)])
+        covariance, known = solution.covariance[np.ix_(DELAYS, DELAYS)], (SYNCHRONISED * period)**2
+        off = np.array([solution.is_off(late[k], covariance[k, k], known) for k in (0, 1)])
         across = np.array([1.0, -1.0])
-        if off.all() and not found.is_off(float(across @ late), float(across @ covariance @ across), 2.0 * known):
+        if off.all() and not solution.is_off(float(across @ late), float(across @ covariance @ across), 2.0 * known):
             return [_comes("excitation", -float(np.mean(late)), "the other channels")]
         off[1] &= abs(late[1]) > ChannelDelay.priors()["delay"].high
     return [_comes(name, float(late[k]), "the excitation")
@@ -186,9 +186,9 @@ def _humming(recording: Recording, case: Case) -> list[str]:
     blocks = blocks_of(recording)
     seen = {name: [hum_between_repeats(blocks, name, mains) for mains in MAINS]
             for name in WORDS if all(name in one.channels for one, _ in blocks)}
-    known = {name: found for name, found in seen.items() if None not in found}
-    loud = [name for name, found in known.items()
-            if min(one[0] for one in found if one is not None) < LEVEL / (len(MAINS) * len(seen))]
+    known = {name: hums for name, hums in seen.items() if None not in hums}
+    loud = [name for name, hums in known.items()
+            if min(one[0] for one in hums if one is not None) < LEVEL / (len(MAINS) * len(seen))]
     unknown = {"displacement", "friction_force", "force"} & (set(seen) - set(known))
     if len(loud) == 1 and len(seen) > 1 and (loud == ["excitation"] or not unknown):
         (name,) = loud
@@ -242,7 +242,7 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
 def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]]:
     """Return gains that the equations of motion contradict, and those that another moving mass explains as well."""
     equations = Equations.of(recording, _rig(case))
-    if equations is None or recording.loops is None or not (found := equations.solve()).holds:
+    if equations is None or recording.loops is None or not (solution := equations.solve()).holds:
         return [], []
     loops = recording.loops
     stated = [loops.calibration_sd.get(name, 0.0) for name in ("displacement", loops.force_name)]
@@ -252,13 +252,13 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
         return [all(solved.is_off(gain - 1.0, solved.covariance[k, k], own**2) for gain in (
             solved.values[k], solved.values[k] - solved.attenuated[k])) for k, own in zip(GAINS, stated, strict=True)]
 
-    x, force = found.values[GAINS]
-    covariance, across = found.covariance[np.ix_(GAINS, GAINS)], np.array([1.0, -1.0])
+    x, force = solution.values[GAINS]
+    covariance, across = solution.covariance[np.ix_(GAINS, GAINS)], np.array([1.0, -1.0])
     apart, both = float(across @ covariance @ across), float(np.sum(np.square(stated)))
     bent = equations.solve(further_forces(recording, equations))  # which gains may stand in for
-    wrong = [one and other for one, other in zip(off(found), off(bent), strict=True)]
+    wrong = [one and other for one, other in zip(off(solution), off(bent), strict=True)]
     sd = np.sqrt(np.diag(covariance) + np.square(stated))
-    if all(wrong) and not found.is_off(x - force, apart, both):
+    if all(wrong) and not solution.is_off(x - force, apart, both):
         return [_gain("excitation", x, sd[0])], []
     told = [_gain("friction force", 1.0 / force, sd[1] / force**2)] if wrong[1] else []
     mass, arm = case.rig.moving_mass, case.rig.arm_mass
@@ -267,7 +267,7 @@ def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]
                   f"file's: a displacement gain of {1.0 / x:.3g} explains the same"] if wrong[0] else []
 
 
-def _lost_zero(recording: Recording, case: Case) -> list[str]:
+def _drifting_zero(recording: Recording, case: Case) -> list[str]:
     """Return the channel whose zero drifts over the test, if means of the loops contradict the rig at rest without it.
 
     Means obey ``H_ab excitation = x + H_aa F + a constant`` at zero frequency. What the catalogue's drift of the force
@@ -281,13 +281,13 @@ def _lost_zero(recording: Recording, case: Case) -> list[str]:
     sizes = {"displacement": 1.0, loops.force_name: rest[1], "excitation": -rest[0]}
     signals = {name: loops.mean(name)[there] for name in sizes}
     means = {name: size * signals[name].mean(axis=1) for name, size in sizes.items()}
-    zeros = [CHANNELS[own].lost * abs(sizes[name]) * np.ptp(signals[name], axis=1).max() / 2.0
+    zeros = [CHANNELS[own].by_loop * abs(sizes[name]) * np.ptp(signals[name], axis=1).max() / 2.0
              for own, name in (("displacement", "displacement"), ("friction_force", loops.force_name))]
-    lost = float(np.hypot(*zeros) * stats.norm.isf(LEVEL / 2.0))
+    allowed = float(np.hypot(*zeros) * stats.norm.isf(LEVEL / 2.0))
     cycles = loops.cycles[there].astype(float)
     total = sum(means.values())
-    drifting = [name for name in means if _drifts(cycles, total, lost) and _drifts(cycles, means[name], lost)
-                and not _drifts(cycles, total - means[name], lost)]
+    drifting = [name for name in means if _drifts(cycles, total, allowed) and _drifts(cycles, means[name], allowed)
+                and not _drifts(cycles, total - means[name], allowed)]
     if len(drifting) != 1 or not np.ptp(means["displacement"]) or not np.ptp(means[loops.force_name]):
         return []
     (name,) = drifting
@@ -297,10 +297,10 @@ def _lost_zero(recording: Recording, case: Case) -> list[str]:
     return [f"the zero of the {WORDS[name]} drifts by {pretty_quantity(by, UNITS.get(name, 'N'), 3)} over the test"]
 
 
-def _drifts(cycles: Array, values: Array, lost: float) -> bool:
+def _drifts(cycles: Array, values: Array, allowed: float) -> bool:
     """Tell whether values (K,) rise or fall with the cycles by more than chance makes, and than is lost anyway."""
     line = stats.linregress(cycles, values)
-    return bool(abs(line.slope) * np.ptp(cycles) > lost and line.pvalue < LEVEL)
+    return bool(abs(line.slope) * np.ptp(cycles) > allowed and line.pvalue < LEVEL)
 
 
 def _gain(name: str, gain: float, sd: float) -> str:
@@ -314,13 +314,13 @@ def _fundamentals(recording: Recording) -> Array:
 
     None without a record of the drive: a stated amplitude has no phase.
     """
-    found = [np.zeros((0, 4), dtype=complex)]
+    tables = [np.zeros((0, 4), dtype=complex)]
     for loops, frequency in blocks_of(recording):
         if "excitation" in loops.channels:
             lines = [np.fft.rfft(loops.mean(name), axis=1)[:, 1] * 2.0 / len(loops.phase)
                      for name in ("excitation", "displacement", loops.force_name)]
-            found.append(np.column_stack([*lines, 2.0 * np.pi * frequency]))
-    rows = np.concatenate(found)
+            tables.append(np.column_stack([*lines, 2.0 * np.pi * frequency]))
+    rows = np.concatenate(tables)
     return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
 
@@ -350,6 +350,6 @@ def _wear(recording: Recording) -> list[str]:
     least, most = PLAUSIBLE["wear.coefficient"]
     if least <= (1.0 + spread) * coefficient and (1.0 - spread) * coefficient <= most:
         return []
-    found, low, high = (pretty_quantity(value, "m^2/N", 2) for value in (coefficient, least, most))
-    return [f"the worn volume would be that of a wear coefficient of {found}, which no joint has ({low} to {high}): "
+    worn, low, high = (pretty_quantity(value, "m^2/N", 2) for value in (coefficient, least, most))
+    return [f"the worn volume would be that of a wear coefficient of {worn}, which no joint has ({low} to {high}): "
             "check its unit and that of the cycles, which may be counted in thousands"]

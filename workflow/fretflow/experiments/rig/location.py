@@ -57,14 +57,14 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
     """
     observation = experiment.rig.observation
     parts = list(_parts(observation, base.residual))
-    found = cuts(experiment, base) if cut and not block and observation.has_loops else ()
-    tests = len(parts) + len(found)
+    block_cuts = cuts(experiment, base) if cut and not block and observation.has_loops else ()
+    tests = len(parts) + len(block_cuts)
     total = max(base.chi_squared - float(observation.noise.sum()), 1.0)
     places = [Place(cut=one.cut, where=one.where, share=float(np.clip(one.excess / total, 0.0, 1.0)),
                     p_value=min(1.0, tests * one.p_value)) for one in parts]
     places += [Place(cut="block", where=one.block, share=one.share, p_value=min(1.0, tests * one.p_value))
-               for one in found]
-    chosen = block or _block(found, tests)
+               for one in block_cuts]
+    chosen = block or _block(block_cuts, tests)
     most = {cut: _largest(places, cut) for cut in ("channel", "phase", "parity", "harmonic", "condition", "zone")}
     span, jump = _span(observation, places)
     return Location(block=chosen, channel=most["channel"], phase=most["phase"], cycles=span, zone=most["zone"],
@@ -72,8 +72,8 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
                     places=tuple(places), text=_text("" if block else chosen, most, span, jump, places))
 
 
-def _block(found: tuple[Cut, ...], tests: int) -> str:
-    first = found[0] if found else None
+def _block(block_cuts: tuple[Cut, ...], tests: int) -> str:
+    first = block_cuts[0] if block_cuts else None
     return first.block if first is not None and tests * first.p_value < FALSE_ALARMS else ""
 
 

@@ -173,9 +173,9 @@ class RigModel:
                 def jumped(start: PeriodicSolution | None, now: WearStep = step) -> Period:
                     return period(*joint.settled(now.slow, start, now.solves, now.proposed_jump, anew=False))
 
-                kept[step.cycles] = found = self._measured_motion(period(step, state), jumped, block="loops",
-                                                                  cycles=step.cycles)
-                step, state = found.step, found.solution
+                kept[step.cycles] = measured = self._measured_motion(period(step, state), jumped, block="loops",
+                                                                     cycles=step.cycles)
+                step, state = measured.step, measured.solution
             steps.append(step)
         end = kept[last]
         # of other effects the first period is a good guess, and no others
@@ -243,7 +243,7 @@ class RigModel:
         NonConvergenceError
             If `SMALLEST_SHARE` of the way is still too far.
         """
-        solver, bare, found, share, step = self.solver(settlings=0), cycle.model.baseline, end.solution, 0.0, 0.5
+        solver, bare, solution, share, step = self.solver(settlings=0), cycle.model.baseline, end.solution, 0.0, 0.5
         there = at_condition(bare, condition)
         while share < 1.0:
             target = min(1.0, share + step)
@@ -252,14 +252,14 @@ class RigModel:
                 (bare.frequency, there.frequency)))
             between = bare.vary(amplitude=amplitude, normal_load=load, frequency=frequency)
             try:
-                found = solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), found)
+                solution = solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), solution)
             except NonConvergenceError:
                 step *= 0.5
                 if step < SMALLEST_SHARE:
                     raise
                 continue
             share, step = target, 2.0 * step
-        return found
+        return solution
 
     def _measured_motion(self, period: Period, beginning: Callable[[PeriodicSolution], Period],
                          **of: object) -> Period:
@@ -285,13 +285,13 @@ class RigModel:
         aimed, own = (self.observation.fundamental(one) for one in (measured, self.displacement(period)))
         if own == 0.0 or not is_other_motion(aimed, own):
             return None
-        found, late = period.solution, -float(np.angle(aimed / own)) / (2.0 * np.pi)
-        turned = {name: np.roll(getattr(found, name), round(late * len(found.state)), axis=0)
+        solution, late = period.solution, -float(np.angle(aimed / own)) / (2.0 * np.pi)
+        turned = {name: np.roll(getattr(solution, name), round(late * len(solution.state)), axis=0)
                   for name in ("displacement", "force", "state", "internal", "friction_force")}
         for name in ("displacement", "internal"):
             mean = turned[name].mean(axis=0)
             turned[name] = mean + abs(aimed / own) * (turned[name] - mean)
-        return PeriodicSolution(**{one.name: getattr(found, one.name) for one in fields(PeriodicSolution)} | turned)
+        return PeriodicSolution(**{one.name: getattr(solution, one.name) for one in fields(PeriodicSolution)} | turned)
 
     @np.errstate(over="ignore", invalid="ignore")
     def predict(self, simulation: Simulation) -> Array:
@@ -302,7 +302,7 @@ class RigModel:
         NonConvergenceError
             If it is beyond all bounds.
         """
-        found = np.empty(len(self.observation.values))
+        vector = np.empty(len(self.observation.values))
         seen: dict[tuple[str, int], Signals] = {}
         for piece, period in self.pieces(simulation):
             if period is None:
@@ -310,11 +310,11 @@ class RigModel:
             key = (piece.block, piece.cycles if piece.condition is None else piece.condition)
             if key not in seen:
                 seen[key] = self.sensed(simulation.model, self.signals(period))
-            found[piece.place] = channel(seen[key], piece)
-        self.put_wear(found, simulation.depth)
-        if not np.all(np.isfinite(found)):
+            vector[piece.place] = channel(seen[key], piece)
+        self.put_wear(vector, simulation.depth)
+        if not np.all(np.isfinite(vector)):
             raise NonConvergenceError("the hypothesis predicts numbers beyond all bounds")
-        return found
+        return vector
 
     def pieces(self, simulation: Simulation) -> list[tuple[Piece, Period | None]]:
         """Return the pieces of the vector, each with its period; None for volume and map."""
@@ -340,32 +340,32 @@ class RigModel:
 
     def signals(self, period: Period) -> Signals:
         """Return the true channels of a period, in the harmonics that are compared."""
-        found = period.solution
-        load = period.problem.normal_load + rig_of(period.problem.structure).rig.load_at(found.output("arm"))
-        true = true_signals(period.problem, found, self.displacement(period), period.elapsed)
+        solution = period.solution
+        load = period.problem.normal_load + rig_of(period.problem.structure).rig.load_at(solution.output("arm"))
+        true = true_signals(period.problem, solution, self.displacement(period), period.elapsed)
         return replace(true, approach=arm_approach(period), normal_force=load).band_limited(self.observation.harmonics)
 
     def sensed(self, model: EffectModel, signals: Signals) -> Signals:
         """Return what the sensors show, its phase counted as the recording's is."""
-        found = model.sense(signals)
-        lead = getattr(found, self.observation.aligned_to, None)
+        shown = model.sense(signals)
+        lead = getattr(shown, self.observation.aligned_to, None)
         if lead is None or self.observation.aligned_to == "excitation":
-            return found
-        late = -float(np.angle(np.fft.rfft(lead)[1])) / found.angular_frequencies[1]  # its maximum, after zero
-        shifted: dict[str, Any] = {name: found.delayed(values, -late) for name in CHANNELS
-                                   if (values := getattr(found, name)) is not None}
-        return replace(found, **shifted)
+            return shown
+        late = -float(np.angle(np.fft.rfft(lead)[1])) / shown.angular_frequencies[1]  # its maximum, after zero
+        shifted: dict[str, Any] = {name: shown.delayed(values, -late) for name in CHANNELS
+                                   if (values := getattr(shown, name)) is not None}
+        return replace(shown, **shifted)
 
     def displacement(self, period: Period) -> Array:
         """Return the displacement (N,) where the recording measured it, m."""
-        found = period.solution
+        solution = period.solution
         if self.displacement_of.place is MeasuredAt.CONTACT_FACES:
             areas = self.problem.interface.areas
-            slid = found.displacement[:, :, 0] @ areas / areas.sum()
+            slid = solution.displacement[:, :, 0] @ areas / areas.sum()
             return np.asarray(slid - asperity_motion(period, period.problem, period.condition))
         if self.displacement_of.place is MeasuredAt.BACK_FACES:
-            return found.rig_displacement[:, 1]
-        return (found.upper_observation - found.lower_observation)[:, 0]
+            return solution.rig_displacement[:, 1]
+        return (solution.upper_observation - solution.lower_observation)[:, 0]
 
 
 def heavier(rig: LumpedRig, factor: float) -> LumpedRig:

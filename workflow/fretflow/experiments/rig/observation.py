@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 class LoopChannel:
     """What is known of a channel's zero, in sd over the channel's size (see `_size`), and of its mean over a loop."""
 
-    lost: float  # between recordings, by each loop
+    by_loop: float  # lost between recordings
     free: float  # as it was set at rest before the test
     needed: bool = False
     absolute: bool = False  # whether the mean counts: a gain acts on the whole of it
@@ -40,12 +40,12 @@ class LoopChannel:
 
 
 # that the model predicts, as far as they were measured
-CHANNELS = {"displacement": LoopChannel(lost=0.05, free=0.03, needed=True, warming=True),
-            "friction_force": LoopChannel(lost=0.01, free=0.01, needed=True),
-            "excitation": LoopChannel(lost=0.002, free=0.02),
-            "normal_force": LoopChannel(lost=0.003, free=0.01, absolute=True),
+CHANNELS = {"displacement": LoopChannel(by_loop=0.05, free=0.03, needed=True, warming=True),
+            "friction_force": LoopChannel(by_loop=0.01, free=0.01, needed=True),
+            "excitation": LoopChannel(by_loop=0.002, free=0.02),
+            "normal_force": LoopChannel(by_loop=0.003, free=0.01, absolute=True),
             # what it is counted from is unknown: faces meet on asperities
-            "approach": LoopChannel(lost=0.005, free=3.0, growing=True, warming=True)}
+            "approach": LoopChannel(by_loop=0.005, free=3.0, growing=True, warming=True)}
 HARMONICS = 12  # of a loop that are compared
 WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
 DEFAULT_WEAR_SD = 0.02  # of the volume or of the largest depth, where nothing tells it
@@ -144,8 +144,8 @@ class Observation:
 
     def fundamental(self, displacement: Array) -> complex:
         """Return the amplitude in m of a period's displacement (N,), and its phase where the drive's is known."""
-        found = 2.0 * complex(np.fft.rfft(displacement)[1]) / len(displacement)
-        return found if self.aligned_to == "excitation" else complex(abs(found))
+        amplitude = 2.0 * complex(np.fft.rfft(displacement)[1]) / len(displacement)
+        return amplitude if self.aligned_to == "excitation" else complex(abs(amplitude))
 
     def rows(self, **wanted: object) -> NDArray[np.bool_]:
         """Return the rows (M,) of the pieces whose fields are as `wanted`."""
@@ -272,25 +272,25 @@ def count_label(cycles: int) -> str:
 
 def condition_labels(conditions: Iterable[SweepCondition], test: RecordedTest) -> dict[int, str]:
     """Return what the loop at each condition, by its number, is called: what is not as in the test."""
-    found: dict[int, str] = {}
+    labels: dict[int, str] = {}
     for one in conditions:
         other = [f"{word}{value:g} {unit}" for word, value, usual, unit in (
             ("excitation ", one.excitation_amplitude, test.excitation_amplitude, "N"),
             ("load ", one.normal_load, test.normal_load, "N"),
             ("", one.excitation_frequency, test.excitation_frequency, "Hz")) if value not in (None, usual)]
         label = ", ".join(other) or "as in the test"
-        found[one.id] = f"{label} (condition {one.id})" if label in found.values() else label
-    return found
+        labels[one.id] = f"{label} (condition {one.id})" if label in labels.values() else label
+    return labels
 
 
 def measured_loops(recording: Recording) -> dict[str, tuple[Array, Array]]:
     """Return displacement and force (N,) of every loop by its label: means over the repeats at every sample."""
-    found = {} if recording.loops is None else {
+    loops = {} if recording.loops is None else {
         count_label(at): loop for at, loop in _means(recording.loops).items()}
     if recording.sweep is not None:
         labels = condition_labels(recording.sweep.conditions, recording.test)
-        found |= {labels[at]: loop for at, loop in _means(recording.sweep.loops).items()}
-    return found
+        loops |= {labels[at]: loop for at, loop in _means(recording.sweep.loops).items()}
+    return loops
 
 
 def _means(loops: LoopSet) -> dict[int, tuple[Array, Array]]:
@@ -306,7 +306,7 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
 
     A sensor's zero is one for all loops, those of the test and those at other conditions after it.
     """
-    found = dict(sizes)
+    all_sizes = dict(sizes)
     block = "loops" if conditions is None else "sweep"
     names = [name for name in CHANNELS if name in loops.channels]
     if "friction_force" not in names and "force" in loops.channels:
@@ -342,15 +342,16 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
                              (f"{channel} synchronisation", place, SYNCHRONISED * moving),
                              (f"{channel} calibration", place, loops.calibration_sd.get(name, 0.0) * (
                                  mean if kind.growing else centred)),
-                             (f"{channel} zero", place, np.full(samples, kind.free * found.setdefault(channel, size)))]
+                             (f"{channel} zero", place, np.full(
+                                 samples, kind.free * all_sizes.setdefault(channel, size)))]
         if kind.needed:
             stack.repeats.append(Repeats(values[known], tuple(places)))
-    return found
+    return all_sizes
 
 
 def _loop_offset(channel: LoopChannel, size: float) -> float:
     """Return the sd of what a loop's zero loses against those of other loops."""
-    return float(np.hypot(channel.lost * size, WARMTH * channel.warming))
+    return float(np.hypot(channel.by_loop * size, WARMTH * channel.warming))
 
 
 def _size(channel: LoopChannel, means: Array) -> float:

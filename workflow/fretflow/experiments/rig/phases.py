@@ -48,9 +48,9 @@ def _built(force: Array, gone: Array) -> Array:
 
 def _phases(built: Array, gone: Array) -> NDArray[np.int64]:
     """Return the phases along one stroke from its force and share of the travel."""
-    found = np.digitize(built, (0.1, 0.7, 0.95))  # of the force's way from the reversal to the plateau
-    found[(found == PHASES.index("plateau")) & (gone > 0.9)] = PHASES.index("plateau end")
-    return found
+    phase = np.digitize(built, (0.1, 0.7, 0.95))  # of the force's way from the reversal to the plateau
+    phase[(phase == PHASES.index("plateau")) & (gone > 0.9)] = PHASES.index("plateau end")
+    return phase
 
 
 def smoothed(loop: Array) -> Array:

@@ -55,7 +55,7 @@ from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, Pool, Search
-from fretflow.inference.strategy import Progress, search, start_search
+from fretflow.inference.strategy import Progress, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed
 from fretflow.recordings.periods import LEVEL
@@ -112,19 +112,19 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
         progress(0.02, f"{stage}: {one}")
     experiment, first = experiment_of(recording, (ELEMENTS, ELEMENTS + 1), tools, progress)
     progress(0.15, "refitting the baseline")
-    hypotheses = start_search(experiment, first, FAST if fast else FULL, tools.pool)
-    search(hypotheses, lambda share, text: progress(0.2 + 0.65 * share, text))
-    before = _plainly(experiment, hypotheses.baseline)
+    search = start_search(experiment, first, FAST if fast else FULL, tools.pool)
+    run_search(search, lambda share, text: progress(0.2 + 0.65 * share, text))
+    before = _plainly(experiment, search.baseline)
     detection = detect(experiment.rig.observation, before)
-    found = detected(plausible(decide(hypotheses), hypotheses, experiment), detection)
+    decision = detected(plausible(decide(search), search, experiment), detection)
     # where what repeats differ by is motion, there is no noise to hide in
-    found = periodic(found, recording) if experiment.rig.observation.unsteady else beyond_noise(found, hypotheses)
+    decision = periodic(decision, recording) if experiment.rig.observation.unsteady else beyond_noise(decision, search)
     progress(0.85, "held-out loops")
-    unseen = held_out(hypotheses, experiment, found.after)
+    unseen = held_out(search, experiment, decision.after)
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
     judging = [piece for piece in experiment.rig.observation.pieces if piece.label in unseen.labels]
-    found = held_to(found, unseen.error, len(judging))
-    return _told(recording, case, experiment, hypotheses, found, before, detection, unseen, doubted, tools, fast,
+    decision = held_to(decision, unseen.error, len(judging))
+    return _told(recording, case, experiment, search, decision, before, detection, unseen, doubted, tools, fast,
                  progress)
 
 
@@ -140,19 +140,19 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
         smallest_visible={}, remainder=whole, warnings=told, notes=told)
 
 
-def _told(recording: Recording, case: Case, experiment: RigExperiment, hypotheses: Search, found: Decision, before: Fit,
+def _told(recording: Recording, case: Case, experiment: RigExperiment, search: Search, decision: Decision, before: Fit,
           detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: RigTools,
           fast: bool, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
-    observation, base, after = experiment.rig.observation, hypotheses.baseline, hypotheses.fits[found.after]
+    observation, base, after = experiment.rig.observation, search.baseline, search.fits[decision.after]
     behind = before if after is base else _plainly(experiment, after)
-    location = locate(experiment, before, blocks_of(found.effects) if found.effects else "",
-                      cut=found.verdict is Verdict.UNKNOWN)
+    location = locate(experiment, before, blocks_of(decision.effects) if decision.effects else "",
+                      cut=decision.verdict is Verdict.UNKNOWN)
     law = residual_law(observation, base.predicted) if (
-        found.verdict is Verdict.UNKNOWN and observation.has_loops) else None
-    remainder = _remainder(experiment, hypotheses, found, behind)
+        decision.verdict is Verdict.UNKNOWN and observation.has_loops) else None
+    remainder = _remainder(experiment, search, decision, behind)
     warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *words.unfinished({
-        names for names in (frozenset[str](), found.after) if not hypotheses.fits[names].converged})]
+        names for names in (frozenset[str](), decision.after) if not search.fits[names].converged})]
     warnings += words.at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:
         warnings.append(words.not_repeated())
@@ -160,16 +160,16 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
     if not fast and observation.has_loops:
         progress(0.9, "confirming on the full mesh")
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
-    named = found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    mean, covariance = hypotheses.evidence(found.after).coordinates(hypotheses.prior(found.after))
+    named = decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    mean, covariance = search.evidence(decision.after).coordinates(search.prior(decision.after))
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=found.verdict,
-        effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=words.sentence(found, remainder, location, law) + words.in_doubt(doubted), detection=detection,
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
+        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
+        sentence=words.sentence(decision, remainder, location, law) + words.in_doubt(doubted), detection=detection,
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
-        separating_measurement=words.next_measurement(law) if law is not None else words.separating(found.rivals),
-        residual_law=law, smallest_visible=smallest_visible(hypotheses) if found.verdict is Verdict.NONE else {},
+        separating_measurement=words.next_measurement(law) if law is not None else words.separating(decision.rivals),
+        residual_law=law, smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, base.predicted, after.predicted),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
@@ -177,10 +177,10 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, hypothese
         case_file=case_text(case, hypothesis(Point(after.parameters, mean)),
                             float(np.mean(experiment.rig.problem.friction_coefficient)),
                             experiment.rig.wear_coefficient) if named else "",
-        after_model=after_model(found.verdict, found.after))
+        after_model=after_model(decision.verdict, decision.after))
 
 
-def plausible(found: Decision, hypotheses: Search, experiment: RigExperiment) -> Decision:
+def plausible(decision: Decision, search: Search, experiment: RigExperiment) -> Decision:
     """Return a verdict that names nothing where the fit asks for a rig that is not the stated one.
 
     That is a friction coefficient that no dry contact has, or a parameter of the baseline that less than one in a
@@ -189,19 +189,21 @@ def plausible(found: Decision, hypotheses: Search, experiment: RigExperiment) ->
     times how many there are. Damping is no such parameter: it is seldom measured, and the steps of another code damp
     the arm several times as much as its file states.
     """
-    if found.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
-        return found
-    fit = hypotheses.fits[found.after]
+    if decision.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
+        return decision
+    fit = search.fits[decision.after]
     friction = hypothesis(fit.prediction.point).friction * float(np.mean(experiment.rig.problem.friction_coefficient))
     if not FRICTION[0] < friction < FRICTION[1]:
-        return ruled_out(found, "needs a friction coefficient that no dry contact has")
+        return ruled_out(decision, "needs a friction coefficient that no dry contact has")
     held = [place for place, one in enumerate(fit.parameters.coordinates) if not one.effect and one.field != "damping"]
     p = len(held) * 2.0 * norm.sf(np.abs(fit.z[held]))
     beyond = [fit.parameters.coordinates[place].name for place, own in zip(held, p, strict=True) if own < LEVEL]
-    return ruled_out(found, f"needs {listed(beyond)} far from what is stated", float(p.min())) if beyond else found
+    if not beyond:
+        return decision
+    return ruled_out(decision, f"needs {listed(beyond)} far from what is stated", float(p.min()))
 
 
-def periodic(found: Decision, recording: Recording) -> Decision:
+def periodic(decision: Decision, recording: Recording) -> Decision:
     """Return a verdict held to repeats of a motion that are no repeats: with a drive that has its own, no model is so.
 
     What drives the rig may wander itself where it is not recorded.
@@ -209,10 +211,10 @@ def periodic(found: Decision, recording: Recording) -> Decision:
     loops = recording.loops
     if loops is None or "excitation" not in loops.channels or is_unsteady(
             loops.channels["excitation"], loops.channels["displacement"]):
-        return found
-    left = found.posterior.none / (1.0 + largest_odds(LEVEL))
-    return ruled_out(shared_anew(found, left, 1.0), "repeats itself with the drive, which the recorded motion does not",
-                     LEVEL)
+        return decision
+    left = decision.posterior.none / (1.0 + largest_odds(LEVEL))
+    return ruled_out(shared_anew(decision, left, 1.0),
+                     "repeats itself with the drive, which the recorded motion does not", LEVEL)
 
 
 def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
@@ -221,12 +223,12 @@ def _plainly(experiment: RigExperiment, fit: Fit) -> Fit:
     return Fitter(experiment, experiment.measurement.covariance()).linearised(fit.prediction, slopes)
 
 
-def _remainder(experiment: RigExperiment, hypotheses: Search, found: Decision, after: Fit) -> Remainder:
+def _remainder(experiment: RigExperiment, search: Search, decision: Decision, after: Fit) -> Remainder:
     """Return what the model of the verdict leaves."""
     place = locate(experiment, after, cut=False)
     where = ", ".join(part for part in (place.channel, f"the {place.phase}" if place.phase else "", place.condition)
                       if part)
-    share = 1.0 - hypotheses.explained(found.after) if found.after else 1.0
+    share = 1.0 - search.explained(decision.after) if decision.after else 1.0
     return Remainder(share=share, times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)),
                      where=where)
 
@@ -267,10 +269,10 @@ def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools
     rig, observation = experiment.rig, experiment.rig.observation
     full = rig.finer(tools.reduce(case)).denser()
     try:
-        found = tools.pool(predict_task, [_Prediction(full, simulation_of(fit.prediction)) for fit in fits])
+        predictions = tools.pool(predict_task, [_Prediction(full, simulation_of(fit.prediction)) for fit in fits])
     except FretflowError as error:
         return f"on the mesh of the case file the answer could not be confirmed: {error}"
-    sizes = [held_out_error(observation, one) for one in found]
+    sizes = [held_out_error(observation, one) for one in predictions]
     nodes = full.problem.interface.size
     return (f"on the mesh of the case file ({nodes} contact nodes) all loops are predicted to "
             f"{', '.join(f'{size:.3g}' for size in sizes)} times what repeats differ by "

@@ -154,14 +154,14 @@ def first_simulation(models: Sequence[RigModel]) -> tuple[RigModel, Simulation]:
     NonConvergenceError
         If there is none.
     """
-    found: list[tuple[RigModel, Simulation]] = []
+    simulated: list[tuple[RigModel, Simulation]] = []
     for model in models:
         try:
-            found.append(_eased(model))
+            simulated.append(_eased(model))
         except NonConvergenceError:
-            if not found and model is models[-1]:
+            if not simulated and model is models[-1]:
                 raise
-    return min(found, key=lambda one: _displacement_error(*one))
+    return min(simulated, key=lambda one: _displacement_error(*one))
 
 
 def _eased(model: RigModel) -> tuple[RigModel, Simulation]:

@@ -84,10 +84,10 @@ class Simulation:
         share = (interface.areas / own.areas[nearest])[:, None]
 
         def moved(period: Period) -> Period:
-            found = period.solution
+            solution = period.solution
             return replace(period, solution=replace(
-                found, displacement=found.displacement[:, nearest], force=found.force[:, nearest] * share,
-                state=found.state[:, nearest]))
+                solution, displacement=solution.displacement[:, nearest], force=solution.force[:, nearest] * share,
+                state=solution.state[:, nearest]))
 
         return replace(self, loops=tuple(map(moved, self.loops)), sweep=tuple(map(moved, self.sweep)))
 
@@ -107,6 +107,6 @@ def asperity_motion(period: Period, problem: PeriodicProblem, without: PeriodicP
 
 def arm_approach(period: Period) -> Array:
     """Return how far the specimens' backs have come toward each other, (N,) m, from where they would just touch."""
-    found, joint = period.solution, rig_of(period.problem.structure).quasi_static()
-    bulk = found.force.reshape(len(found.state), -1) @ joint.upper_compliance[2]
-    return np.asarray(bulk - found.upper_observation[:, 2])
+    solution, joint = period.solution, rig_of(period.problem.structure).quasi_static()
+    bulk = solution.force.reshape(len(solution.state), -1) @ joint.upper_compliance[2]
+    return np.asarray(bulk - solution.upper_observation[:, 2])

@@ -90,12 +90,12 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
     moved = _Moved.of(simulation, chosen)
     if not all(np.isfinite(worn).all() for worn in moved.worn.values()):
         return columns
-    found = _shown(rig, simulation, chosen, moved)
+    shown = _shown(rig, simulation, chosen, moved)
     evolving = [v for v, one in enumerate(chosen) if one.model.over_cycles]
     if evolving:
         again = [_evolved(simulation, chosen[v], moved, v) for v in evolving]
-        found[:, evolving] = _shown(rig, simulation, again, _Moved.of(simulation, again))
-    columns[:, usable] = found
+        shown[:, evolving] = _shown(rig, simulation, again, _Moved.of(simulation, again))
+    columns[:, usable] = shown
     return columns
 
 
@@ -123,7 +123,7 @@ def _periods(simulation: Simulation) -> dict[int, Period]:
 
 def _shown(rig: RigModel, simulation: Simulation, chosen: Sequence[_Neighbour], moved: _Moved) -> Array:
     """Return the changes (M, V) of the vector."""
-    found = np.zeros((len(rig.observation.values), len(chosen)))
+    changes = np.zeros((len(rig.observation.values), len(chosen)))
     for key, period in _periods(simulation).items():
         pieces = [piece for piece, seen in rig.pieces(simulation) if seen is period]
         before = rig.signals(period)
@@ -132,9 +132,9 @@ def _shown(rig: RigModel, simulation: Simulation, chosen: Sequence[_Neighbour], 
         for v, one in enumerate(chosen):
             seen_after = rig.sensed(one.model, after[v])
             for piece in pieces:
-                found[piece.place, v] = channel(seen_after, piece) - channel(shown, piece)
-    rig.put_wear(found, moved.worn[simulation.loops[-1].step.cycles])
-    return found
+                changes[piece.place, v] = channel(seen_after, piece) - channel(shown, piece)
+    rig.put_wear(changes, moved.worn[simulation.loops[-1].step.cycles])
+    return changes
 
 
 def _baseline_of(hypothesis: Hypothesis) -> tuple[float, ...]:
@@ -159,15 +159,16 @@ def _remembered(simulation: Simulation, model: EffectModel, steps: Sequence[Wear
 
     A jump is remembered by periods within it that are not kept: what those at its ends make of it counts as a change.
     """
-    found, own = ([one.initial()] for one in (model, simulation.model))
-    for known, one, through in ((found, model, steps), (own, simulation.model, simulation.steps)):
+    remembered, own = ([one.initial()] for one in (model, simulation.model))
+    for known, one, through in ((remembered, model, steps), (own, simulation.model, simulation.steps)):
         for before, after in pairwise(through):
             slow = one.evolve(known[-1], after.cycles - before.cycles, after.depth - before.depth,
                               after.slow.energy - before.slow.energy, mean_response(before.response, after.response))
             known.append(replace(slow, depth=after.depth, energy=after.slow.energy))
     return {step.cycles: replace(slow, memory={
         name: value + step.slow.memory[name] - like.memory[name] if name in like.memory else value
-        for name, value in slow.memory.items()}) for step, slow, like in zip(simulation.steps, found, own, strict=True)}
+        for name, value in slow.memory.items()})
+        for step, slow, like in zip(simulation.steps, remembered, own, strict=True)}
 
 
 def _evolved(simulation: Simulation, one: _Neighbour, moved: _Moved, v: int) -> _Neighbour:
@@ -236,7 +237,7 @@ def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[in
     It is nan from where the faces are unstable, as where what is pressed more wears less: no change stays small there.
     """
     depth = np.zeros((len(simulation.depth), len(beside)))
-    found, before = {0: depth}, simulation.loops[0]
+    depths, before = {0: depth}, simulation.loops[0]
     rate = _rate_change(before, beside, changes[before.step.cycles])
     for period in simulation.loops:
         cycles = period.step.cycles - (before.step.cycles if period is not before else 0)
@@ -245,8 +246,8 @@ def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[in
             jacobian = 0.5 * (_feedback(simulation, before, changes, cycles)
                               + _feedback(simulation, period, changes, cycles))
             depth = _linear(cycles * jacobian, depth, cycles * last, cycles * rate)
-        found[period.step.cycles], before = depth, period
-    return found
+        depths[period.step.cycles], before = depth, period
+    return depths
 
 
 def _feedback(simulation: Simulation, period: Period, changes: dict[int, PeriodSensitivity], cycles: int) -> Array:
@@ -256,8 +257,8 @@ def _feedback(simulation: Simulation, period: Period, changes: dict[int, PeriodS
     own = _Neighbour(simulation.model, simulation.coefficient, {period.step.cycles: slow}, {})
     pressed = float(np.abs(change.mean_pressure[list(gaps)]).max(initial=0.0))  # Pa/m
     small = DIFFERENCE * float(period.step.response.mean_pressure.max()) / pressed if pressed > 0.0 else 1.0
-    found = np.stack([_rate_of(own, period, change, m, small) - period.step.rate for m in gaps], axis=1) / small
-    return np.asarray(found * simulation.model.opening_share(slow, cycles))
+    by_gap = np.stack([_rate_of(own, period, change, m, small) - period.step.rate for m in gaps], axis=1) / small
+    return np.asarray(by_gap * simulation.model.opening_share(slow, cycles))
 
 
 def _linear(jacobian: Array, start: Array, first: Array, last: Array) -> Array:

@@ -24,12 +24,12 @@ JUDGED = ("displacement", "friction_force")  # by how well held-out loops are pr
 
 def loop_pieces(observation: Observation) -> dict[str, dict[str, Piece]]:
     """Return the pieces of every loop by its label and channel: cycle counts, then conditions."""
-    found: dict[str, dict[str, Piece]] = {}
+    by_label: dict[str, dict[str, Piece]] = {}
     for block in LOOPS:
         for piece in observation.pieces:
             if piece.block == block:
-                found.setdefault(piece.label, {})[piece.channel] = piece
-    return found
+                by_label.setdefault(piece.label, {})[piece.channel] = piece
+    return by_label
 
 
 def level(observation: Observation, vector: Array) -> Array:
@@ -65,18 +65,18 @@ def comparisons(observation: Observation, before: Array, after: Array, held_out:
     kept = {label for k in np.unique(np.linspace(0, last, MOST_SHOWN).round().astype(int)) for label in counts[k:k + 1]}
     kept |= {label for label in loops if label not in counts or label in held_out}
     before, after = level(observation, before), level(observation, after)
-    found = []
+    shown = []
     for label, pieces in loops.items():
         if label not in kept:
             continue
         (x, force), (x_before, force_before), (x_after, force_after) = (
             [band_limited(vector[pieces[name].place], SAMPLES // 2) for name in JUDGED]
             for vector in (observation.values, before, after))
-        found.append(Comparison(
+        shown.append(Comparison(
             label=label, held_out=label in held_out, displacement=x, force=force, before_displacement=x_before,
             before_force=force_before, after_displacement=x_after, after_force=force_after,
             **dict(zip(("raw_displacement", "raw_force"), raw.get(label, ()), strict=False))))
-    return tuple(found)
+    return tuple(shown)
 
 
 def evolved(observation: Observation, before: Array, after: Array) -> Evolution | None:
@@ -105,10 +105,10 @@ def evolution(cycles: Sequence[int], loops: Sequence[Sequence[tuple[Array, Array
 
 def _readings(loop: tuple[Array, Array]) -> list[float]:
     try:
-        found = read_noisy_loop(*loop)
+        reading = read_noisy_loop(*loop)
     except InputError:
         return [np.nan] * len(READ)
-    return [np.nan if (value := getattr(found, name)) is None else value for name in READ]
+    return [np.nan if (value := getattr(reading, name)) is None else value for name in READ]
 
 
 def residual_maps(observation: Observation, covariance: Covariance, before: Array, after: Array
@@ -119,12 +119,12 @@ def residual_maps(observation: Observation, covariance: Covariance, before: Arra
     sd = _sd(observation, covariance)
     tables = [(observation.values - level(observation, one)) / sd for one in (before, after)]
     phase = np.arange(observation.samples) / observation.samples
-    found = []
+    maps = []
     for channel in channels:
         rows = {label: pieces[channel] for label, pieces in loops.items() if channel in pieces}
         first, second = (np.array([table[piece.place] for piece in rows.values()]) for table in tables)
-        found.append(ResidualMap(channel=channel, rows=tuple(rows), phase=phase, before=first, after=second))
-    return tuple(found)
+        maps.append(ResidualMap(channel=channel, rows=tuple(rows), phase=phase, before=first, after=second))
+    return tuple(maps)
 
 
 def _sd(observation: Observation, covariance: Covariance) -> Array:

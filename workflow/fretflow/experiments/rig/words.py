@@ -44,31 +44,31 @@ def assumed(recording: Recording) -> tuple[str, ...]:
     return tuple(told)
 
 
-def sentence(found: Decision, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
+def sentence(decision: Decision, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
     """Return the verdict in one sentence: what is known, how sure it is, and what stays unexplained."""
-    share = f"{percent(found.explained)} of the difference"
-    if found.verdict is Verdict.NONE:
+    share = f"{percent(decision.explained)} of the difference"
+    if decision.verdict is Verdict.NONE:
         return ("The baseline with its own parameters refitted explains the recording within the errors of measurement "
-                f"and simulation{_taken_as_noise(found)}.")
-    if found.verdict is Verdict.NAMED:
-        (names,) = found.sets
-        each = [f"{name} ({probability(found.posterior.of(name))})" for name in names] if len(names) > 1 else names
-        return (f"{grade(found.probability)}, the model leaves out {listed(each)}, which "
+                f"and simulation{_taken_as_noise(decision)}.")
+    if decision.verdict is Verdict.NAMED:
+        (names,) = decision.sets
+        each = [f"{name} ({probability(decision.posterior.of(name))})" for name in names] if len(names) > 1 else names
+        return (f"{grade(decision.probability)}, the model leaves out {listed(each)}, which "
                 f"{'explain' if len(names) > 1 else 'explains'} {share}; {_rest(remainder)}.")
-    if found.verdict is Verdict.AMBIGUOUS:
-        sure = frozenset.intersection(*found.sets)
-        either = [listed(names - sure) if names - sure else "nothing else" for names in found.sets]
+    if decision.verdict is Verdict.AMBIGUOUS:
+        sure = frozenset.intersection(*decision.sets)
+        either = [listed(names - sure) if names - sure else "nothing else" for names in decision.sets]
         also = f"{listed(sure)}, and " if sure else ""
-        return (f"{grade(found.probability)}, the model leaves out {also}one of {', or '.join(either)}, which act "
+        return (f"{grade(decision.probability)}, the model leaves out {also}one of {', or '.join(either)}, which act "
                 f"alike on this recording; {share} is explained; {_rest(remainder)}.")
-    return _unknown(found, remainder, location, law)
+    return _unknown(decision, remainder, location, law)
 
 
-def _taken_as_noise(found: Decision) -> str:
+def _taken_as_noise(decision: Decision) -> str:
     """Return in words what would be more probable than nothing if what it takes were no noise."""
-    shares = {listed(names): own for names, own in found.posterior.sets.items() if names}
-    shares["something that the catalogue lacks"] = found.posterior.unlisted
-    taken = {name: own for name, own in shares.items() if own > found.probability}
+    shares = {listed(names): own for names, own in decision.posterior.sets.items() if names}
+    shares["something that the catalogue lacks"] = decision.posterior.unlisted
+    taken = {name: own for name, own in shares.items() if own > decision.probability}
     if not taken:
         return ""
     sure = probability(sum(taken.values()))
@@ -95,14 +95,14 @@ def _rest(remainder: Remainder) -> str:
     return f"what remains ({little} of the difference, {times}) is not explained{where}"
 
 
-def _unknown(found: Decision, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
+def _unknown(decision: Decision, remainder: Remainder, location: Location, law: ResidualLaw | None) -> str:
     where = [f"in the block '{location.block}'"] if location.block else []
     where += [f"on the {location.channel}"] if location.channel else []
     where += [f"in the phase '{location.phase}' of the loop"] if location.phase else []
-    near = [one for one in found.ranking if one.effects][:3]
+    near = [one for one in decision.ranking if one.effects][:3]
     best = ", ".join(f"{listed(one.effects)} would explain {percent(one.explained)}" for one in near)
     told = f"; what is left follows the {law.state}" if law is not None and law.explained >= WORTH_TELLING else ""
-    why = not_enough(found.against, remainder.times_noise)
+    why = not_enough(decision.against, remainder.times_noise)
     return (f"Something that is not in the catalogue acts {', '.join(where) or 'here'}: "
             f"{best or 'no effect of the catalogue explains any of it'}, {why}{told}.")
 
@@ -152,14 +152,14 @@ def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covaria
 
 def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:
     if coordinate.effect:
-        found = estimate(coordinate, z, half, draws, described(coordinate.effect, coordinate.field))
+        of_effect = estimate(coordinate, z, half, draws, described(coordinate.effect, coordinate.field))
         prior = catalogue()[coordinate.effect].priors()[coordinate.field]
         turn = 2.0 * np.pi  # width of the range of an angle
         if prior.high - prior.low != turn:
-            return found
-        turns = turn * np.round(found.value / turn)
-        return replace(found, value=found.value - turns, low=found.low - turns, high=found.high - turns,
-                       draws=found.draws - turns)
+            return of_effect
+        turns = turn * np.round(of_effect.value / turn)
+        return replace(of_effect, value=of_effect.value - turns, low=of_effect.low - turns, high=of_effect.high - turns,
+                       draws=of_effect.draws - turns)
     ends = sorted(coordinate.value(z + way * half) for way in (-1.0, 1.0))
     value, draws = coordinate.value(z), coordinate.values(draws)
     name, unit, meaning = BASELINE[coordinate.field]

@@ -26,25 +26,25 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import HARMONICS
 NEXT = "pressure between the faces (film), the form of both faces, and the backbone at another bolt load"
 
 
-def told(experiment: StructureExperiment, found: Search, judged: Decision, left: Remainder) -> dict[str, Any]:
+def told(experiment: StructureExperiment, search: Search, decision: Decision, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of a backbone alone."""
-    location, after = _locate(experiment, found, judged), found.fits[judged.after]
-    return {"location": location, "sentence": _sentence(judged, found, left, location.text, experiment.or_finer),
-            "curves": curves(experiment, found.baseline.prediction, after.prediction),
-            "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(found, judged.after))}
+    location, after = _locate(experiment, search, decision), search.fits[decision.after]
+    return {"location": location, "sentence": _sentence(decision, search, left, location.text, experiment.or_finer),
+            "curves": curves(experiment, search.baseline.prediction, after.prediction),
+            "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(search, decision.after))}
 
 
-def held_out(experiment: StructureExperiment, found: Search, names: Names) -> HeldOut | None:
+def held_out(experiment: StructureExperiment, search: Search, names: Names) -> HeldOut | None:
     """Return how well amplitudes above those that are fitted are predicted, before and after."""
     own, last = experiment.measurement, experiment.measurement.held_out
     count = len(experiment.points.amplitude)
     head = int(np.sum(~last[:count]))
     sizes = []
     for one in (frozenset[str](), names):
-        fit, model = found.fits[one], found.fitter_of(one).experiment
+        fit, model = search.fits[one], search.fitter_of(one).experiment
         model = model if isinstance(model, StructureExperiment) else experiment
         below = model.first(head)
-        refitted = chance_task(Task(replace(found.fitter, experiment=below, covariance=below.measurement.covariance()),
+        refitted = chance_task(Task(replace(search.fitter, experiment=below, covariance=below.measurement.covariance()),
                                     fit.prediction.point, fit.prediction, 6))
         if refitted is None:
             return None
@@ -62,11 +62,11 @@ def held_out(experiment: StructureExperiment, found: Search, names: Names) -> He
     return HeldOut(what=f"amplitudes above {above}", before=sizes[0], after=sizes[1], floor=1.0)
 
 
-def _locate(experiment: StructureExperiment, found: Search, judged: Decision) -> Location:
+def _locate(experiment: StructureExperiment, search: Search, decision: Decision) -> Location:
     """Return by channel and amplitude where the baseline and the recording part."""
-    if judged.verdict is Verdict.NONE:
+    if decision.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
-    own, fit = found.experiment.measurement, found.baseline
+    own, fit = search.experiment.measurement, search.baseline
     square = np.square(own.values - fit.predicted) / own.variance
     total = max(float(square.sum()), 1e-300)
     third = np.tile(experiment.third, len(own.channels))
@@ -79,7 +79,7 @@ def _locate(experiment: StructureExperiment, found: Search, judged: Decision) ->
                                     p_value=min(1.0, 5.0 * float(chi2.sf(square[rows].sum(), int(rows.sum()))))))
     channel, zone = (max((one for one in places if one.cut == cut), key=lambda one: one.share) for cut in (
         "channel", "amplitude"))
-    block = blocks_of(frozenset().union(*judged.sets)) if judged.sets else "contact law"
+    block = blocks_of(frozenset().union(*decision.sets)) if decision.sets else "contact law"
     return Location(block=block, channel=channel.where, phase="", cycles=(0, 0), zone=zone.where, places=tuple(places),
                     text=_parted(channel, zone))
 
@@ -116,16 +116,16 @@ def outside_of_mode(experiment: StructureExperiment) -> list[str]:
             f"{experiment.mode + 1}: {low:.5g} Hz with the joint open, {high:.5g} Hz with it glued; check {check}"]
 
 
-def _checked(found: Search, names: Names) -> str:
+def _checked(search: Search, names: Names) -> str:
     """Return in words how far periodic motion differs from static loads for a model at its fit."""
-    model = found.fitter_of(names).experiment
+    model = search.fitter_of(names).experiment
     more = None
     if isinstance(model, StructureExperiment):
         more = model.correction if model.correction is not None else model.beyond_static_loads(
-            found.fits[names].prediction)
+            search.fits[names].prediction)
     if more is None:
         return "the fitted model was not confirmed by periodic motions: none was found"
-    frequency = np.max(np.abs(more[0]) / found.experiment.measurement.values[:more.shape[1]])
+    frequency = np.max(np.abs(more[0]) / search.experiment.measurement.values[:more.shape[1]])
     damping = "".join(f" and {np.max(np.abs(one)):.2g} of the damping ratio" for one in more[1:])
     compared = "" if isinstance(model, StructureExperiment) and model.static else ", with which it is compared,"
     return (f"periodic motions of the fitted model ({HARMONICS} harmonics){compared} differ from static loads by "
@@ -149,18 +149,18 @@ def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[Measured
     return backbones + response_curves(experiment.recording.responses, experiment.structure, models)
 
 
-def _sentence(judged: Decision, found: Search, left: Remainder, where: str, or_finer: bool = False) -> str:
+def _sentence(decision: Decision, search: Search, left: Remainder, where: str, or_finer: bool = False) -> str:
     """Return the verdict in a sentence or two."""
-    verdict, sets, explained = judged.verdict, judged.sets, found.explained(judged.after)
+    verdict, sets, explained = decision.verdict, decision.sets, search.explained(decision.after)
     if verdict is Verdict.NONE:
-        misses, count = found.chi_squared(frozenset()), len(found.experiment.measurement.values)
+        misses, count = search.chi_squared(frozenset()), len(search.experiment.measurement.values)
         if chi2.sf(misses, count) < FALSE_ALARMS:
             return ("Bolt load, friction and modal damping leave something within the numerical errors of the model "
                     "here, so that nothing can be named; see what finer matrices give.")
         return "Bolt load, friction and modal damping explain frequency and damping over the amplitude."
     if verdict is Verdict.UNKNOWN:
-        near = (f": {listed(judged.after)} would explain {percent(explained)} of the difference, "
-                f"{not_enough(judged.against, left.times_noise)}") if judged.after else ""
+        near = (f": {listed(decision.after)} would explain {percent(explained)} of the difference, "
+                f"{not_enough(decision.against, left.times_noise)}") if decision.after else ""
         finer = (" Or nothing is missing, and the faces have a finer mesh than the matrices, whose errors would leave "
                  "no more than noise; that is less probable, and matrices of a finer mesh tell.") if or_finer else ""
         return f"Something is missing that no effect of the catalogue explains{near}. {where}".strip() + finer

@@ -83,15 +83,17 @@ class StructureExperiment(Experiment):
             bare = cls(recording, reduce_structure(recording.matrices), BackbonePoints.of(recording.backbone), 0)
             space = bare.parameters(())
             modes = bare.joint(Point(space, np.zeros(space.size))).linear_modes(RIGID_MOTIONS + COMPARED)
-            found = replace(bare, mode=(number := bare.observation.number(modes)))
+            experiment = replace(bare, mode=(number := bare.observation.number(modes)))
             if "modal_damping" not in {*recording.known, *recording.unknown} and bare.structure.damping is not None:
                 ratio = modes[number].damping_ratio(bare.structure.damping)
-                found = replace(found, recording=replace(recording, known={**recording.known, "modal_damping": ratio}))
+                known = {**recording.known, "modal_damping": ratio}
+                experiment = replace(experiment, recording=replace(recording, known=known))
         except InputError as error:
             raise InputError(f"{recording.path}: {error}") from error
-        highest = DYNAMIC * 2.0 * np.pi * float(found.points.frequency.max())
-        kept = max(RIGID_MOTIONS + COMPARED, int(np.sum(found.structure.eigenvalues < highest**2)))
-        return replace(found, structure=(structure := condensed(found.structure, kept)), coarse=coarser(structure))
+        highest = DYNAMIC * 2.0 * np.pi * float(experiment.points.frequency.max())
+        kept = max(RIGID_MOTIONS + COMPARED, int(np.sum(experiment.structure.eigenvalues < highest**2)))
+        structure = condensed(experiment.structure, kept)
+        return replace(experiment, structure=structure, coarse=coarser(structure))
 
     @property
     def few(self) -> bool:
@@ -255,13 +257,13 @@ class StructureExperiment(Experiment):
         if self.many or not any("bolted_anew" in vars(type(one)) for one in prediction.point.built()):
             return np.zeros((len(prediction.values), 0))
         rough = replace(self, static=True)
-        first, found = rough.predict(prediction.point, prediction).values, []
+        first, changes = rough.predict(prediction.point, prediction).values, []
         for draw in range(1, DRAWS + 1):
             try:
-                found.append(replace(rough, draw=draw).predict(prediction.point, prediction).values - first)
+                changes.append(replace(rough, draw=draw).predict(prediction.point, prediction).values - first)
             except NonConvergenceError:
                 continue
-        return shrunk(np.array(found).reshape(-1, len(first)).T)
+        return shrunk(np.array(changes).reshape(-1, len(first)).T)
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return the backbone of a hypothesis at the recorded amplitudes.
@@ -389,19 +391,19 @@ class StructureExperiment(Experiment):
         busy = (curve.sliding[order] > 0) | (curve.open[order] > int(np.sum(~joint.closed)))
         onset = seen[int(np.argmax(busy))] if busy.any() else seen[-1]
         asked = self.points.amplitude[max(int(np.sum(self.points.amplitude < onset)) - (2 if self.few else 1), 0):]
-        found: list[PeriodicMode] = []
+        modes: list[PeriodicMode] = []
         moved: list[float] = []
         for amplitude in asked[::1 + self.structure.contacts // MANY]:
-            modal = amplitude / (moved[-1] / found[-1].amplitude if found else self.observation.gain(mode))
+            modal = amplitude / (moved[-1] / modes[-1].amplitude if modes else self.observation.gain(mode))
             try:
-                found.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, TOLERANCE,
-                                           found[-1] if found else None))
+                modes.append(periodic_mode(joint, mode, modal, HARMONICS * finer, SAMPLES * finer, TOLERANCE,
+                                           modes[-1] if modes else None))
             except NonConvergenceError:
                 break
-            moved.append(float(self.observation.seen(found[-1])))
-        if len(found) < 2:
+            moved.append(float(self.observation.seen(modes[-1])))
+        if len(modes) < 2:
             return None
-        periodic = [np.array([getattr(one, name) for one in found]) for name in ("frequency", "damping")]
+        periodic = [np.array([getattr(one, name) for one in modes]) for name in ("frequency", "damping")]
         at = np.clip(self.points.amplitude, min(moved), max(moved))
         return self.points.read(at, np.array(moved), *periodic) - self.points.read(
             at, seen, curve.frequency[order], curve.damping[order])

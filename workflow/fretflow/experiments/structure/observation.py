@@ -61,13 +61,13 @@ class BackboneObservation:
                              f"joint open has {lowest:.4g} Hz and whose last that is compared {highest:.4g} Hz; "
                              "check its unit and those of M and K, or name its number in backbone.mode")
         distance = np.array([abs(log(one.frequency / own)) for one in modes])
-        found, nearest = int(np.argmin(np.where(still, np.inf, distance))), int(np.argmin(distance))
-        low, high = self.span(found)
-        if found != nearest and not low * (1.0 - MATRICES) <= own <= high * (1.0 + MATRICES):
+        moving, nearest = int(np.argmin(np.where(still, np.inf, distance))), int(np.argmin(distance))
+        low, high = self.span(moving)
+        if moving != nearest and not low * (1.0 - MATRICES) <= own <= high * (1.0 + MATRICES):
             raise InputError(f"backbone.amplitude_of: {own:.4g} Hz is the frequency of mode {nearest + 1}, which does "
-                             f"not move {backbone.amplitude_of!r}, and that of mode {found + 1}, which does, lies "
+                             f"not move {backbone.amplitude_of!r}, and that of mode {moving + 1}, which does, lies "
                              f"between {low:.4g} and {high:.4g} Hz; name another output, or a mode by backbone.mode")
-        return found
+        return moving
 
     def span(self, mode: int) -> tuple[float, float]:
         """Return the frequencies (Hz) of a mode, from 0, with the joint open and glued; contact only stiffens."""

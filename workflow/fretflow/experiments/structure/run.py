@@ -23,7 +23,7 @@ from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
-from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, search, start_search
+from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
@@ -53,82 +53,83 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     said = backbone.outside_of_mode(experiment) if isinstance(experiment, StructureExperiment) else []
     progress(0.1, "; ".join(["refitting the baseline", *said]))
     pool, effort = in_turn if tools is None else tools.pool, QUICK if fast or experiment.many else FULL
-    found = start_search(experiment, experiment.first_prediction(), effort, pool)
+    search = start_search(experiment, experiment.first_prediction(), effort, pool)
     if isinstance(experiment, StructureExperiment):
-        begin_baselines(experiment, found)
-    detection = _looked(found, lambda share, text: progress(0.15 + 0.3 * share, text))
+        begin_baselines(experiment, search)
+    detection = _search_where_detected(search, lambda share, text: progress(0.15 + 0.3 * share, text))
     if isinstance(experiment, StructureExperiment):
-        experiment, found = told_again(experiment, found)
-        detection = _looked(found, lambda share, text: progress(0.45 + 0.35 * share, text))
-        free = None if detection.p_value >= FALSE_ALARMS else released(experiment, found)
+        experiment, search = told_again(experiment, search)
+        detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.35 * share, text))
+        free = None if detection.p_value >= FALSE_ALARMS else released(experiment, search)
         if free is not None:
-            experiment, found = free
-            detection = _looked(found, progress)
+            experiment, search = free
+            detection = _search_where_detected(search, progress)
         for _ in range(AGAIN):
-            found.settled.clear()
-            correct(found, [0, 1, 2])
-    judged = detected(decide(found), detection)
+            search.settled.clear()
+            correct(search, [0, 1, 2])
+    decision = detected(decide(search), detection)
     progress(0.85, "what is held out")
-    unseen = room.held_out(experiment, found, judged.after)
+    unseen = room.held_out(experiment, search, decision.after)
     # what models leave is smooth over amplitudes or a scar: each channel and each profile is one error
-    judged = held_to(judged, unseen, len(groups_of(experiment.measurement)))
-    left, made = remainder(found, judged), estimates(found, judged.after)
-    own = room.told(experiment, found, judged, left)
+    decision = held_to(decision, unseen, len(groups_of(experiment.measurement)))
+    left, made = remainder(search, decision), estimates(search, decision.after)
+    own = room.told(experiment, search, decision, left)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))
     return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=judged.verdict,
-        effects=judged.effects, probability=judged.probability, ranking=judged.ranking,
+        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
+        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
         detection=detection, parameters=made, remainder=left, held_out=unseen,
-        separating_measurement=room.NEXT if judged.verdict is Verdict.UNKNOWN else separating(judged.rivals or [()]),
-        smallest_visible=smallest_visible(found) if judged.verdict is Verdict.NONE else {},
-        after_model=after_model(judged.verdict, judged.after), **own)
+        separating_measurement=(room.NEXT if decision.verdict is Verdict.UNKNOWN else
+                                separating(decision.rivals or [()])),
+        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
+        after_model=after_model(decision.verdict, decision.after), **own)
 
 
-def _looked(found: Search, progress: Progress) -> Detection:
+def _search_where_detected(search: Search, progress: Progress) -> Detection:
     """Return whether the baseline leaves anything, all sets fitted that may explain it."""
-    detection = detect(found)
+    detection = detect(search)
     if detection.p_value < FALSE_ALARMS:
-        search(found, progress)
+        run_search(search, progress)
     else:
-        begin_all(found)  # what would have been seen
+        begin_all(search)  # what would have been seen
     return detection
 
 
-def begin_baselines(experiment: StructureExperiment, found: Search) -> None:
+def begin_baselines(experiment: StructureExperiment, search: Search) -> None:
     """Fit the baseline from all over its range, the best of one step on to rest; then along what is told least.
 
     Where points slide, load times friction is told first; along one product the cost has minima of its own, as what
     the load alone moves, points that open, moves by steps.
     """
-    _settle(found, experiment.beginnings())
-    at, (_, covariance) = found.baseline.prediction.point, found.evidence(frozenset()).coordinates(
-        found.prior(frozenset()))
+    _settle(search, experiment.beginnings())
+    at, (_, covariance) = search.baseline.prediction.point, search.evidence(frozenset()).coordinates(
+        search.prior(frozenset()))
     axis = np.linalg.eigh(covariance)[1][:, -1]
-    _settle(found, [replace(at, z=at.z + share * HALF * axis) for share in (-1.0, -0.5, 0.5, 1.0)])
+    _settle(search, [replace(at, z=at.z + share * HALF * axis) for share in (-1.0, -0.5, 0.5, 1.0)])
 
 
-def _settle(found: Search, starts: Sequence[Point]) -> None:
+def _settle(search: Search, starts: Sequence[Point]) -> None:
     """Fit the baseline from `starts` by one step, and the best of these to rest."""
-    begun = found.pool(fit_task, [Task(found.fitter, one, found.baseline.prediction, 1) for one in starts])
-    best = sorted((one for one in begun if one is not None), key=lambda one: one.objective)[:found.effort.bases]
-    found.keep(found.pool(fit_task, [Task(found.fitter, one.prediction.point, one.prediction, found.effort.last_steps)
-                                     for one in best]))
+    first_fits = search.pool(fit_task, [Task(search.fitter, one, search.baseline.prediction, 1) for one in starts])
+    best = sorted((one for one in first_fits if one is not None), key=lambda one: one.objective)[:search.effort.bases]
+    search.keep(search.pool(fit_task, [
+        Task(search.fitter, one.prediction.point, one.prediction, search.effort.last_steps) for one in best]))
 
 
-def told_again(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search]:
+def told_again(experiment: StructureExperiment, search: Search) -> tuple[StructureExperiment, Search]:
     """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
 
     In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording. Of
     the meshes and loads that this may be of, those count that make it most probable, with something that the catalogue
     lacks too: what that does, errors of another mesh would take up as well.
     """
-    best = max(found.fits, key=lambda names: found.log_evidence(names, frozenset()))
-    told = experiment.told_at(found.fits[best].prediction)
+    best = max(search.fits, key=lambda names: search.log_evidence(names, frozenset()))
+    told = experiment.told_at(search.fits[best].prediction)
     parts = [frozenset(own) for size in range(len(best) + 1) for own in combinations(sorted(best), size)]
     choice = log(len(experiment.candidates()))  # what that of an effect costs
 
     def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search]:
-        again = gone_on(one, found, parts)
+        again = gone_on(one, search, parts)
         if one.spacing != 1.0:  # whether the baseline leaves anything is asked under errors that are its own
             one = of_baseline(one, again)
             again = gone_on(one, again, parts)
@@ -142,30 +143,30 @@ def told_again(experiment: StructureExperiment, found: Search) -> tuple[Structur
     if told.spacing == 1.0 and any(one.spacing != 1.0 and detect(own).p_value >= FALSE_ALARMS for _, one, own in made):
         told = replace(told, or_finer=True)
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
-        -again.log_evidence(names, frozenset())))), found.effort.last_steps)
+        -again.log_evidence(names, frozenset())))), search.effort.last_steps)
     return told, again
 
 
-def gone_on(experiment: StructureExperiment, found: Search, sets: Sequence[Names]) -> Search:
+def gone_on(experiment: StructureExperiment, search: Search, sets: Sequence[Names]) -> Search:
     """Return a search under an experiment's errors from fits on, of which `sets` are fitted further."""
-    again = Search(experiment, found.pool, found.effort)
+    again = Search(experiment, search.pool, search.effort)
     again.keep(replace(again.fitter.linearised(experiment.predict(fit.prediction.point, fit.prediction), fit.jacobian),
-                       secant=True) for fit in found.fits.values())  # other errors leave derivatives about as they are
+                       secant=True) for fit in search.fits.values())  # other errors leave derivatives about as they are
     again.stated = again.baseline
-    again.continue_fits((names for names in sets if not again.by_chance(names).shape[1]), found.effort.last_steps)
+    again.continue_fits((names for names in sets if not again.by_chance(names).shape[1]), search.effort.last_steps)
     allow_for_chance(again)  # without that as an error, what is left to chance leads the others astray
     begin_baselines(experiment, again)
     return again
 
 
-def of_baseline(experiment: StructureExperiment, found: Search) -> StructureExperiment:
+def of_baseline(experiment: StructureExperiment, search: Search) -> StructureExperiment:
     """Return an experiment with its numerical errors told at the baseline that is most probable under its own.
 
     These differ as much as baselines do: one that is fitted under the errors of another may stay where it is not.
     """
-    effort = replace(found.effort, last_steps=AGAIN)
-    asked = [(experiment, effort, one) for one in (found.baseline.prediction.point, *experiment.beginnings())]
-    return max(found.pool(told_task, asked), key=lambda one: one[0])[1]
+    effort = replace(search.effort, last_steps=AGAIN)
+    asked = [(experiment, effort, one) for one in (search.baseline.prediction.point, *experiment.beginnings())]
+    return max(search.pool(told_task, asked), key=lambda one: one[0])[1]
 
 
 def told_task(asked: tuple[StructureExperiment, Effort, Point]) -> tuple[float, StructureExperiment]:
@@ -183,26 +184,26 @@ def told_task(asked: tuple[StructureExperiment, Effort, Point]) -> tuple[float, 
     return value, one
 
 
-def released(experiment: StructureExperiment, found: Search) -> tuple[StructureExperiment, Search] | None:
+def released(experiment: StructureExperiment, search: Search) -> tuple[StructureExperiment, Search] | None:
     """Return an experiment whose stated values are free, if then nothing is missing: a wrong value is no physics."""
     if not experiment.recording.known:
         return None
-    free, at = experiment.released(found.baseline.prediction.point)
-    fits = [start_search(free, free.predict(one), found.effort, found.pool).baseline
+    free, at = experiment.released(search.baseline.prediction.point)
+    fits = [start_search(free, free.predict(one), search.effort, search.pool).baseline
             for one in (at, replace(at, z=np.zeros_like(at.z)))]
     first = min(fits, key=lambda fit: fit.objective).prediction
     told = free.told_at(first)
-    again = start_search(told, told.predict(first.point), found.effort, found.pool)
+    again = start_search(told, told.predict(first.point), search.effort, search.pool)
     if detect(again).p_value < FALSE_ALARMS:
         return None
     at, (mean, _) = again.baseline.prediction.point, again.evidence(frozenset()).coordinates(again.prior(frozenset()))
     return told.noting_values(replace(at, z=mean), experiment.recording.known), again
 
 
-def detect(found: Search) -> Detection:
+def detect(search: Search) -> Detection:
     """Return whether the refitted baseline leaves more than noise, matrices and steps of load explain."""
-    own, fit = found.experiment.measurement, found.baseline
-    rest = found.discrepancy.covariance.whiten(own.values - fit.predicted)  # what codes differ by the verdict weighs
+    own, fit = search.experiment.measurement, search.baseline
+    rest = search.discrepancy.covariance.whiten(own.values - fit.predicted)  # what codes differ by the verdict weighs
     freedom = max(1, len(own.values) - len(fit.z))
     tests = {"chi-squared of what is left": float(chi2.sf(float(rest @ rest), freedom))}
     for k, channel in enumerate(own.channels):
@@ -213,12 +214,13 @@ def detect(found: Search) -> Detection:
                      false_alarm_rate=FALSE_ALARMS)
 
 
-def estimates(found: Search, names: Names) -> tuple[Estimate, ...]:
+def estimates(search: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
-    mean, covariance = found.evidence(names).coordinates(found.prior(names))  # a fit ends where a step is worth little
+    # a fit ends where a step is worth little
+    mean, covariance = search.evidence(names).coordinates(search.prior(names))
     made = (estimate(one, float(z), HALF * float(sd), draws, described(one.effect, one.field)
                      if one.effect else BASELINE[one.field])
-            for one, z, sd, draws in zip(found.fits[names].parameters.coordinates, mean, np.sqrt(np.diag(covariance)),
+            for one, z, sd, draws in zip(search.fits[names].parameters.coordinates, mean, np.sqrt(np.diag(covariance)),
                                          drawn(mean, covariance), strict=True))
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
 
@@ -235,10 +237,10 @@ def beyond_stated(recording: StructureRecording | WornRecording, made: Iterable[
     return notes
 
 
-def remainder(found: Search, judged: Decision) -> Remainder:
+def remainder(search: Search, decision: Decision) -> Remainder:
     """Return what the model of the verdict leaves, and the channel where it leaves most."""
-    own = found.experiment.measurement
-    square = np.square(own.values - found.fits[judged.after].predicted) / own.variance
+    own = search.experiment.measurement
+    square = np.square(own.values - search.fits[decision.after].predicted) / own.variance
     shares = [float(square[own.channel == k].sum()) for k in range(len(own.channels))]
-    return Remainder(share=1.0 - found.explained(judged.after) if judged.after else 1.0,
+    return Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
                      times_noise=float(np.sqrt(square.mean())), where=own.channels[int(np.argmax(shares))])

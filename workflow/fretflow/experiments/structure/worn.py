@@ -20,28 +20,28 @@ REGIONS = ("borders of the scar", "middle of the scar")
 NEXT = "profiles of each body, of shorter tests, and at other frequencies and loads"
 
 
-def told(experiment: ProfileExperiment, found: Search, judged: Decision, left: Remainder) -> dict[str, Any]:
+def told(experiment: ProfileExperiment, search: Search, decision: Decision, left: Remainder) -> dict[str, Any]:
     """Return the fields of a diagnosis that are of worn profiles alone."""
-    location = _locate(found, judged)
-    return {"location": location, "sentence": _sentence(judged, found, left, location.text),
-            "curves": _curves(experiment, found, judged.after),
-            "notes": (*map(str, experiment.recording.notes), *_areas(experiment, found, judged.after))}
+    location = _locate(search, decision)
+    return {"location": location, "sentence": _sentence(decision, search, left, location.text),
+            "curves": _curves(experiment, search, decision.after),
+            "notes": (*map(str, experiment.recording.notes), *_areas(experiment, search, decision.after))}
 
 
-def _sentence(judged: Decision, found: Search, left: Remainder, where: str) -> str:
-    share = percent(found.explained(judged.after))
-    if judged.verdict is Verdict.NONE:
+def _sentence(decision: Decision, search: Search, left: Remainder, where: str) -> str:
+    share = percent(search.explained(decision.after))
+    if decision.verdict is Verdict.NONE:
         return "One wear coefficient explains the worn profiles."
-    if judged.verdict is Verdict.UNKNOWN:
-        near = (f": {listed(judged.after)} would explain {share} of the difference, "
-                f"{not_enough(judged.against, left.times_noise)}") if judged.after else ""
+    if decision.verdict is Verdict.UNKNOWN:
+        near = (f": {listed(decision.after)} would explain {share} of the difference, "
+                f"{not_enough(decision.against, left.times_noise)}") if decision.after else ""
         return (f"One wear coefficient does not explain the profiles, and no effect of the catalogue does so well "
                 f"enough{near}. {where}")
-    names = " or ".join(" with ".join(sorted(one)) for one in judged.sets)
+    names = " or ".join(" with ".join(sorted(one)) for one in decision.sets)
     return f"What is missing is {names}: {share} of the difference. {where}"
 
 
-def held_out(experiment: ProfileExperiment, found: Search, names: Names) -> HeldOut | None:
+def held_out(experiment: ProfileExperiment, search: Search, names: Names) -> HeldOut | None:
     """Return how well each profile or volume is predicted by laws fitted to the others, before and after."""
     own, sizes = experiment.measurement, []
     if len(own.groups) < 2:
@@ -51,7 +51,7 @@ def held_out(experiment: ProfileExperiment, found: Search, names: Names) -> Held
         for k in range(len(own.groups)):
             out = own.group == k
             try:
-                fit = Fitter(experiment, own.covariance().hiding(out)).fit(found.fits[one].prediction.point, None, 6)
+                fit = Fitter(experiment, own.covariance().hiding(out)).fit(search.fits[one].prediction.point, None, 6)
             except NonConvergenceError:
                 return None
             square += float(np.sum(((own.values - fit.predicted)**2 / own.variance)[out]))
@@ -59,11 +59,11 @@ def held_out(experiment: ProfileExperiment, found: Search, names: Names) -> Held
     return HeldOut(what="each profile from the others", before=sizes[0], after=sizes[1], floor=1.0)
 
 
-def _locate(found: Search, judged: Decision) -> Location:
-    if judged.verdict is Verdict.NONE:
+def _locate(search: Search, decision: Decision) -> Location:
+    if decision.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
-    own = found.experiment.measurement
-    square = np.square(own.values - found.baseline.predicted) / own.variance
+    own = search.experiment.measurement
+    square = np.square(own.values - search.baseline.predicted) / own.variance
     middle = (np.abs(own.phase - 0.25) < 0.1).astype(np.int64)
     places = [Place(cut=cut, where=label, share=float(square[index == k].sum() / max(square.sum(), 1e-300)),
                     p_value=float(chi2.sf(square[index == k].sum(), int((index == k).sum()))))
@@ -71,25 +71,25 @@ def _locate(found: Search, judged: Decision) -> Location:
               for k, label in enumerate(labels) if (index == k).any()]
     group, zone = (max((one for one in places if one.cut == cut), key=lambda one: one.share) for cut in (
         "condition", "zone"))
-    block = blocks_of(frozenset().union(*judged.sets)) if judged.sets else "wear"
+    block = blocks_of(frozenset().union(*decision.sets)) if decision.sets else "wear"
     text = (f"They part most in {group.where} ({100.0 * group.share:.0f} %) and in the {zone.where} "
             f"({100.0 * zone.share:.0f} %).")
     return Location(block=block, channel=own.channels[0], phase="", cycles=(0, 0), zone=zone.where,
                     places=tuple(places), condition=group.where, text=text)
 
 
-def _curves(experiment: ProfileExperiment, found: Search, names: Names) -> tuple[MeasuredCurve, ...]:
+def _curves(experiment: ProfileExperiment, search: Search, names: Names) -> tuple[MeasuredCurve, ...]:
     own = experiment.measurement
     return tuple(MeasuredCurve(
         label=one.name, x_label="place across the scar", x_unit="m", y_label="worn depth of both bodies", y_unit="m",
-        x=one.x, measured=one.depth, before=found.baseline.predicted[own.group == k],
-        after=found.fits[names].predicted[own.group == k]) for k, one in enumerate(experiment.recording.profiles))
+        x=one.x, measured=one.depth, before=search.baseline.predicted[own.group == k],
+        after=search.fits[names].predicted[own.group == k]) for k, one in enumerate(experiment.recording.profiles))
 
 
-def _areas(experiment: ProfileExperiment, found: Search, names: Names) -> list[str]:
+def _areas(experiment: ProfileExperiment, search: Search, names: Names) -> list[str]:
     """Return in words the area of each profile, measured, before and after."""
     told = []
-    for one in _curves(experiment, found, names):
+    for one in _curves(experiment, search, names):
         sizes = ", ".join(f"{1e6 * float(trapezoid(y, one.x)):.3f}" for y in (one.measured, one.before, one.after))
         told.append(f"{one.label}: worn area {sizes} mm² measured, by one coefficient and with the effects")
     return told

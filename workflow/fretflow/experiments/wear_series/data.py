@@ -203,8 +203,8 @@ def tests_of_detection(data: WearData) -> dict[str, float]:
     no law makes itself probable by a growth of its own.
     """
     base = replace(data.tests, power=data.base_power)
-    found = _tests(data, data.tests)
-    return {name: max(p, found[name]) for name, p in _tests(data, base).items()}
+    p_values = _tests(data, data.tests)
+    return {name: max(p, p_values[name]) for name, p in _tests(data, base).items()}
 
 
 def growths(data: WearData, model: Array) -> tuple[tuple[Array, float], ...]:
@@ -218,21 +218,21 @@ def growths(data: WearData, model: Array) -> tuple[tuple[Array, float], ...]:
 
 
 def _tests(data: WearData, tests: Tests) -> dict[str, float]:
-    found: dict[str, float] = {}
+    p_values: dict[str, float] = {}
     designs = power_designs(tests)
     base = curve_square(designs[()], tests)
     names = max(designs, key=len)
     lacks, least = designs[names].shape[1], curve_square(designs[names], tests)
     if names:
-        found[f"powers of {', '.join(names)}"] = _f_test(base, least, lacks - 1, tests.count - lacks)
+        p_values[f"powers of {', '.join(names)}"] = _f_test(base, least, lacks - 1, tests.count - lacks)
     free = tests.count - data.curve.shape[1]
     if data.curve.shape[1] > lacks and free > 0:
-        found["curve through all columns"] = _f_test(least, min(least, curve_square(data.curve, tests)),
-                                                     data.curve.shape[1] - lacks, free)
+        p_values["curve through all columns"] = _f_test(least, min(least, curve_square(data.curve, tests)),
+                                                        data.curve.shape[1] - lacks, free)
     square, freedom = _repeats(tests, data.condition)
     if freedom:
-        found["lack of fit against repeats"] = _f_test(base, min(square, base), tests.count - 1.0 - freedom, freedom)
-    return found
+        p_values["lack of fit against repeats"] = _f_test(base, min(square, base), tests.count - 1.0 - freedom, freedom)
+    return p_values
 
 
 def _f_test(fewer: float, more: float, added: float, free: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fretflow.core.records import Array
 from fretflow.effects.volume_law import VolumeLaw
-from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, visible
+from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
 from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import WearData, scatter_odds, tests_of_detection, wear_data
@@ -26,7 +26,7 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
-from fretflow.inference.strategy import Progress, search
+from fretflow.inference.strategy import Progress, run_search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
     Detection,
@@ -48,7 +48,7 @@ class Form:
     """A law that an effect may have, fitted alone, and its log evidence with a discrepancy beside it."""
 
     law: VolumeLaw
-    hypotheses: WearSearch
+    search: WearSearch
     worth: float
 
     @property
@@ -69,50 +69,50 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     progress(0.2, "tests of one coefficient")
     detection = detect(data)
     forms = fitted_forms(data)
-    hypotheses = start_search(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
-    search(hypotheses, lambda share, text: progress(0.3 + 0.5 * share, text))
+    search = start_search(data, {one.law.effect: one.law for one in reversed(forms)}, fast)
+    run_search(search, lambda share, text: progress(0.3 + 0.5 * share, text))
     progress(0.8, "what is held out")
-    found = left_to_chance(detected(decide(hypotheses), detection), detection.p_value)
-    experiment, base, fit = hypotheses.experiment, hypotheses.baseline, hypotheses.fits[found.after]
+    decision = left_to_chance(detected(decide(search), detection), detection.p_value)
+    experiment, base, fit = search.experiment, search.baseline, search.fits[decision.after]
     unseen = held_out(experiment, base, fit)
     progress(0.95, "parameters and pictures")
-    unknown, none = found.verdict is Verdict.UNKNOWN, found.verdict is Verdict.NONE
+    unknown, none = decision.verdict is Verdict.UNKNOWN, decision.verdict is Verdict.NONE
     before, after = (experiment.volumes(one.prediction.point) for one in (base, fit))
     law = residual_law(data, before) if unknown else None
-    parameters = estimates(hypotheses, frozenset() if unknown else found.after)
+    parameters = estimates(search, frozenset() if unknown else decision.after)
     view = _view(data, before, after)
     location = locate(data, before)
     if none:
         location = replace(location, block="", channel="", condition="", text="", cycles=(0, 0), places=())
-    powers = tuple(name for one in found.after for name in experiment.forms[one].powers)
-    rivals = [one for one in forms if one.names == found.after and powers and not set(powers) <= set(one.law.powers)
+    powers = tuple(name for one in decision.after for name in experiment.forms[one].powers)
+    rivals = [one for one in forms if one.names == decision.after and powers and not set(powers) <= set(one.law.powers)
               and one.worth > forms[0].worth - NEGLIGIBLE]
-    remainder = Remainder(share=1.0 - hypotheses.explained(found.after) if found.after else 1.0,
+    remainder = Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
                           times_noise=float(np.sqrt(fit.chi_squared / experiment.measurement.expected)), where="")
     return Diagnosis(
-        title=series.title, recording=str(series.path), kind=series.kind.id, verdict=found.verdict,
-        effects=found.effects, probability=found.probability, ranking=found.ranking,
-        sentence=sentence(found, remainder, location, law), detection=detection, location=location,
+        title=series.title, recording=str(series.path), kind=series.kind.id, verdict=decision.verdict,
+        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
+        sentence=sentence(decision, remainder, location, law), detection=detection, location=location,
         parameters=parameters, held_out=unseen, remainder=remainder,
-        separating_measurement=words.next_measurement(found.sets, data, powers, [one.law for one in rivals], law),
+        separating_measurement=words.next_measurement(decision.sets, data, powers, [one.law for one in rivals], law),
         residual_law=law, wear_tests=view,
-        smallest_visible=visible(hypotheses) if none else {},
-        notes=(*words.warnings(data, view), *_of_law(hypotheses, fit, powers, rivals, parameters)),
-        case_file=words.case_text(series.title, experiment, found.after, parameters) if found.effects else "",
-        after_model=after_model(found.verdict, found.after))
+        smallest_visible=smallest_visible(search) if none else {},
+        notes=(*words.warnings(data, view), *_of_law(search, fit, powers, rivals, parameters)),
+        case_file=words.case_text(series.title, experiment, decision.after, parameters) if decision.effects else "",
+        after_model=after_model(decision.verdict, decision.after))
 
 
-def left_to_chance(found: Decision, p: float) -> Decision:
+def left_to_chance(decision: Decision, p: float) -> Decision:
     """Return a verdict with as much probability of nothing as a p-value leaves at least.
 
     Few tests do not tell their scatter well. Each hypothesis' evidence takes the growth of scatter for known, the tests
     do not: without this the one would be sure of what the other is not.
     """
-    least, none = 1.0 / (1.0 + largest_odds(p)), found.posterior.none
-    if found.verdict is Verdict.NONE or none >= least:
-        return found
+    least, none = 1.0 / (1.0 + largest_odds(p)), decision.posterior.none
+    if decision.verdict is Verdict.NONE or none >= least:
+        return decision
     rest = (1.0 - least) / (1.0 - none)
-    return replace(shared_anew(found, least, rest), probability=rest * found.probability)
+    return replace(shared_anew(decision, least, rest), probability=rest * decision.probability)
 
 
 def detect(data: WearData) -> Detection:
@@ -125,28 +125,28 @@ def detect(data: WearData) -> Detection:
 
 def fitted_forms(data: WearData) -> tuple[Form, ...]:
     """Return the laws that effects may have of such tests, the most probable first."""
-    found = []
+    forms = []
     for laws in volume_laws(data.tests).values():
         for law in laws:
-            hypotheses = start_search(data, {law.effect: law}, True)
-            own = hypotheses.experiment.parameters([law.effect])
-            if not hypotheses.experiment.together([law.effect]):
+            search = start_search(data, {law.effect: law}, True)
+            own = search.experiment.parameters([law.effect])
+            if not search.experiment.together([law.effect]):
                 continue
-            starts = [np.r_[hypotheses.baseline.z, np.full(own.size - 1, way)] for way in (-HALF, 0.0, HALF)]
-            hypotheses.keep(at_rest(hypotheses.fitter, Point(own, start)) for start in starts)
+            starts = [np.r_[search.baseline.z, np.full(own.size - 1, way)] for way in (-HALF, 0.0, HALF)]
+            search.keep(at_rest(search.fitter, Point(own, start)) for start in starts)
             names = frozenset({law.effect})
-            worth = hypotheses.evidence(names).averaged(hypotheses.any_size(names))
-            found.append(Form(law, hypotheses, worth))
-    return tuple(sorted(found, key=lambda one: -one.worth))
+            worth = search.evidence(names).averaged(search.any_size(names))
+            forms.append(Form(law, search, worth))
+    return tuple(sorted(forms, key=lambda one: -one.worth))
 
 
 def start_search(data: WearData, forms: dict[str, VolumeLaw], fast: bool) -> WearSearch:
     """Return a search with the baseline fitted."""
     counts = {name: len(laws) for name, laws in volume_laws(data.tests).items()}
-    found = WearSearch(WearSeriesExperiment(data, forms, counts), in_turn, FAST if fast else FULL)
-    own = found.experiment.parameters(())
-    found.fits[frozenset()] = at_rest(found.fitter, Point(own, np.zeros(own.size)))
-    return found
+    search = WearSearch(WearSeriesExperiment(data, forms, counts), in_turn, FAST if fast else FULL)
+    own = search.experiment.parameters(())
+    search.fits[frozenset()] = at_rest(search.fitter, Point(own, np.zeros(own.size)))
+    return search
 
 
 def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
@@ -165,30 +165,30 @@ def held_out(experiment: WearSeriesExperiment, *fits: Fit) -> HeldOut:
                         "together", before=sizes[0], after=sizes[-1], floor=1.0)
 
 
-def _of_law(hypotheses: WearSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
+def _of_law(search: WearSearch, fit: Fit, powers: tuple[str, ...], rivals: Sequence[Form],
             made: Sequence[Estimate]) -> list[str]:
     """Return what limits a named law: rivals, exponents out of range, another growth of the scatter."""
     notes = [f"powers of {listed(one.law.powers)} instead of {listed(powers)} explain "
-             f"{100.0 * one.hypotheses.explained(one.names):.0f} %, about as well" for one in rivals]
+             f"{100.0 * one.search.explained(one.names):.0f} %, about as well" for one in rivals]
     notes += implausible(made)
     known = {one.name: one for one in made if one.name.endswith("_exponent")}
     for power, told in ((0.0, "in proportion to the volume"), (1.0, "not at all with the volume")) if known else ():
-        share, other = other_scatter(hypotheses, fit, power)
+        share, other = other_scatter(search, fit, power)
         values = {one.name: one.value(float(z)) for one, z in zip(other.parameters.coordinates, other.z, strict=True)}
         if share < 0.5 or any(not one.low <= values[name] <= one.high for name, one in known.items()):
             exponents = ", ".join(f"{name.rpartition('.')[2].replace('_', ' ')} {values[name]:.2f}" for name in known)
-            odds = scatter_odds(hypotheses.experiment.data, powers, power)
+            odds = scatter_odds(search.experiment.data, powers, power)
             notes.append(f"if scatter grew {told}, of which these tests make the law {number(odds, 1.0)} times less "
                          f"probable, it would remove {100.0 * share:.0f} % of all squares, with the {exponents}")
     return notes
 
 
-def other_scatter(hypotheses: WearSearch, fit: Fit, power: float) -> tuple[float, Fit]:
+def other_scatter(search: WearSearch, fit: Fit, power: float) -> tuple[float, Fit]:
     """Return the share of all squares that a law removes, and its fit, if scatter grew with another `power`."""
-    experiment = hypotheses.experiment
+    experiment = search.experiment
     other = replace(experiment, data=replace(experiment.data, tests=replace(experiment.data.tests, power=power)))
     before, after = (at_rest(Fitter(other, other.measurement.covariance()), one.prediction.point)
-                     for one in (hypotheses.baseline, fit))
+                     for one in (search.baseline, fit))
     return 1.0 - after.chi_squared / before.chi_squared, after
 
 

@@ -58,8 +58,8 @@ class Tests(WornTests):
 
 def volume_laws(tests: Tests) -> dict[str, tuple[VolumeLaw, ...]]:
     """Return the laws that the effects have of such tests, by effect."""
-    found = {name: kind.volume_laws(tests) for name, kind in catalogue().items()}
-    return {name: laws for name, laws in found.items() if laws}
+    by_effect = {name: kind.volume_laws(tests) for name, kind in catalogue().items()}
+    return {name: laws for name, laws in by_effect.items() if laws}
 
 
 def power_designs(tests: Tests) -> dict[tuple[str, ...], Array]:
@@ -82,7 +82,7 @@ def curve_square(design: Array, tests: Tests) -> float:
         return np.asarray(tests.energy * np.exp(np.clip(design @ b, 2.0 * ratio.min() - ratio.max(),
                                                         2.0 * ratio.max() - ratio.min())))
 
-    found = least_squares(lambda b: root * tests.residual(model(b)) / tests.scale, begin,
-                          lambda b: -(root * (model(b) / tests.scale)**tests.power)[:, None] * design,
-                          method="lm", x_scale="jac")
-    return float(2.0 * found.cost) * tests.scale**2
+    fit = least_squares(lambda b: root * tests.residual(model(b)) / tests.scale, begin,
+                        lambda b: -(root * (model(b) / tests.scale)**tests.power)[:, None] * design,
+                        method="lm", x_scale="jac")
+    return float(2.0 * fit.cost) * tests.scale**2

@@ -82,12 +82,12 @@ def case_text(title: str, experiment: WearSeriesExperiment, effects: Iterable[st
         "A wear series holds no rig, specimens or mesh: `fretflow run` needs these tables in a whole case.",
         f"recording: {title}".replace("\n", " "),
         f"{made[0].name} = {made[0].value:.6g} {made[0].unit}: {made[0].meaning}")]
-    found = []
+    tabled = []
     for name in sorted(effects):
         law = experiment.forms[name]
         own = {one.name: float(f"{values[f'{name}.{one.name}']:.6g}") for one in law.parameters}
         if law.needs:
             lines += [f"# {name}: {law.needs.format(**own)}"]
         else:
-            found.append(catalogue()[name]().changed(**law.in_case(own)))
-    return "\n".join([*lines, *table_lines(found)]) + "\n"
+            tabled.append(catalogue()[name]().changed(**law.in_case(own)))
+    return "\n".join([*lines, *table_lines(tabled)]) + "\n"
