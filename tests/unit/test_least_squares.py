@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.experiment import Point, Prediction
-from fretflow.inference.least_squares import Fit, Fitter
+from fretflow.inference.least_squares import Fit, Fitter, _step
+from fretflow.inference.parameters import FARTHEST, HALF
 from fretflow.inference.search import Search
 from fretflow.inference.strategy import to_rest
 
@@ -54,12 +55,12 @@ class Valley:
         """Return nothing."""
 
 
-def fit_of(valley: Valley, secants: bool = False) -> Fit:
-    """Return the fit from the other side of the valley, by 60 steps at most."""
+def fit_of(valley: Valley, secants: bool = False, start: tuple[float, float] = (-1.2, 1.0)) -> Fit:
+    """Return the fit from a start, on the other side of the valley by default, by 60 steps at most."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
     plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
     experiment: Any = valley
-    return Fitter(experiment, covariance, secants).fit(Point(plane, np.array([-1.2, 1.0])), None, 60)
+    return Fitter(experiment, covariance, secants).fit(Point(plane, np.array(start)), None, 60)
 
 
 def test_a_bent_valley_is_followed_to_its_end() -> None:
@@ -86,11 +87,33 @@ def test_where_finer_steps_have_no_solution_the_fit_with_coarse_ones_stays() -> 
 
 
 def test_what_numerical_errors_make_rough_is_fitted_with_finer_ones() -> None:
-    """Ripples of several sd stop the fit; those of a tenth do not."""
-    end = fit_of(Valley(ripple=0.3))
-    assert end.z == pytest.approx(TRUE, abs=0.1)
-    assert end.chi_squared < 5.0
-    assert fit_of(Valley(ripple=0.3, finest=ROUGH)).chi_squared > 20.0
+    """Ripples of several sd stop the fit from three starts of five; those of a tenth from hardly any."""
+    starts = [tuple(one) for one in 1.5 * np.random.default_rng(1).standard_normal((40, 2))]
+    fine, rough = (sum(fit_of(Valley(ripple=0.3, finest=finest), start=one).chi_squared < 5.0 for one in starts)
+                   for finest in (FINE, ROUGH))
+    assert fine >= 36
+    assert rough <= 24
+
+
+def test_a_step_is_the_best_of_those_that_lead_nothing_too_far() -> None:
+    """Where the quadratic model is least in a box, its slope is zero along what is free and points out of the box."""
+    rng, held = np.random.default_rng(2), 0
+    for _ in range(100):
+        size = rng.integers(1, 12)
+        z = np.clip(3.0 * rng.standard_normal(size), -FARTHEST, FARTHEST)
+        slopes, residual = rng.standard_normal((40, size)) * 10.0**rng.uniform(-2.0, 2.0, size), rng.standard_normal(40)
+        now: Any = SimpleNamespace(z=z, whitened_jacobian=slopes, residual=10.0 * residual,
+                                   information=np.eye(size) + slopes.T @ slopes)
+        step = _step(now)
+        least, most = (np.clip(z + way * HALF, -FARTHEST, FARTHEST) - z for way in (-1.0, 1.0))
+        assert np.all((step >= least - 1e-9) & (step <= most + 1e-9))
+        slope = (now.information @ step - slopes.T @ now.residual + z) / np.sqrt(np.diag(now.information))
+        at_least, at_most = step < least + 1e-9, step > most - 1e-9
+        assert slope[~at_least & ~at_most] == pytest.approx(0.0, abs=1e-6)
+        assert np.all(slope[at_least] > -1e-6)
+        assert np.all(slope[at_most] < 1e-6)
+        held += np.count_nonzero(at_least | at_most)
+    assert held > 50
 
 
 def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
