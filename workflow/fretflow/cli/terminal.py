@@ -9,6 +9,7 @@ import tempfile
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import chain
 from json import dumps
 from math import isfinite
 from pathlib import Path
@@ -26,6 +27,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable, shortened
+from fretflow.core.plugins import formats_asked
 from fretflow.pipeline.ranks import started_rank, started_size
 
 if TYPE_CHECKING:
@@ -213,10 +215,12 @@ def say_line(text: str) -> None:
 
 
 def show_files(files: Sequence[Path], title: str) -> None:
-    """Print the paths of `files`."""
+    """Print the paths of `files`, of pictures in each of the formats that the user's variable names."""
     console = Terminal(highlight=False)
     console.print(f"{title}:")
-    for file in files:
+    first, *further = formats_asked()
+    every = ([file, *(file.with_suffix(f".{one}") for one in further if file.suffix == f".{first}")] for file in files)
+    for file in dict.fromkeys(chain.from_iterable(every)):
         console.print(f"  {escape(str(file))}", soft_wrap=True)
 
 
