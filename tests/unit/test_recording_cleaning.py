@@ -283,7 +283,7 @@ def test_series_is_cut_at_the_middle_of_its_displacement(tmp_path, make, exact):
     assert any("no whole cycle" in note.text for note in notes)
 
 
-@pytest.mark.parametrize("periods", [1, 2, 3])
+@pytest.mark.parametrize("periods", [1, 2, 3, 4])
 @pytest.mark.parametrize("start", [0.0, 0.75])  # at the maximum, and as the displacement rises through its middle
 def test_a_series_of_a_few_whole_cycles_is_read_whole(tmp_path, make, exact, periods, start):
     """Of two that began at zero one was read, as each passage of the middle lies half a cycle from an end."""

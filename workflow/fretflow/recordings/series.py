@@ -21,7 +21,7 @@ from fretflow.recordings.stretches import GAP, WHOLE
 BRIDGED = 5  # sampling intervals
 SMALLEST_CYCLE = 0.1  # of the largest one
 OPEN = 0.15  # of the range between the ends of a single loop
-MOST_UNREAD = 0.25  # of a record at its ends: of more than three cycles that repeat, none is as much
+MOST_UNREAD = 0.25  # of a record, before the first passage of its middle and after the last
 STEADY = 0.05  # change of the peak-to-peak displacement from cycle to cycle
 
 
@@ -112,8 +112,8 @@ def loops_of_series(series: Series) -> tuple[LoopSet, tuple[Note, ...]]:
     """Cut a long record into cycles, numbered from 1; each is a loop of its own without repeats.
 
     A cycle lasts from one passage of the displacement upwards through its middle to the next. A record
-    that ends near where it began and has no such cycle within is one loop; one that is a few whole cycles is cut
-    from its beginning instead, where those within it leave out more than a quarter.
+    that ends near where it began and has no such cycle within is one loop; one that is a few whole cycles, all
+    alike, is cut from its beginning instead, where those within it leave out more than a quarter.
 
     Raises
     ------
@@ -154,7 +154,10 @@ def _cuts(series: Series) -> Array:
     count = series.rows / float(np.median(np.diff(cuts)))
     lost = 1.0 - (cuts[-1] - cuts[0]) / series.rows
     if lost > MOST_UNREAD and abs(count - round(count)) < WHOLE * count and _is_loop(series):
-        return np.linspace(0.0, series.rows, round(count) + 1)
+        whole = np.linspace(0.0, series.rows, round(count) + 1)
+        reach = np.ptp(_sampled(series.channels["displacement"], whole, round(series.rows / count)), axis=1)
+        if np.ptp(reach) < STEADY * reach.max():
+            return whole
     return cuts
 
 
