@@ -87,6 +87,8 @@ def test_a_run_keeps_figures_curves_and_pictures(tmp_path):
     assert kept["frequency_Hz"] == pytest.approx(study.curve.frequency)
     assert all((home / f"{name}.png").stat().st_size > 20_000 for name in ("structure", "contact", "curves"))
     assert study.measured.shape == (3, 2)
+    own = study.write(str(tmp_path / "of" / "one's own"))  # a folder that is made
+    assert {file.name for file in own} >= {"summary.json", "backbone.csv", "curves.png"}
     # the facets that are drawn are the interface's own
     assert len(study.states) == study.joint.structure.contacts
 

@@ -148,23 +148,27 @@ def loops_of_series(series: Series) -> tuple[LoopSet, tuple[Note, ...]]:
 
 def _cuts(series: Series) -> Array:
     """Return where (n,), in samples, the cycles begin and the last one ends."""
-    cuts = p.cycle_cuts(series.channels["displacement"])
-    if len(cuts) < 2:
-        return np.array([0.0, series.rows]) if _is_loop(series) else cuts
-    count = series.rows / float(np.median(np.diff(cuts)))
-    lost = 1.0 - (cuts[-1] - cuts[0]) / series.rows
-    if lost > MOST_UNREAD and abs(count - round(count)) < WHOLE * count and _is_loop(series):
-        whole = np.linspace(0.0, series.rows, round(count) + 1)
-        reach = np.ptp(_sampled(series.channels["displacement"], whole, round(series.rows / count)), axis=1)
-        if np.ptp(reach) < STEADY * reach.max():
-            return whole
+    pushed = [values for name, values in series.channels.items() if name in FORCES]
+    cuts = cycle_bounds(series.channels["displacement"], *pushed)
+    if len(cuts) < 2 and series.rows >= SHORTEST and closes(series.channels["displacement"], *pushed):
+        return np.array([0.0, series.rows])
     return cuts
 
 
-def _is_loop(series: Series) -> bool:
-    """Return whether the record as a whole ends near where it began."""
-    return series.rows >= SHORTEST and closes(*(
-        values for name, values in series.channels.items() if name in ("displacement", *FORCES)))
+def cycle_bounds(displacement: Array, *forces: Array) -> Array:
+    """Return where (n,), in samples, the cycles of a record (T,) begin and the last ends: at passages of its middle.
+
+    Of a record that is a few whole cycles, all alike, these may leave out half; it is cut from its beginning then.
+    """
+    cuts, rows = p.cycle_cuts(displacement), len(displacement)
+    if len(cuts) < 2 or cuts[-1] - cuts[0] >= (1.0 - MOST_UNREAD) * rows or not closes(displacement, *forces):
+        return cuts
+    count = rows / float(np.median(np.diff(cuts)))
+    if abs(count - round(count)) > WHOLE * count:
+        return cuts
+    whole = np.linspace(0.0, rows, round(count) + 1)
+    reach = np.ptp(_sampled(displacement, whole, round(rows / count)), axis=1)
+    return whole if np.ptp(reach) < STEADY * reach.max() else cuts
 
 
 def closes(*channels: Array) -> bool:
