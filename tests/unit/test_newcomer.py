@@ -77,6 +77,19 @@ def test_a_slip_is_one_line_with_a_way_out(home, monkeypatch, capsys, typed, sai
     assert said in output.err
 
 
+@pytest.mark.parametrize(("typed", "said"), [("loops rec", "begins anew"), ("run quick.toml", "goes on from what")])
+def test_an_interruption_says_whether_anything_is_kept(home, monkeypatch, capsys, typed, said):
+    """A diagnosis, of which nothing is kept, said that it goes on from what is complete."""
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(home)
+    monkeypatch.setattr("fretflow.recordings.loop_sets.read_sets", stopped)
+    monkeypatch.setattr("fretflow.cli.run.load", stopped)
+    assert cli.execute(typed.split()) == 130
+    assert said in capsys.readouterr().err
+
+
 def test_the_module_is_the_program():
     """``python -m fretflow`` was "a package and cannot be directly executed"."""
     done = subprocess.run([sys.executable, "-m", "fretflow", "--version"], capture_output=True, text=True, timeout=60)

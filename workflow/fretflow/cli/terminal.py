@@ -41,6 +41,7 @@ BAD_USAGE = 2
 UNEXPECTED = 1
 TOLD_EVERY = 60.0  # s, where there is no terminal
 REPEATED = 3  # s after which an interruption that ended nothing comes again
+ANEW = {"diagnose", "effects", "export", "loops", "verify"}  # commands that keep nothing half done
 NAMES = {"case", "effects", "id", "key", "parameter"}  # headings of what is copied: never broken
 
 Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/NAME")]
@@ -86,6 +87,7 @@ class Interruption:
     """The user's wish to stop, which is not lost where a library swallows it or makes another error of it."""
 
     wanted: ClassVar[bool] = False
+    ends: ClassVar[str] = ""  # the command that it ends
 
     @classmethod
     def watch(cls) -> None:
@@ -289,7 +291,8 @@ def show_warnings(found: Sequence[str]) -> None:
 def describe(error: BaseException) -> tuple[str, int]:
     """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
     if Interruption.wanted or isinstance(error, KeyboardInterrupt):
-        return "interrupted; the same command goes on from what is complete", INTERRUPTED
+        after = "begins anew" if Interruption.ends in ANEW else "goes on from what is complete"
+        return f"interrupted; the same command {after}", INTERRUPTED
     if isinstance(error, CycloptsError):
         command = " ".join(("fretflow", *(error.command_chain or ())))
         said = f"{command} takes no {' '.join(error.unused_tokens or ())!r} there" if isinstance(
