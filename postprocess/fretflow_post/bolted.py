@@ -23,6 +23,7 @@ from fretflow_post.scene import Layer, View, shoot, surface
 
 STATES = ("sticks", "slides", "opens at times", "stays open")
 STATE_COLOURS = (style.BLUE, style.YELLOW, style.ORANGE, "#F2F2F2")
+ROUND_OFF = 1e-9  # of a damping ratio by friction; below, nothing slides
 APART = 1.2  # heights of the bodies by which they are drawn apart
 LOOK = (-0.55, -1.0, 0.75)  # from the bodies to the eye
 
@@ -200,10 +201,9 @@ def _curves(study: JointStudy) -> Figure:
         axes.set(xscale="log", xlabel=place, ylabel=label)
         readable_log(axes.xaxis, (1.0, 3.0))
         if column is None:
-            axes.set(yscale="log")
-            if values.max() > 0.0:  # below, round-off
-                axes.set_ylim(0.5 * values[values > 1e-6 * values.max()].min(), 2.0 * values.max())
-            if np.isfinite(study.slope):
+            if slides := curve.friction_damping.max() > ROUND_OFF:
+                axes.set(yscale="log", ylim=(0.5 * values[values > 1e-6 * values.max()].min(), 2.0 * values.max()))
+            if slides and np.isfinite(study.slope):
                 axes.text(0.05, 0.9, f"power of the amplitude: {study.slope:.2f}", transform=axes.transAxes)
         elif study.measured is not None:
             axes.legend(loc="best")

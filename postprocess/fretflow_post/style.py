@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
@@ -11,6 +10,7 @@ from pathlib import Path
 import matplotlib.style
 import numpy as np
 from fretflow.core.errors import InputError, printable
+from fretflow.core.plugins import FORMATS, formats_asked
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, PowerNorm, to_hex
@@ -23,7 +23,6 @@ METADATA: dict[str, dict[str, str | None]] = {
     "png": {"Software": "fretflow"}, "svg": {"Creator": "fretflow", "Date": None},
     "pdf": {"Creator": "fretflow", "CreationDate": None}}
 _FORMATS: ContextVar[tuple[str, ...]] = ContextVar("formats")
-WISH = "FRETFLOW_FORMATS"  # the variable that says in which formats pictures are saved, such as svg,pdf
 WIDTH, HEIGHT = 16.0, 10.0  # inches, 1600 x 1000 pixels
 
 DEPTH_MAP = "viridis"
@@ -91,7 +90,7 @@ def known_formats(formats: Sequence[str], where: str) -> tuple[str, ...]:
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write `figure` in each of the formats asked for, PNG if none is, and return the path of the first."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    formats = _FORMATS.get(()) or known_formats(os.environ.get(WISH, "png").split(","), WISH)
+    formats = _FORMATS.get(()) or known_formats(formats_asked(), FORMATS)
     for suffix in formats:
         figure.savefig(path.with_suffix(f".{suffix}"), dpi=DPI, metadata=METADATA[suffix])
     return path.with_suffix(f".{formats[0]}")

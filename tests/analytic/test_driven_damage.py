@@ -115,6 +115,14 @@ def test_one_cycle_is_diagnosed_with_a_warning(diagnosed):
     assert not any("fewer than" in note for note in diagnosed(slider()).notes)
 
 
+def test_a_few_whole_cycles_from_zero_are_all_cycles(diagnosed):
+    """Of two that begin as the displacement rises through its middle none repeated: one lay between its passages."""
+    later = [column[PERIOD:] for column in slider(cycles=3)]
+    found = diagnosed([later[0] - later[0][0], *later[1:]])
+    assert not any("fewer than" in note for note in found.notes)
+    assert found.verdict is Verdict.NONE
+
+
 def test_a_very_long_record_is_thinned_no_further_than_its_cycles_bear(diagnosed, monkeypatch):
     """Four times the rows that are taken as they are: of two one is used, and what is left out is named."""
     monkeypatch.setattr(driven, "MOST_ROWS", 4000)

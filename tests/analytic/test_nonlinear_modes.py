@@ -50,6 +50,21 @@ def three_points(seed):
         outputs={"head": np.eye(1, 10)[0]}), 0.5, 5.0)
 
 
+def test_a_body_that_bends_alike_both_ways_has_a_periodic_motion():
+    """Its two modes have one frequency, at which what nothing pulls was divided by zero."""
+    link, hold = np.diag([2e6, 2e6, 4e6]), np.diag([1e6, 1e6, 2e6])
+    round_bar = StructureMatrices(
+        mass=np.diag([1.0] * 3 + [0.2] * 3), stiffness=np.block([[link + hold, -link], [-link, link]]),
+        contact_map=np.eye(3, 6, 3), areas=np.array([1e-4]), points=np.zeros((1, 3)), preload=-np.eye(6)[5],
+        outputs={"tip": np.eye(6)[0]})
+    joint = joint_of(round_bar, 0.5, 100.0)
+    sticks, slides = follow_mode(joint, joint.linear_modes(1)[0], np.array([1e-5, 4e-5]))
+    assert sticks.frequency == pytest.approx(np.sqrt(3e6) / (2.0 * np.pi), rel=1e-9)  # 3e6 N/m on 1 kg
+    assert (sticks.damping, sticks.dissipated) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert slides.frequency < sticks.frequency
+    assert slides.damping > 0.05
+
+
 @pytest.mark.parametrize("seed", [3, 4])
 def test_small_amplitudes_follow_the_preload_and_not_the_largest(seed):
     """What larger amplitudes leave in the faces, smaller ones that came before do not know."""

@@ -123,7 +123,8 @@ def test_trial_publishes_hashes_first_and_keys_last(trial: Trial) -> None:
     first = {name: next(k for k, line in enumerate(lines) if published in line) for name, published in hashes.items()}
     diagnosed = [k for k, line in enumerate(lines) if line.startswith("diagnosed")]
     opened = [k for k, line in enumerate(lines) if line.endswith("viscous")]
-    assert max(first.values()) < min(diagnosed) <= max(diagnosed) < min(opened)
+    told = next(k for k, line in enumerate(lines) if line == "diagnosing 3 of 3, some minutes each")
+    assert max(first.values()) < told < min(diagnosed) <= max(diagnosed) < min(opened)
     for name, published in hashes.items():
         stored = load(trial.out / "keys" / f"{name}.json")
         verify(stored["salt"], stored["key"], published)

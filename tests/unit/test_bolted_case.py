@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import fretflow as ff
 import numpy as np
 import pytest
 from fretflow.case.bolted import Elasticity, load_bolted_case
@@ -87,8 +88,24 @@ def test_a_run_keeps_figures_curves_and_pictures(tmp_path):
     assert kept["frequency_Hz"] == pytest.approx(study.curve.frequency)
     assert all((home / f"{name}.png").stat().st_size > 20_000 for name in ("structure", "contact", "curves"))
     assert study.measured.shape == (3, 2)
+    own = study.write(str(tmp_path / "of" / "one's own"))  # a folder that is made
+    assert {file.name for file in own} >= {"summary.json", "backbone.csv", "curves.png"}
     # the facets that are drawn are the interface's own
     assert len(study.states) == study.joint.structure.contacts
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_joint_that_sticks_is_drawn_too(tmp_path):
+    """Of the energy of its cycles, round-off about zero, there is no logarithm, which matplotlib warned of."""
+    link, hold = np.diag([2e6, 3e6, 4e6]), np.diag([1e6, 1e6, 2e6])
+    bar = ff.StructureMatrices(
+        mass=np.diag([1.0] * 3 + [0.2] * 3), stiffness=np.block([[link + hold, -link], [-link, link]]),
+        contact_map=np.eye(3, 6, 3), areas=np.array([1e-4]), points=np.zeros((1, 3)), preload=-np.eye(6)[5],
+        outputs={"tip": np.eye(6)[0]})
+    joint = ff.BoltedJoint(structure=ff.reduce_structure(bar), law=ff.Coulomb(0.5), bolt_load=100.0)
+    study = ff.study_joint(joint, np.array([1e-6, 1e-5]))
+    assert study.curve.dissipated.max() < 1e-18
+    assert [file.name for file in study.draw(tmp_path)] == ["contact.png", "curves.png"]
 
 
 @pytest.mark.parametrize(("name", "value", "shown"), [

@@ -41,6 +41,7 @@ def test_what_is_read_is_what_was_run(run, exact, tmp_path, noise):
     assert [file.name for file in files] == ["recording.toml", "loops.csv", "wear_depth.csv"]
     recording = read_joint_recording(tmp_path / "a")
     assert recording.title == 'of "mine"'
+    assert "as stiff as 10 by 10 elements of degree 1" in (tmp_path / "a" / "recording.toml").read_text()
     assert recording.test.cycles == 5000
     assert recording.rig == run.case.rig
     assert recording.wear.worn_volume == pytest.approx(2e-12, rel=1e-12)

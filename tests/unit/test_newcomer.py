@@ -4,8 +4,12 @@ What carries the weight: each mistake ends with exit code 2, nothing on standard
 was meant, or what takes what was given.
 """
 
+import subprocess
+import sys
+
 import pytest
-from fretflow import cli
+from fretflow import __version__, cli
+from fretflow.cli.terminal import show_files
 
 CASE = """format = "fretflow-case/1"
 name = "quick"
@@ -71,3 +75,34 @@ def test_a_slip_is_one_line_with_a_way_out(home, monkeypatch, capsys, typed, sai
     assert output.out == ""
     assert output.err.count("\n") == 1
     assert said in output.err
+
+
+@pytest.mark.parametrize(("typed", "said"), [("loops rec", "begins anew"), ("run quick.toml", "goes on from what")])
+def test_an_interruption_says_whether_anything_is_kept(home, monkeypatch, capsys, typed, said):
+    """A diagnosis, of which nothing is kept, said that it goes on from what is complete."""
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(home)
+    monkeypatch.setattr("fretflow.recordings.loop_sets.read_sets", stopped)
+    monkeypatch.setattr("fretflow.cli.run.load", stopped)
+    assert cli.execute(typed.split()) == 130
+    assert said in capsys.readouterr().err
+
+
+def test_the_module_is_the_program():
+    """``python -m fretflow`` was "a package and cannot be directly executed"."""
+    done = subprocess.run([sys.executable, "-m", "fretflow", "--version"], capture_output=True, text=True, timeout=60)
+    assert (done.stdout.strip(), done.stderr) == (__version__, "")
+
+
+def test_pictures_are_listed_in_every_format_asked_for(tmp_path, monkeypatch, capsys):
+    """Of ``FRETFLOW_FORMATS=svg,pdf`` both were written and one was listed."""
+    files = [tmp_path / "loops.svg", tmp_path / "loops.csv"]
+    monkeypatch.setenv("FRETFLOW_FORMATS", "svg, pdf")
+    show_files([*files, tmp_path / "loops.pdf"], "pictures")
+    listed = [line.split("/")[-1] for line in capsys.readouterr().out.splitlines()[1:]]
+    assert listed == ["loops.svg", "loops.pdf", "loops.csv"]
+    monkeypatch.setenv("FRETFLOW_FORMATS", "")
+    show_files(files, "pictures")
+    assert len(capsys.readouterr().out.splitlines()) == 3

@@ -112,6 +112,8 @@ def test_a_variable_names_the_formats_of_all_pictures(tmp_path, monkeypatch):
     with style.saved_as(["png"]):
         style.save_figure(figure, tmp_path / "b.png")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.pdf", "a.svg", "b.png"]
-    monkeypatch.setenv("FRETFLOW_FORMATS", "svg,bmp")
+    monkeypatch.setenv("FRETFLOW_FORMATS", "")
+    assert style.save_figure(figure, tmp_path / "c.png") == tmp_path / "c.png"
+    monkeypatch.setenv("FRETFLOW_FORMATS", "svg, bmp")
     with pytest.raises(InputError, match="FRETFLOW_FORMATS: 'bmp' is none of png, svg, pdf"):
         style.save_figure(figure, tmp_path / "a.png")

@@ -283,6 +283,18 @@ def test_series_is_cut_at_the_middle_of_its_displacement(tmp_path, make, exact):
     assert any("no whole cycle" in note.text for note in notes)
 
 
+@pytest.mark.parametrize("periods", [1, 2, 3, 4])
+@pytest.mark.parametrize("start", [0.0, 0.75])  # at the maximum, and as the displacement rises through its middle
+def test_a_series_of_a_few_whole_cycles_is_read_whole(tmp_path, make, exact, periods, start):
+    """Of two that began at zero one was read, as each passage of the middle lies half a cycle from an end."""
+    made = make(cycles=(0,), repeats=1, periods=periods, starts=[start], excitation=False, noise=(2e-8, 0.05))
+    del made.columns["cycle"], made.columns["repeat"]
+    loops, notes = loops_of_series(read_joint_recording(made.write(tmp_path, block="series")).series)
+    assert loops.cycles.tolist() == list(range(1, periods + 1))
+    assert not any("no whole cycle" in note.text for note in notes)
+    assert_readings(loops, exact, mu=4e-3, stiffness=3e-2, lengths=1e-2)
+
+
 @pytest.mark.parametrize(("stated", "told"), [("100 Hz", 0), ("120 Hz", 0), ("0.1 Hz", 1), ("100 kHz", 1)])
 def test_a_series_at_quite_another_frequency_than_stated_is_told(tmp_path, make, stated, told):
     made = make(cycles=(0,), repeats=1, periods=6.2, excitation=False)

@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 from fretflow.core.errors import StoreError
 from fretflow.core.records import quantity, record
-from fretflow.core.store import read_record, write_record
+from fretflow.core.store import read_record, write_record, write_whole
 from fretflow.pipeline.run_records import ForcedResponse
 from fretflow.solvers.periodic import PeriodicSolution
 from numpy.typing import NDArray
@@ -174,6 +174,11 @@ def test_a_folder_that_is_none_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match="cannot be written"):
         write_record(tmp_path / "file" / "a.h5", Inner(mass=1.0))
+
+
+def test_where_no_folder_is_no_space_is_blamed(tmp_path):
+    with pytest.raises(StoreError, match=r"\(No such file or directory\); name a folder that is there"):
+        write_whole(tmp_path / "none" / "a.json", b"{}")
 
 
 @pytest.mark.filterwarnings("error")

@@ -24,8 +24,8 @@ friction_coefficient = 0.8
 [structure.line_contact]
 radius = "80 mm"
 load = "1000 N/mm"
-elastic_modulus = "110 GPa"
-poisson_ratio = 0.3
+youngs_modulus = "110 GPa"
+poissons_ratio = 0.3
 """
 PROFILE = """[[profile]]
 file = "{name}.csv"
@@ -80,8 +80,9 @@ def test_profiles_and_volumes_are_read_in_si(tmp_path):
     ('radius = "80 mm"', 'matrices = "a.npz"', "line_contact"),
     ('cycles = 5000', 'cycles = 0', "cycles"),
     ('unit = "um", sd', 'unit = "N", sd', "profile.depth.unit: 'N' is no unit like m"),
-    ('poisson_ratio = 0.3', 'poissons_ratio = 0.3', "did you mean poisson_ratio"),
-    ('poisson_ratio = 0.3', 'poisson_ratio = 0.6', "poisson_ratio")])
+    ('poissons_ratio = 0.3', 'poissonratio = 0.3', "did you mean poissons_ratio"),
+    ('poissons_ratio = 0.3', 'poissons_ratio = 0.3\npoisson_ratio = 0.3', "poisson_ratio"),
+    ('poissons_ratio = 0.3', 'poissons_ratio = 0.6', "poissons_ratio")])
 def test_a_bad_key_is_named(tmp_path, old, new, words):
     made(tmp_path)
     text = (tmp_path / "recording.toml").read_text()
@@ -90,13 +91,21 @@ def test_a_bad_key_is_named(tmp_path, old, new, words):
         read_structure_recording(tmp_path)
 
 
+def test_a_material_is_named_as_everywhere_else_and_earlier_files_are_still_read(tmp_path):
+    """`elastic_modulus` and `poisson_ratio` stood in these files alone."""
+    contact = made(tmp_path).contact
+    toml = tmp_path / "recording.toml"
+    toml.write_text(toml.read_text().replace("youngs_modulus", "elastic_modulus").replace("poissons_", "poisson_"))
+    assert read_structure_recording(tmp_path).contact == contact
+
+
 def test_a_modulus_in_a_wrong_unit_is_noted(tmp_path):
     """110 Pa came to "not in the catalogue" at more than 99.9 % without a word."""
     assert not made(tmp_path).notes
     text = (tmp_path / "recording.toml").read_text()
     (tmp_path / "recording.toml").write_text(text.replace("110 GPa", "110 Pa"))
     (note,) = read_structure_recording(tmp_path).notes
-    assert "elastic_modulus = 110 Pa is beyond what joints have (100 MPa to 1.3 TPa)" in str(note)
+    assert "youngs_modulus = 110 Pa is beyond what joints have (100 MPa to 1.3 TPa)" in str(note)
 
 
 MAP = PROFILE.format(name="map", frequency=1).replace("[[profile]]", "[wear_depth]").replace(

@@ -36,6 +36,7 @@ FORMAT = "fretflow-trial/1"
 DIAGNOSE = (sys.executable, "-I", "-c", f"{TIED}from fretflow.cli import main; main()", "diagnose")
 TITLE = "Fretting rig, flat on flat"
 LONGEST = 3 * 3600.0  # s, of one diagnosis
+EACH = {True: "some minutes", False: "up to half an hour"}  # by --fast: what a diagnosis takes of two cores
 
 Say = Callable[[str], None]
 
@@ -127,6 +128,8 @@ class Trial:
     def _diagnose(self, names: Sequence[str]) -> None:
         left = [name for name in names if not (self.out / "answers" / f"{name}.json").exists()]
         done, started = len(names) - len(left), time.monotonic()
+        if left:
+            self.say(f"diagnosing {len(left)} of {len(names)}, {EACH[self.settings.fast]} each")
         reading, writing = os.pipe()
         with (tempfile.TemporaryDirectory(prefix="cache-") as cache, open(reading, "rb") as line,
               ThreadPoolExecutor(self.jobs) as workers, open(writing, "wb")):  # closed before workers are waited for

@@ -95,8 +95,8 @@ class BackboneTable(Section):
     """Frequency and damping over amplitude."""
 
     mode: int = Field(1, ge=1, description="number of the mode, from 1")
-    smallest: u.Length = Field(description="amplitude of the first sensor")
-    largest: u.Length = Field(description="amplitude of the first sensor")
+    smallest: u.Length = Field(description="amplitude of the first sensor, were nothing to slide")
+    largest: u.Length = Field(description="likewise; a joint that slides or opens moves it some per cent more or less")
     points: int = Field(13, ge=3, le=200, description="amplitudes from the smallest to the largest")
     periodic: int = Field(2, ge=0, description="of these also as periodic motions")
     measured: Path | None = Field(None, description="CSV with amplitude_m, frequency_Hz and damping_ratio to compare")

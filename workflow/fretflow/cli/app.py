@@ -40,8 +40,10 @@ def main() -> None:
 def execute(arguments: list[str]) -> int:
     """Run the command line with `arguments` and return the exit code; errors become one line on stderr."""
     Terminal.silent = QUIET in arguments
+    told = [argument for argument in arguments if argument != QUIET]
+    Interruption.ends = told[0] if told else ""
     try:
-        app([argument for argument in arguments if argument != QUIET])
+        app(told)
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the user gets one line
         Interruption.settle()
         return say(*describe(error))

@@ -35,7 +35,7 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False, json:
         case file
     """
     from fretflow.case.config import Output
-    from fretflow.core.plugins import FIGURES, provided
+    from fretflow.core.plugins import FIGURES, formats_asked, provided
     from fretflow.pipeline.problem import make_model
     from fretflow.pipeline.run import leading
     from fretflow.pipeline.run_records import RunRecords
@@ -53,8 +53,9 @@ def modes(case: Path, /, *, out: Out = Path("runs"), force: Force = False, json:
     kept = keep_json(json, {side: {"full_Hz": one.full_frequencies, "reduced_Hz": one.reduced_frequencies,
                                    "error": one.frequency_error} for side, one in specimens.items()} | {"rig": rig})
     home = out / parsed.name
-    drawn = provided(FIGURES, "run")(folders, home, Output(figures=("mode_shapes",)))
-    show_files([*provided(FIGURES, "modes")(home / "modes.png", *specimens.values(), rig), *drawn, *kept], "files")
+    files = provided(FIGURES, "modes")(home / "modes.png", *specimens.values(), rig)  # which checks the formats
+    asked = Output.model_validate({"figures": ["mode_shapes"], "figure_formats": list(formats_asked())})
+    show_files([*files, *provided(FIGURES, "run")(folders, home, asked), *kept], "files")
 
 
 def _show_rig(rig: RigModes) -> None:

@@ -295,10 +295,13 @@ def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0, json: Js
         of displacement and force, as a share of half their range, such as 0.005; with it each loop is drawn three
         times, which a diagnosis needs
     """
+    from fretflow.pipeline.exported import stiffness_told
     from fretflow.pipeline.results import RunResults
     from fretflow.recordings.schema import EXPORTED
 
     folder = run / EXPORTED if to is None else to
-    files = RunResults.of(run).to_recording(folder, noise)
+    found = RunResults.of(run)
+    files = found.to_recording(folder, noise)
     show_files([*files, *keep_json(json, {"recording": str(folder), "files": list(map(str, files))})], "recording")
-    say_line(f"`fretflow loops {folder}` reads it, and `fretflow diagnose {folder}` explains it")
+    say_line(f"`fretflow loops {folder}` reads it, and `fretflow diagnose {folder}` explains it; "
+             f"{stiffness_told(found.case.mesh)}")

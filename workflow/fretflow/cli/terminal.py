@@ -9,6 +9,7 @@ import tempfile
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import chain
 from json import dumps
 from math import isfinite
 from pathlib import Path
@@ -26,6 +27,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fretflow.core.errors import NO_SPACE, FretflowError, InputError, NonConvergenceError, printable, shortened
+from fretflow.core.plugins import formats_asked
 from fretflow.pipeline.ranks import started_rank, started_size
 
 if TYPE_CHECKING:
@@ -39,6 +41,7 @@ BAD_USAGE = 2
 UNEXPECTED = 1
 TOLD_EVERY = 60.0  # s, where there is no terminal
 REPEATED = 3  # s after which an interruption that ended nothing comes again
+ANEW = {"diagnose", "effects", "export", "loops", "verify"}  # commands that keep nothing half done
 NAMES = {"case", "effects", "id", "key", "parameter"}  # headings of what is copied: never broken
 
 Out = Annotated[Path, Parameter(help="folder of all results; a case's own are in OUT/NAME")]
@@ -84,6 +87,7 @@ class Interruption:
     """The user's wish to stop, which is not lost where a library swallows it or makes another error of it."""
 
     wanted: ClassVar[bool] = False
+    ends: ClassVar[str] = ""  # the command that it ends
 
     @classmethod
     def watch(cls) -> None:
@@ -213,10 +217,12 @@ def say_line(text: str) -> None:
 
 
 def show_files(files: Sequence[Path], title: str) -> None:
-    """Print the paths of `files`."""
+    """Print the paths of `files`, of pictures in each of the formats that the user's variable names."""
     console = Terminal(highlight=False)
     console.print(f"{title}:")
-    for file in files:
+    first, *further = formats_asked()
+    every = ([file, *(file.with_suffix(f".{one}") for one in further if file.suffix == f".{first}")] for file in files)
+    for file in dict.fromkeys(chain.from_iterable(every)):
         console.print(f"  {escape(str(file))}", soft_wrap=True)
 
 
@@ -285,7 +291,8 @@ def show_warnings(texts: Sequence[str]) -> None:
 def describe(error: BaseException) -> tuple[str, int]:
     """Return one line about `error` for the user, and its exit code; the traceback of a surprise goes to a file."""
     if Interruption.wanted or isinstance(error, KeyboardInterrupt):
-        return "interrupted; the same command goes on from what is complete", INTERRUPTED
+        after = "begins anew" if Interruption.ends in ANEW else "goes on from what is complete"
+        return f"interrupted; the same command {after}", INTERRUPTED
     if isinstance(error, CycloptsError):
         command = " ".join(("fretflow", *(error.command_chain or ())))
         said = f"{command} takes no {' '.join(error.unused_tokens or ())!r} there" if isinstance(

@@ -29,6 +29,7 @@ Effects of other packages are of the group ``fretflow.effects``, see `fretflow.e
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from typing import Any
@@ -37,6 +38,12 @@ from fretflow.core.errors import PlatformError
 
 MESHES = "fretflow.meshes"
 FIGURES = "fretflow.figures"
+FORMATS = "FRETFLOW_FORMATS"  # the variable that says in which formats pictures are saved, such as svg,pdf
+
+
+def formats_asked() -> tuple[str, ...]:
+    """Return the formats of pictures that the user's variable names, PNG if it names none."""
+    return tuple(one.strip() for one in (os.environ.get(FORMATS) or "png").split(","))
 
 
 def provided(group: str, name: str) -> Callable[..., Any]:

@@ -148,10 +148,9 @@ def write_whole(path: Path, content: bytes) -> None:
     except OSError as error:
         with suppress(OSError):
             temporary.unlink()
-        raise StoreError(
-            f"{path}: cannot be written ({error.strerror}); complete results are kept: free some "
-            "space or choose another --out, then run again"
-        ) from error
+        advice = "name a folder that is there" if isinstance(error, FileNotFoundError | NotADirectoryError) else (
+            "complete results are kept: free some space or choose another --out, then run again")
+        raise StoreError(f"{path}: cannot be written ({error.strerror}); {advice}") from error
 
 
 def write_csv(path: Path, columns: Mapping[str, Sequence[object] | NDArray[Any]]) -> Path:

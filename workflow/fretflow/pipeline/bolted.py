@@ -106,9 +106,10 @@ class JointStudy:
                    "largest_damping_ratio": float(self.curve.damping.max()), "energy_power": self.slope}
         return figures if self.worn is None else figures | {"worn_volume_m3": float(self.worn.volume[-1])}
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write figures, backbone, responses and pictures into a folder and return the files."""
-        curve = self.curve
+    def write(self, folder: Path | str) -> list[Path]:
+        """Write figures, backbone, responses and pictures into a folder, which is made, and return the files."""
+        curve, folder = self.curve, Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / SUMMARY_FILE, self.figures)
         outputs = {f"{name}_m": np.abs(curve.outputs[:, k]) for k, name in enumerate(curve.output_names)}
         files = [folder / SUMMARY_FILE, write_csv(folder / "backbone.csv", {

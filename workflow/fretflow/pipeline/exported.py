@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fretflow.case.casefile import entries
+from fretflow.case.config import Mesh
 from fretflow.core.errors import InputError
 from fretflow.core.store import write_csv, write_whole
 from fretflow.core.units import exact_quantity
@@ -52,8 +53,9 @@ def export_recording(run: Any, folder: Path, noise: float = 0.0) -> list[Path]:
         raise InputError("specimen.observation_distance: differs between upper and lower, and a recording has one; run "
                          "the case with one")
     folder.mkdir(parents=True, exist_ok=True)
+    source = f"run of {run.case.name}, exported; {stiffness_told(run.case.mesh)}"
     lines = ['format = "fretflow-recording/1"', f"title = {json.dumps(run.case.title or run.case.name)}",
-             f"source = {json.dumps(f'run of {run.case.name}, exported')}", "", "[test]", 'kind = "fretting-rig"',
+             f"source = {json.dumps(source)}", "", "[test]", 'kind = "fretting-rig"',
              *(f"{one.key} = {one.toml}" for one in entries(run.case.test) if one.value is not None)]
     for name, table in (("rig", run.case.rig), ("specimen.upper", upper), ("specimen.lower", lower)):
         lines += ["", f"[{name}]", *(f"{one.key} = {one.toml}" for one in entries(table) if one.value is not None)]
@@ -71,6 +73,14 @@ def export_recording(run: Any, folder: Path, noise: float = 0.0) -> list[Path]:
         files.append(write_csv(folder / "wear_depth.csv", {name: 1e6 * values for name, values in places.items()}))
     write_whole(folder / FILE, ("\n".join(lines) + "\n").encode())
     return [folder / FILE, *files]
+
+
+def stiffness_told(mesh: Mesh) -> str:
+    """Return what meshes add to the specimens' stiffness: a diagnosis allows for what they leave out."""
+    side = f"{mesh.contact_elements} by {mesh.contact_elements}"
+    own = mesh.upper is not None or mesh.lower is not None
+    of = "that mesh makes them" if own else f"{side} elements of degree {mesh.degree} make them"
+    return f"specimens are as stiff as {of}, which a diagnosis tells as a Young's modulus above the case's"
 
 
 def _loops(run: Any, noise: float) -> dict[str, Any]:

@@ -16,11 +16,12 @@ from fretflow.recordings.blocks import Columns
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.notes import Note, row_ranges
 from fretflow.recordings.periods import SHORTEST
-from fretflow.recordings.stretches import GAP
+from fretflow.recordings.stretches import GAP, WHOLE
 
 BRIDGED = 5  # sampling intervals
 SMALLEST_CYCLE = 0.1  # of the largest one
 OPEN = 0.15  # of the range between the ends of a single loop
+MOST_UNREAD = 0.25  # of a record, before the first passage of its middle and after the last
 STEADY = 0.05  # change of the peak-to-peak displacement from cycle to cycle
 
 
@@ -111,7 +112,8 @@ def loops_of_series(series: Series) -> tuple[LoopSet, tuple[Note, ...]]:
     """Cut a long record into cycles, numbered from 1; each is a loop of its own without repeats.
 
     A cycle lasts from one passage of the displacement upwards through its middle to the next. A record
-    that ends near where it began and has no such cycle within is one loop.
+    that ends near where it began and has no such cycle within is one loop; one that is a few whole cycles, all
+    alike, is cut from its beginning instead, where those within it leave out more than a quarter.
 
     Raises
     ------
@@ -146,14 +148,27 @@ def loops_of_series(series: Series) -> tuple[LoopSet, tuple[Note, ...]]:
 
 def _cuts(series: Series) -> Array:
     """Return where (n,), in samples, the cycles begin and the last one ends."""
-    cuts = p.cycle_cuts(series.channels["displacement"])
-    return np.array([0.0, series.rows]) if len(cuts) < 2 and _is_loop(series) else cuts
+    pushed = [values for name, values in series.channels.items() if name in FORCES]
+    cuts = cycle_bounds(series.channels["displacement"], *pushed)
+    if len(cuts) < 2 and series.rows >= SHORTEST and closes(series.channels["displacement"], *pushed):
+        return np.array([0.0, series.rows])
+    return cuts
 
 
-def _is_loop(series: Series) -> bool:
-    """Return whether the record as a whole is one loop."""
-    return series.rows >= SHORTEST and closes(*(
-        values for name, values in series.channels.items() if name in ("displacement", *FORCES)))
+def cycle_bounds(displacement: Array, *forces: Array) -> Array:
+    """Return where (n,), in samples, the cycles of a record (T,) begin and the last ends: at passages of its middle.
+
+    Of a record that is a few whole cycles, all alike, these may leave out half; it is cut from its beginning then.
+    """
+    cuts, rows = p.cycle_cuts(displacement), len(displacement)
+    if len(cuts) < 2 or cuts[-1] - cuts[0] >= (1.0 - MOST_UNREAD) * rows or not closes(displacement, *forces):
+        return cuts
+    count = rows / float(np.median(np.diff(cuts)))
+    if abs(count - round(count)) > WHOLE * count:
+        return cuts
+    whole = np.linspace(0.0, rows, round(count) + 1)
+    reach = np.ptp(_sampled(displacement, whole, round(rows / count)), axis=1)
+    return whole if np.ptp(reach) < STEADY * reach.max() else cuts
 
 
 def closes(*channels: Array) -> bool:

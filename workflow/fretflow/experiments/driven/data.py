@@ -23,7 +23,7 @@ from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 from fretflow.recordings.loopset import FORCES, LoopSet, Series
 from fretflow.recordings.readings import SAME_REACH
 from fretflow.recordings.recording import Recording
-from fretflow.recordings.series import closes
+from fretflow.recordings.series import closes, cycle_bounds
 from fretflow.structure.motion import FEWEST, Motion, measure
 from fretflow.structure.sensors import BACKWARDS
 
@@ -151,7 +151,7 @@ def _of_series(kind: RecordingKind, series: Series) -> DrivenData:
     if group > 1:  # means of groups would round off the corners of a loop, as no slider does
         x, force, usable, step = x[::group], force[::group], usable[::group], step * group
         notes.append(f"series: every row of {group} is used, as the record is longer than {MOST_ROWS:,} rows")
-    cuts = p.cycle_cuts(x)
+    cuts = cycle_bounds(x, force)
     if len(cuts) < 2 and kind is IMPOSED_DISPLACEMENT and closes(x, force):
         closed = _closed(kind, [(1, x, force)], [step], series.time is not None)
         return replace(closed, notes=(*notes, *closed.notes))

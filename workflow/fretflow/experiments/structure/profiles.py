@@ -78,7 +78,7 @@ class ProfileExperiment(Experiment):
     @property
     def _modulus(self) -> float:
         own = self.recording.contact
-        return 0.5 * own.elastic_modulus / (1.0 - own.poisson_ratio**2)
+        return 0.5 * own.youngs_modulus / (1.0 - own.poissons_ratio**2)
 
     def first_prediction(self) -> Prediction:
         """Return what the baseline predicts in the middle of its ranges."""

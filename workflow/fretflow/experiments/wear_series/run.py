@@ -169,7 +169,7 @@ def _of_law(search: WearSearch, fit: Fit, powers: tuple[str, ...], rivals: Seque
             made: Sequence[Estimate]) -> list[str]:
     """Return what limits a named law: rivals, exponents out of range, another growth of the scatter."""
     notes = [f"powers of {listed(one.law.powers)} instead of {listed(powers)} explain "
-             f"{100.0 * one.search.explained(one.names):.0f} %, about as well" for one in rivals]
+             f"{100.0 * one.search.explained(one.names):.0f} %, and are not ruled out" for one in rivals]
     notes += implausible(made)
     known = {one.name: one for one in made if one.name.endswith("_exponent")}
     for power, told in ((0.0, "in proportion to the volume"), (1.0, "not at all with the volume")) if known else ():

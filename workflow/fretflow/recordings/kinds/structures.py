@@ -191,8 +191,7 @@ def _is_in_matrices(matrices: StructureMatrices, own: StructureSection) -> bool:
 
 def _implausible(known: Mapping[str, float]) -> list[Note]:
     modulus = "Pa", "specimen.youngs_modulus"
-    keys = {"friction_coefficient": ("1", "contact.friction_coefficient"), "youngs_modulus": modulus,
-            "elastic_modulus": modulus}
+    keys = {"friction_coefficient": ("1", "contact.friction_coefficient"), "youngs_modulus": modulus}
     return [Note("structure", said) for name, key in keys.items() if name in known
             for said in beyond(name, known[name], *key)]
 
@@ -226,7 +225,7 @@ def _worn(path: Path, file: StructureFile, contact: LineContactSection, folder: 
     low, high = file.structure.unknown.friction_coefficient or TYPICAL["friction_coefficient"]
     notes = [Note(name, "is not compared for a line contact") for name in ("backbone", "frf", "ring_down")
              if getattr(file, name)]
-    notes += _implausible({"elastic_modulus": contact.elastic_modulus,
+    notes += _implausible({"youngs_modulus": contact.youngs_modulus,
                            **({} if given is None else {"friction_coefficient": float(given)})})
     return WornRecording(path=path, title=file.title or name_of(path), contact=contact, profiles=profiles, areas=areas,
                          friction=(low, high) if given is None else (given, given), notes=tuple(notes))

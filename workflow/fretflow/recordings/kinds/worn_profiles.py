@@ -5,8 +5,8 @@
     [structure.line_contact]            # a cylinder on a flat, in place of matrices and mesh
     radius = "80 mm"
     load = "1066 N/mm"                  # per length
-    elastic_modulus = "114 GPa"         # of both bodies
-    poisson_ratio = 0.34
+    youngs_modulus = "114 GPa"          # of both bodies
+    poissons_ratio = 0.34
     [[profile]]                         # or [profile]; total depth of both bodies across the scar
     file = "profile.csv"
     cycles = 5000
@@ -26,10 +26,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.integrate import trapezoid
 
 from fretflow.case.config import Section
@@ -40,6 +40,7 @@ from fretflow.recordings.kinds.structure_columns import TABLE, StructureColumn, 
 from fretflow.recordings.readers.tables import Table, read_table
 
 SAME_PLACE = 1e-6  # of a map's length, which digits of a file may differ by
+EARLIER = {"elastic_modulus": "youngs_modulus", "poisson_ratio": "poissons_ratio"}  # names that files still have
 FEWEST_PLACES = 5  # of a profile: two edges, a middle and what lies between
 
 
@@ -48,8 +49,16 @@ class LineContactSection(Section):
 
     radius: u.Length = Field(description="of the cylinder")
     load: Annotated[float, number("N/m")] = Field(gt=0.0, description="normal load per length")
-    elastic_modulus: u.Pressure = Field(description="of both bodies")
-    poisson_ratio: float = Field(ge=0.0, lt=0.5, description="of both bodies")
+    youngs_modulus: u.Pressure = Field(description="of both bodies")
+    poissons_ratio: float = Field(ge=0.0, lt=0.5, description="of both bodies")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _under_earlier_names(cls, given: Any) -> Any:
+        """Take what stands under an earlier name, unless it stands under both."""
+        if not isinstance(given, dict):
+            return given
+        return {EARLIER[key] if key in EARLIER and EARLIER[key] not in given else key: given[key] for key in given}
 
 
 class WearCondition(Section):

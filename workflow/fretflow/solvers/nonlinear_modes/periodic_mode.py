@@ -176,7 +176,8 @@ def _respond(eigenvalues: Array, pull: Complex, square: float, loss: float, own:
     order = np.arange(len(pull))[:, None]
     impedance = eigenvalues - order**2 * square - 1j * order * loss
     impedance[1, own] = eigenvalues[own]
-    return np.asarray(eigenvalues * pull / impedance)
+    load = eigenvalues * pull  # none on a mode of the same frequency, as of a round or square body, leaves it at rest
+    return np.divide(load, impedance, out=np.zeros(load.shape, dtype=complex), where=load != 0.0)
 
 
 def _as_mode(massless: MasslessJoint, amplitude: float, y: Complex, path: Array, history: StaticHistory,
