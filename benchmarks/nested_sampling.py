@@ -26,36 +26,36 @@ LIVE = 100
 MOST = 3  # sets, the most probable
 
 
-def sampled(found: Search, names: Names) -> tuple[float, float]:
+def sampled(search: Search, names: Names) -> tuple[float, float]:
     """Return the log evidence of a fitted set by nested sampling, and its error."""
-    fit, prior = found.fits[names], found.prior(names)
-    formed, chance = (found.formed(names) if names else None), found.by_chance(names)
+    fit, prior = search.fits[names], search.prior(names)
+    formed, chance = (search.formed(names) if names else None), search.by_chance(names)
     blind = replace(fit, jacobian=np.zeros_like(fit.jacobian))
 
     def log_density(z: np.ndarray) -> float:
         try:
-            prediction = found.fitter.experiment.predict(Point(fit.parameters, z), fit.prediction)
+            prediction = search.fitter.experiment.predict(Point(fit.parameters, z), fit.prediction)
         except NonConvergenceError:
             return -1e300
-        return found.discrepancy.evidence(replace(blind, prediction=prediction), formed, chance).averaged(prior)
+        return search.discrepancy.evidence(replace(blind, prediction=prediction), formed, chance).averaged(prior)
 
     sampler = dynesty.NestedSampler(log_density, norm.ppf, len(fit.z), nlive=LIVE, sample="rslice",
                                     rstate=np.random.default_rng(0))
     sampler.run_nested(dlogz=0.1, print_progress=False)
-    cost = sum(found.experiment.choice(name) for name in names)  # of the laws that effects chose among
+    cost = sum(search.experiment.choice(name) for name in names)  # of the laws that effects chose among
     return float(sampler.results.logz[-1]) - cost, float(sampler.results.logzerr[-1])
 
 
 def main(recording: str, *sets: str) -> None:
     """Print both for the sets."""
-    found = searched(driven_data(read_recording(Path(recording))), True, lambda share, text: None)
+    search = searched(driven_data(read_recording(Path(recording))), True, lambda share, text: None)
     asked = [frozenset(one.split("+")) for one in sets] or [
-        frozenset(), *sorted(found.fits, key=lambda names: -found.log_evidence(names))[:MOST]]
+        frozenset(), *sorted(search.fits, key=lambda names: -search.log_evidence(names))[:MOST]]
     print("| set | parameters | linear | nested sampling | error |\n|---|---|---|---|---|")
     for names in dict.fromkeys(asked):
-        value, error = sampled(found, names)
-        print(f"| {' + '.join(sorted(names)) or 'none'} | {len(found.fits[names].z)} | "
-              f"{found.log_evidence(names):.2f} | {value:.2f} | {error:.2f} |", flush=True)
+        value, error = sampled(search, names)
+        print(f"| {' + '.join(sorted(names)) or 'none'} | {len(search.fits[names].z)} | "
+              f"{search.log_evidence(names):.2f} | {value:.2f} | {error:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

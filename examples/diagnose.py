@@ -47,17 +47,17 @@ def main(folder: Path) -> None:
     plain = ff.diagnose(ff.read_recording(make_recording(folder / "plain", 0.0)))
     assert plain.verdict.value == "none"
 
-    found = ff.diagnose(ff.read_recording(make_recording(folder / "loose", PLAY)))
-    assert found.verdict.value == "named"
-    assert found.effects == ("backlash",)
-    assert found.probability > 0.5  # more than all other explanations together, those beyond the catalogue among them
-    play = next(one for one in found.parameters if one.name.startswith("backlash."))
+    diagnosis = ff.diagnose(ff.read_recording(make_recording(folder / "loose", PLAY)))
+    assert diagnosis.verdict.value == "named"
+    assert diagnosis.effects == ("backlash",)
+    assert diagnosis.probability > 0.5  # more than all other explanations together, those beyond the catalogue too
+    play = next(one for one in diagnosis.parameters if one.name.startswith("backlash."))
     assert abs(play.value / PLAY - 1.0) < 0.05
     assert play.unit == "m"
 
-    found.to_html(folder / "report.html")
-    found.to_json(folder / "diagnosis.json")
-    found.plot().savefig(folder / "loops.png")
+    diagnosis.to_html(folder / "report.html")
+    diagnosis.to_json(folder / "diagnosis.json")
+    diagnosis.plot().savefig(folder / "loops.png")
     assert json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))["effects"] == ["backlash"]
 
 

@@ -45,11 +45,11 @@ def main() -> None:
             displacement = { column = "x_um", unit = "um" }
             force = { column = "force_N", unit = "N" }
             """, encoding="utf-8")
-        found = ff.diagnose(ff.read_recording(folder))
+        diagnosis = ff.diagnose(ff.read_recording(folder))
 
-    assert found.verdict.value == "named"
-    assert found.effects == ("friction-bump",)
-    height = next(one for one in found.parameters if one.name == "friction-bump.height")
+    assert diagnosis.verdict.value == "named"
+    assert diagnosis.effects == ("friction-bump",)
+    height = next(one for one in diagnosis.parameters if one.name == "friction-bump.height")
     assert abs(height.value - 0.3) < 0.03
     assert height.low < 0.3 < height.high  # 90 % interval
 

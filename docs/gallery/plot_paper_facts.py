@@ -42,10 +42,10 @@ models["18 kg, K_w / 10, hollow faces"] = Hypothesis(mass=1.8, wear=0.1, effects
 def distance(fact, test):
     """Return the distance of a fact in standard deviations; nan where a model does not show it."""
     try:
-        found = quantity_of(fact, file.cycles_of(fact), test)
+        value = quantity_of(fact, file.cycles_of(fact), test)
     except ff.NonConvergenceError:  # no resonance in the range that is searched
-        found = None
-    return np.nan if found is None else fact.distance(found)
+        value = None
+    return np.nan if value is None else fact.distance(value)
 
 
 def distances(hypothesis):

@@ -54,33 +54,33 @@ print(plain.verdict)
 # %%
 # The second is not, and the play is named, with its size and a 90 % interval.
 
-found = ff.diagnose(make_recording(Path("runs/loose"), PLAY))
-print(found.verdict, *found.effects, f"at probability {found.probability:.3f}")
-for one in found.parameters:
+diagnosis = ff.diagnose(make_recording(Path("runs/loose"), PLAY))
+print(diagnosis.verdict, *diagnosis.effects, f"at probability {diagnosis.probability:.3f}")
+for one in diagnosis.parameters:
     print(f"{one.name:24} {one.value:10.3g}  ({one.low:.3g} to {one.high:.3g}) {one.unit}")
 
 # %%
 # What was held out, measured and predicted with and without it:
 
-found.plot()
+diagnosis.plot()
 
 # %%
 # What is read off the loops, cycle by cycle. Readings scatter with the noise, which the models' loops have not: the
 # sliding distance by half a micrometre, as ``./fretflow loops runs/loose`` tells.
 
-found.plot("evolution")
+diagnosis.plot("evolution")
 
 # %%
 # And the posterior of the parameters: a stiffer spring with more play explains nearly the same, so that the two are
 # known together better than each alone.
 
-found.plot("parameters")
+diagnosis.plot("parameters")
 
 # %%
 # The report holds all of it on one page, the JSON the same as numbers.
 
-found.to_html("runs/report.html")
-found.to_json("runs/diagnosis.json")
+diagnosis.to_html("runs/report.html")
+diagnosis.to_json("runs/diagnosis.json")
 print(*(f"{file}: {Path(file).stat().st_size // 1000} kB" for file in ("runs/report.html", "runs/diagnosis.json")))
 
 # %%

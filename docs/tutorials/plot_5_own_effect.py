@@ -59,14 +59,14 @@ force = { column = "force_N", unit = "N" }
 # %%
 # Its diagnosis names it; 0.3 and 1.5 µm were put in.
 
-found = ff.diagnose(recording)
-print(found.verdict, *found.effects, f"at probability {found.probability:.3f}")
-for one in found.parameters:
+diagnosis = ff.diagnose(recording)
+print(diagnosis.verdict, *diagnosis.effects, f"at probability {diagnosis.probability:.3f}")
+for one in diagnosis.parameters:
     if one.name.startswith("friction-bump"):
         print(f"{one.name:22} {one.value:.3g}  ({one.low:.3g} to {one.high:.3g}) {one.unit}")
 
 # %%
-found.plot()
+diagnosis.plot()
 
 # %%
 # An effect that acts in the rig overrides `period`, which returns a changed problem; one that acts over cycles `evolve`
