@@ -50,14 +50,14 @@ def row(nodes: int, harmonics: int, force: float) -> tuple[str, ...]:
     head = (str(harmonics), str(size))
     try:
         near = solver.solve(problem.vary(amplitude=NEARBY * force))
-        cold, found = timed(lambda: solver.solve(problem))
+        cold, solution = timed(lambda: solver.solve(problem))
         warm, _ = timed(lambda: solver.solve(problem, near))
     except NonConvergenceError as error:
         return (*head, str(error), "", "", "", "", "")
     dense = factorisation(size)
-    slips = float(np.mean(found.state == ContactState.SLIP))
-    return (*head, f"{slips:.0%}", str(len(found.residual_history) - 1), f"{cold:.2f}", f"{warm:.2f}", f"{dense:.2f}",
-            f"{cold / dense:.2f}, {warm / dense:.2f}")
+    slips = float(np.mean(solution.state == ContactState.SLIP))
+    return (*head, f"{slips:.0%}", str(len(solution.residual_history) - 1), f"{cold:.2f}", f"{warm:.2f}",
+            f"{dense:.2f}", f"{cold / dense:.2f}, {warm / dense:.2f}")
 
 
 def main() -> None:

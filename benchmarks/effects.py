@@ -33,8 +33,8 @@ SETS = (("velocity-dependent-friction", "contact-stiffness", "normal-load-coupli
 
 def cpu(call):
     begin = time.process_time()
-    found = call()
-    return time.process_time() - begin, found
+    result = call()
+    return time.process_time() - begin, result
 
 
 def problem_of(elements, folder):
@@ -65,11 +65,11 @@ def main():
 def measure(case, model, plain, repeats):
     solver, slow = make_solver(case.solver), model.initial()
     times = [cpu(lambda: solver.solve(model.problem(slow))) for _ in range(repeats)]
-    own, found = statistics.median(seconds for seconds, _ in times), times[-1][1]
+    own, period = statistics.median(seconds for seconds, _ in times), times[-1][1]
     print(f"{' + '.join(one.id for one in model.effects):<75} {own:.2f} s, {own / plain:.2f} of the baseline")
     parameters = [(one.id, name) for one in model.effects for name in one.priors() if getattr(one, name) is not None]
     seconds, _ = cpu(lambda: sensitivities(
-        model.problem(slow), found, [effect_direction(model, slow, found, *one) for one in parameters],
+        model.problem(slow), period, [effect_direction(model, slow, period, *one) for one in parameters],
         case.solver.resolved_harmonics))
     print(f"{'':<8}derivatives by their {len(parameters)} parameters: {seconds:.2f} s")
 

@@ -118,8 +118,8 @@ def main() -> None:
     table, lines = Table(*COLUMNS, title=f"growth, {given.force:g} N"), []
     for what in given.what:
         for harmonics in given.harmonics if what == "dlft" else given.harmonics[:1]:
-            found = {nodes: measure(what, nodes, harmonics, given.force, given.limit) for nodes in given.nodes}
-            lines += rows(what, harmonics if what == "dlft" else None, found)
+            series = {nodes: measure(what, nodes, harmonics, given.force, given.limit) for nodes in given.nodes}
+            lines += rows(what, harmonics if what == "dlft" else None, series)
             if given.write:
                 given.write.write_text(markdown(f"Growth, {given.force:g} N", COLUMNS, lines))
     for line in lines:

@@ -22,12 +22,12 @@ def markdown(title: str, columns: Sequence[str], lines: Sequence[Sequence[str]])
     return "\n".join([*head, *(f"| {' | '.join(line)} |" for line in lines)]) + "\n"
 
 
-def rows(what: str, harmonics: int | None, found: Mapping[int, Figures | str]) -> list[tuple[str, ...]]:
+def rows(what: str, harmonics: int | None, series: Mapping[int, Figures | str]) -> list[tuple[str, ...]]:
     """Return the table's rows of one series, figures by nodes or why there are none; those are not fitted."""
-    done = {nodes: figures for nodes, figures in found.items() if not isinstance(figures, str)}
+    done = {nodes: figures for nodes, figures in series.items() if not isinstance(figures, str)}
     power = exponent(list(done), [figures["seconds"] for figures in done.values()])
     lines = []
-    for nodes, figures in found.items():
+    for nodes, figures in series.items():
         head = (what, "" if harmonics is None else str(harmonics), str(nodes))
         if isinstance(figures, str):
             lines.append((*head, figures, "", "", "", ""))

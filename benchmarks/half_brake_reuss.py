@@ -127,9 +127,9 @@ class Fit:
         starts = [self.low + share * (self.high - self.low) for share in (0.4, 0.6)]
         starts += [np.clip(np.log([one.get(name, LEAST.get(name)) for name in self.names]), self.low + 1e-6,
                            self.high - 1e-6) for one in known]
-        found = [least_squares(safe, start, bounds=(self.low, self.high),
-                               diff_step=3e-3, max_nfev=12, loss="soft_l1", f_scale=3.0) for start in starts]
-        best = min(found, key=lambda one: one.cost)
+        fits = [least_squares(safe, start, bounds=(self.low, self.high),
+                              diff_step=3e-3, max_nfev=12, loss="soft_l1", f_scale=3.0) for start in starts]
+        best = min(fits, key=lambda one: one.cost)
         return self.values(best.x), 2.0 * best.cost
 
 
@@ -170,19 +170,19 @@ def told(values):
 def tabled(name):
     """Return the values that the two tables of the page have of a hypothesis: of the decay, of the responses."""
     rows = [line.split("|") for line in Path(__file__).with_suffix(".md").read_text().splitlines()]
-    found = []
+    columns = []
     for cells in (row for row in rows if len(row) > 2 and row[1].strip() == name):
         values = {}
         for key, text in zip(BASELINE | HYPOTHESES[name], cells[-2].split(","), strict=False):
             number = next(float(word) for word in text.split() if word[0].isdigit())
             values[key] = number / UNITS[key][0]
-        found.append(values)
-    return found[:2]
+        columns.append(values)
+    return columns[:2]
 
 
-def simpler(name, found):
+def simpler(name, values_by_name):
     """Return the values found for hypotheses of fewer terms than `name`."""
-    return [values for other, values in found.items() if set(HYPOTHESES[other]) < set(HYPOTHESES[name])]
+    return [values for other, values in values_by_name.items() if set(HYPOTHESES[other]) < set(HYPOTHESES[name])]
 
 
 def decay_row(name, known):
@@ -214,12 +214,12 @@ def resonances(values):
     """Return level (m/s^2), measured and predicted place (Hz) and force (N) of resonances with the response held."""
     curve = backbone(values, GRID)
     gain = np.exp(scale(curve, responses("force")))
-    found = []
+    rows = []
     for frequency, force, acceleration in responses("response"):
         own = needed(curve, frequency, acceleration) / gain
         here, there = int(np.argmin(own)), int(np.argmin(force))
-        found.append((acceleration.mean(), frequency[there], frequency[here], force[there], own[here]))
-    return np.array(found).T
+        rows.append((acceleration.mean(), frequency[there], frequency[here], force[there], own[here]))
+    return np.array(rows).T
 
 
 def forced_row(name, known):
@@ -251,15 +251,15 @@ def hammer_row(name):
 
     fixed = {"bolt_load": 8e3, "friction": 0.4, "damping": 1e-3}
     if not more:
-        found = bending(fixed)
+        frequencies = bending(fixed)
     else:
         (key, (low, high)), = list(more.items())[:1]
         tried = [(value, bending(fixed | {key: value})) for value in np.geomspace(low, high, 25)]
-        value, found = min(tried, key=lambda one: np.sum((one[1][:2] / HAMMER[:2] - 1.0)**2))
+        value, frequencies = min(tried, key=lambda one: np.sum((one[1][:2] / HAMMER[:2] - 1.0)**2))
         fixed |= {key: value}
     print(f"| {name} | {told({k: v for k, v in fixed.items() if k in more}) or '-'} | "
-          + " | ".join(f"{f:.1f} ({100.0 * (f / m - 1.0):+.1f} %)" for f, m in zip(found, HAMMER, strict=True)) + " |",
-          flush=True)
+          + " | ".join(f"{f:.1f} ({100.0 * (f / m - 1.0):+.1f} %)" for f, m in zip(frequencies, HAMMER, strict=True))
+          + " |", flush=True)
 
 
 def draw(folder):
@@ -295,11 +295,11 @@ def draw(folder):
 def main():
     """Print the three tables."""
     print("| faces | cost of 10 | fitted, % | predicted, % | damping | rises | found |\n|---|---|---|---|---|---|---|")
-    found, held = {}, {}
+    decay_values, held = {}, {}
     for name in HYPOTHESES:
-        found[name] = decay_row(name, simpler(name, found))
+        decay_values[name] = decay_row(name, simpler(name, decay_values))
     print("\n| faces | cost of 164 | resonance, % | force, % | found |\n|---|---|---|---|---|")
-    for name, values in found.items():
+    for name, values in decay_values.items():
         held[name] = forced_row(name, [values, *simpler(name, held)])
     print("\n| faces | found | mode 1 | mode 2 | mode 3, predicted | mode 4, predicted |\n|---|---|---|---|---|---|")
     for name in ("plane faces", "asperity springs", "humped faces"):

@@ -30,13 +30,13 @@ def row(solver: QuasiStaticSolver, nodes: int, force: float) -> tuple[str, ...]:
     """Return a line of the table."""
     given = problem(nodes, force, PeriodicMethod.QUASI_STATIC)
     try:
-        cold, found = timed(lambda: solver.solve(given))
+        cold, first = timed(lambda: solver.solve(given))
         near = solver.solve(given.vary(amplitude=NEARBY * force))
         warm, again = timed(lambda: solver.solve(given, near))
     except NonConvergenceError as error:
         return f"{force:g}", str(error), "", "", "", ""
-    slips = float(np.mean(found.state == ContactState.SLIP))
-    iterations = [str(len(solution.residual_history) - 1) for solution in (found, again)]
+    slips = float(np.mean(first.state == ContactState.SLIP))
+    iterations = [str(len(solution.residual_history) - 1) for solution in (first, again)]
     return (f"{force:g}", f"{slips:.0%}", f"{cold:.2f}", f"{warm:.2f}", ", ".join(iterations),
             "yes" if cold <= COLD and warm <= WARM else "no")
 

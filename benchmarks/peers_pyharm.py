@@ -113,9 +113,9 @@ def main():
     once = best(both, int(problem["repeats"]))
     # of its solvers the fastest here: its default, MINPACK's hybr, took as long with 36 nodes and far longer with 121
     solver = Solver_NewtonRaphson(residual, jacobian, {"tol_residual": 1e-9, "tol_delta_x": 1e-9, "max_iter": 200})
-    begun = time.process_time()
+    start_time = time.process_time()
     solution = solver.Solve(SystemSolution(start), [])
-    solved = time.process_time() - begun
+    solved = time.process_time() - start_time
     x = solution.x_red
     np.savez(sys.argv[2], once=once, solved=solved, residual=np.linalg.norm(residual(x)), iterations=solution.iter_numb,
              force=contact_forces(system, problem, x), unknowns=x.size,

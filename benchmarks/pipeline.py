@@ -61,11 +61,11 @@ def periods(case: Case, reduced: Path) -> list[tuple[str, str, str]]:
         rows.append((f"period at {force:.0f} N, from zero", f"{cold:.2f} s", "3 s"))
         rows.append((f"period at {force:.0f} N, from its neighbour", f"{warm:.2f} s", "1 s"))
         dlft = DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False))
-        own, found = best(lambda p=problem, s=dlft: s.solve(p))
+        own, period = best(lambda p=problem, s=dlft: s.solve(p))
         size = 7 * 3 * problem.interface.size
         dense = np.random.default_rng(0).normal(size=(size, size)) + size * np.eye(size)
         factor, _ = best(lambda m=dense: lu_factor(m))
-        rows.append((f"DLFT period at {force:.0f} N, {len(found.residual_history)} iterations",
+        rows.append((f"DLFT period at {force:.0f} N, {len(period.residual_history)} iterations",
                      f"{own:.2f} s, {own / factor:.2f} of a dense LU of {size}", "1 of it"))
     return rows
 

@@ -26,14 +26,14 @@ def main() -> None:
           "frequency | of damping ratio |\n|---|---|---|---|---|---|---|")
     asked = np.geomspace(2e-6, 1e-4, POINTS)
     for size in SIZES:
-        begun = time.process_time()
+        start = time.process_time()
         structure = ff.reduce_structure(lap_beam(size))
-        reduced = time.process_time() - begun
+        reduced = time.process_time() - start
         for words, springs in (("rigid", None), ("springs", np.full(3 * size, 2e-9 * size / 25.0))):
             joint = ff.BoltedJoint(structure=structure, law=ff.Coulomb(0.45), bolt_load=6e3, springs=springs)
             mode = joint.linear_modes(1)[0]
             ff.quasi_static_backbone(joint, mode, asked[:1])  # compiled
-            begun = time.process_time()
+            start = time.process_time()
             static = ff.quasi_static_backbone(joint, mode, asked)
             middle = time.process_time()
             periodic = ff.follow_mode(joint, mode, np.sort(static.amplitude), tolerance=1e-4)
@@ -41,7 +41,7 @@ def main() -> None:
             order = np.argsort(static.amplitude)
             frequency = np.max(np.abs([one.frequency for one in periodic] / static.frequency[order] - 1.0))
             damping = np.max(np.abs([one.damping for one in periodic] - static.damping[order]))
-            print(f"| {size} | {words} | {reduced:.2f} | {1e3 * (middle - begun) / POINTS:.1f} | "
+            print(f"| {size} | {words} | {reduced:.2f} | {1e3 * (middle - start) / POINTS:.1f} | "
                   f"{1e3 * (end - middle) / POINTS:.0f} | {100.0 * frequency:.2f} % | {damping:.1e} |")
 
 

@@ -41,9 +41,9 @@ period = ff.solve_periodic(problem, harmonics=21, samples=512, tolerance=1e-8)
 few = ff.solve_periodic(problem, "dlft", harmonics=31, samples=512)
 history = settle(problem, period, (3, 20), 1024, 1e-4)  # no Fourier series in it
 swing = np.ptp(history.of_period(history.outputs["tip"]))
-for name, found in (("quasi-static", period), ("DLFT", few)):
-    moved = np.ptp(found.output("tip"))
-    print(f"{name}: tip moves {1e6 * moved:.2f} µm, {1e3 * found.dissipated_energy:.3f} mJ a cycle")
+for name, solution in (("quasi-static", period), ("DLFT", few)):
+    moved = np.ptp(solution.output("tip"))
+    print(f"{name}: tip moves {1e6 * moved:.2f} µm, {1e3 * solution.dissipated_energy:.3f} mJ a cycle")
     assert abs(moved / swing - 1.0) < 0.01
 print(f"in time: tip moves {1e6 * swing:.2f} µm, {1e3 * history.dissipated_energy[-1]:.3f} mJ a cycle")
 
@@ -87,4 +87,4 @@ period, few = (ff.solve_periodic(soft, method, harmonics=15, samples=256, tolera
 history = settle(soft, period, (2, 6), 512, 1e-4)
 for name in ("0", "1", "2"):
     swing = np.ptp(history.of_period(history.outputs[name]))
-    assert all(abs(np.ptp(found.output(name)) / swing - 1.0) < 0.01 for found in (period, few))
+    assert all(abs(np.ptp(solution.output(name)) / swing - 1.0) < 0.01 for solution in (period, few))

@@ -16,23 +16,23 @@ CASE = Path(__file__).with_name("quick.toml")
 def main(out: Path) -> None:
     """Run the case to the wear of its faces, with its results in `out`."""
     case = ff.load_case(CASE)
-    found = ff.run(case, out, until="wear", progress=lambda share, text: print(f"{share:4.0%} {text}"))
+    results = ff.run(case, out, until="wear", progress=lambda share, text: print(f"{share:4.0%} {text}"))
 
-    unworn = found.loops.sel(cycles=0)  # xarray: dimension phase, displacement in m, force in N
+    unworn = results.loops.sel(cycles=0)  # xarray: dimension phase, displacement in m, force in N
     limit = case.contact.friction_coefficient * case.test.normal_load
     assert abs(float(unworn.friction_force.max()) / limit - 1.0) < 0.01  # it slides
 
-    load = float((found.maps.mean_pressure * found.maps.area).sel(cycles=0).sum())  # Pa m^2
+    load = float((results.maps.mean_pressure * results.maps.area).sel(cycles=0).sum())  # Pa m^2
     assert abs(load / case.test.normal_load - 1.0) < 1e-6
 
-    volume = float(found.wear.volume[-1])  # m^3; Archard: all work of friction at one coefficient wears
-    energy = float(found.wear.energy[-1])
+    volume = float(results.wear.volume[-1])  # m^3; Archard: all work of friction at one coefficient wears
+    energy = float(results.wear.energy[-1])
     archard = case.wear.coefficient * energy / case.contact.friction_coefficient
     assert abs(volume / archard - 1.0) < 0.02
-    assert found.summary["wear volume"].value == volume
+    assert results.summary["wear volume"].value == volume
 
-    assert np.allclose(found.maps.stick + found.maps.slip + found.maps.separation, 1.0)
-    found.plot().savefig(out / "quick.png")
+    assert np.allclose(results.maps.stick + results.maps.slip + results.maps.separation, 1.0)
+    results.plot().savefig(out / "quick.png")
     assert (out / "quick.png").stat().st_size > 10_000
 
 

@@ -18,10 +18,10 @@ figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for label, chosen in settings.items():
     solver = type(case.solver).model_validate(chosen)
     changed = case.model_copy(update={"name": "quick-driven", "test": test, "solver": solver})
-    found = ff.run(changed, "runs", until="solve")
-    loop = found.loops.sel(cycles=0)
+    results = ff.run(changed, "runs", until="solve")
+    loop = results.loops.sel(cycles=0)
     loop = loop.isel(phase=[*range(loop.sizes["phase"]), 0])
-    error = found.periods[0].error_estimate
+    error = results.periods[0].error_estimate
     axes.plot(1e6 * loop.face_displacement, loop.friction_force, label=f"{label}, states {100 * error:.1f} %")
 axes.set(xlabel="displacement of the faces in µm", ylabel="friction force in N")
 axes.legend()

@@ -11,13 +11,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.tri import Triangulation
 
-found = ff.run("../../examples/quick.toml", "runs", until="solve")
-period, areas = found.periods[0], found.areas
+results = ff.run("../../examples/quick.toml", "runs", until="solve")
+period, areas = results.periods[0], results.areas
 slip = np.diff(period.displacement[:, :, :2], axis=0, prepend=period.displacement[-1:, :, :2])
 work = -np.sum(period.force[:, :, :2] * slip, axis=(0, 2))  # J a cycle at each node
 
 figure, axes = plt.subplots(figsize=(5.5, 4), layout="constrained")
-shown = axes.tripcolor(Triangulation(*(1e3 * found.nodes.T)), 1e-3 * work / areas, cmap="inferno", shading="gouraud")
+shown = axes.tripcolor(Triangulation(*(1e3 * results.nodes.T)), 1e-3 * work / areas, cmap="inferno", shading="gouraud")
 axes.set(aspect="equal", xlabel="x in mm, sliding direction", ylabel="y in mm",
          title=f"in all {1e3 * work.sum():.2f} mJ a cycle")
 figure.colorbar(shown, ax=axes, label="work in mJ/mm² a cycle")

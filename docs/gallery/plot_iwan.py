@@ -26,14 +26,14 @@ structure = ff.StructureMatrices(
     preload=preload, inputs={"head": head}, outputs={"head": head})
 joint = ff.BoltedJoint(structure=ff.reduce_structure(structure), law=ff.Coulomb(1.0), bolt_load=1.0)
 mode = joint.linear_modes(1)[0]
-found = ff.quasi_static_backbone(joint, mode, np.geomspace(0.03, 0.6, 15) * LONGEST * np.sqrt(MASS))
+backbone = ff.quasi_static_backbone(joint, mode, np.geomspace(0.03, 0.6, 15) * LONGEST * np.sqrt(MASS))
 
 x = np.geomspace(0.02, 0.8, 100) * LONGEST
 density = TOTAL / LONGEST
 work, stiffness = 2.0 / 3.0 * density * x**3, GROUND + TOTAL - 0.5 * density * x
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 axes.loglog(1e6 * x, 100.0 * work / (2.0 * np.pi * stiffness * x**2), label="closed form")
-axes.loglog(1e6 * found.amplitude / np.sqrt(MASS), 100.0 * found.friction_damping, "o", label="60 sliders")
+axes.loglog(1e6 * backbone.amplitude / np.sqrt(MASS), 100.0 * backbone.friction_damping, "o", label="60 sliders")
 axes.set(xlabel="amplitude in µm", ylabel="damping ratio in %")
 axes.set_xticks((2, 5, 10, 20, 50), (2, 5, 10, 20, 50))
 axes.set_yticks((0.1, 0.3, 1, 3), (0.1, 0.3, 1, 3))

@@ -8,9 +8,9 @@ Amplitude of the moving mass over frequency at 75 N, about the in-phase sliding 
 import fretflow as ff
 import matplotlib.pyplot as plt
 
-found = ff.run("../../examples/quick.toml", "runs", until="response")
+results = ff.run("../../examples/quick.toml", "runs", until="response")
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-for (name, curve), line in zip(found.curves.items(), ("-", "--"), strict=True):
+for (name, curve), line in zip(results.curves.items(), ("-", "--"), strict=True):
     axes.loglog(curve.frequency, 1e6 * curve.amplitude, line, label=name)
 axes.set(xlabel="frequency in Hz", ylabel="amplitude in µm")
 axes.set_xticks((20, 40, 100, 200), (20, 40, 100, 200))

@@ -12,12 +12,12 @@ import matplotlib.pyplot as plt
 case = ff.load_case("../../examples/quick.toml")
 output = case.output.model_copy(update={"loop_cycles": (500, 1_000, 2_000, 4_000, 8_000, 14_000)})
 run_in = {"friction-run-in": {"initial": 0.4, "energy": "20 J"}}
-found = ff.run(case.model_copy(update={"name": "run-in", "effects": run_in, "output": output}), "runs", until="wear")
+results = ff.run(case.model_copy(update={"name": "run-in", "effects": run_in, "output": output}), "runs", until="wear")
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4), layout="constrained")
-cycles, friction = found.loops.cycles.values, []
+cycles, friction = results.loops.cycles.values, []
 for number in cycles:
-    loop = found.loops.sel(cycles=number)
+    loop = results.loops.sel(cycles=number)
     readings = ff.read_loop(ff.HysteresisLoop(displacement=loop.displacement.values, force=loop.friction_force.values),
                             case.test.normal_load)
     friction.append(readings.friction_coefficient)

@@ -7,5 +7,5 @@ What a full run draws by itself, off-screen: the meshed specimens, the worn face
 
 import fretflow as ff
 
-found = ff.run("../../examples/quick.toml", "runs")
-[found.folders["render"] / f"{name}.png" for name in ("specimens", "wear_depth", "stick_slip_worn")]
+results = ff.run("../../examples/quick.toml", "runs")
+[results.folders["render"] / f"{name}.png" for name in ("specimens", "wear_depth", "stick_slip_worn")]

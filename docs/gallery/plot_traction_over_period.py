@@ -10,10 +10,10 @@ import fretflow as ff
 import matplotlib.pyplot as plt
 import numpy as np
 
-found = ff.run("../../examples/quick.toml", "runs", until="solve")
-period, nodes = found.periods[0], found.nodes
+results = ff.run("../../examples/quick.toml", "runs", until="solve")
+period, nodes = results.periods[0], results.nodes
 line = np.flatnonzero(np.abs(nodes[:, 1]) < 1e-9)
-traction = 1e-6 * period.force[:, line, 0] / found.areas[line]  # MPa, (samples, nodes)
+traction = 1e-6 * period.force[:, line, 0] / results.areas[line]  # MPa, (samples, nodes)
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 share = np.arange(len(traction)) / len(traction)

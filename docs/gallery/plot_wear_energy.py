@@ -9,9 +9,9 @@ every run keeps.
 import fretflow as ff
 import matplotlib.pyplot as plt
 
-found = ff.run("../../examples/quick.toml", "runs", until="wear")
-energy, volume = found.wear.energy, found.wear.volume
-slope = found.case.wear.coefficient / found.case.contact.friction_coefficient
+results = ff.run("../../examples/quick.toml", "runs", until="wear")
+energy, volume = results.wear.energy, results.wear.volume
+slope = results.case.wear.coefficient / results.case.contact.friction_coefficient
 
 figure, axes = plt.subplots(figsize=(6.5, 4), layout="constrained")
 axes.plot(energy, 1e9 * volume, "o", label="jumps of cycles")

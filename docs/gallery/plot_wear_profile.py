@@ -10,8 +10,8 @@ import fretflow as ff
 import matplotlib.pyplot as plt
 import numpy as np
 
-found = ff.run("../../examples/quick.toml", "runs", until="wear")
-wear = found.wear
+results = ff.run("../../examples/quick.toml", "runs", until="wear")
+wear = results.wear
 middle = np.abs(wear.y) < 1e-9
 x = 1e3 * wear.x[middle]
 

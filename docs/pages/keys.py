@@ -180,7 +180,7 @@ def default_of(info: FieldInfo) -> str:
 def limits_of(info: FieldInfo) -> str:
     """Return the limits of a number."""
     names = {Ge: ("ge", "≥"), Gt: ("gt", ">"), Le: ("le", "≤"), Lt: ("lt", "<")}
-    found = [f"{sign} {getattr(mark, attribute):g}" for mark in marks_of(info)
-             for kind, (attribute, sign) in names.items() if isinstance(mark, kind)]
+    limits = [f"{sign} {getattr(mark, attribute):g}" for mark in marks_of(info)
+              for kind, (attribute, sign) in names.items() if isinstance(mark, kind)]
     checks = {getattr(getattr(mark, "func", None), "__name__", "") for mark in marks_of(info)}
-    return ", ".join(found) or ("> 0" if "_positive" in checks else "≥ 0" if "_not_negative" in checks else "")
+    return ", ".join(limits) or ("> 0" if "_positive" in checks else "≥ 0" if "_not_negative" in checks else "")

@@ -17,11 +17,11 @@ class Links(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[tuple[str, bool]] = []
+        self.references: list[tuple[str, bool]] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Keep the tag's references."""
-        self.found += [(value, tag != "a") for name, value in attrs if name in ("href", "src") and value]
+        self.references += [(value, tag != "a") for name, value in attrs if name in ("href", "src") and value]
 
 
 def check_links(app: Sphinx, error: Exception | None) -> None:
@@ -30,7 +30,7 @@ def check_links(app: Sphinx, error: Exception | None) -> None:
     for page in sorted(site.rglob("*.html")) if error is None and app.builder.format == "html" else ():
         links = Links()
         links.feed(page.read_text(encoding="utf-8"))
-        for link, loaded in links.found:
+        for link, loaded in links.references:
             parts = urlsplit(link)
             if parts.scheme or parts.netloc:
                 if loaded and parts.scheme not in ("data", ""):

@@ -68,20 +68,20 @@ def literal_blocks(text: str) -> str:
 
 def bounds(test: ast.FunctionDef) -> Iterator[str]:
     """Yield the bounds that a test asserts: tolerances of comparisons, and numbers that something stays below."""
-    found: dict[str, None] = {}
+    texts: dict[str, None] = {}
     for node in ast.walk(test):
         if isinstance(node, ast.Call):
             for word in node.keywords:
                 if word.arg in ("rel", "abs", "rtol", "atol") and (value := number(word.value)) is not None:
                     kind = "relative" if word.arg in ("rel", "rtol") else "absolute"
-                    found[f"{value:.3g} {kind}"] = None
+                    texts[f"{value:.3g} {kind}"] = None
         if isinstance(node, ast.Assert):
             for compared in (each for each in ast.walk(node.test) if isinstance(each, ast.Compare)):
                 for sign, right in zip(compared.ops, compared.comparators, strict=True):
                     value = number(right)
                     if isinstance(sign, ast.Lt | ast.LtE) and value is not None and 0.0 < value < 1.0:
-                        found[f"below {value:.3g}"] = None
-    yield from list(found)[:MOST_BOUNDS]
+                        texts[f"below {value:.3g}"] = None
+    yield from list(texts)[:MOST_BOUNDS]
 
 
 def number(node: ast.expr) -> float | None:

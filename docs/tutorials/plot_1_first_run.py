@@ -14,24 +14,24 @@ own: ``.venv/bin/python my_script.py``, or with its full path from anywhere. Res
 import fretflow as ff
 
 case = ff.load_case("../../examples/quick.toml")
-found = ff.run(case, "runs", until="response")
+results = ff.run(case, "runs", until="response")
 
 # %%
 # Stages that are complete are reused, and an interrupted one goes on where it stopped: a second call takes no time.
 # What was found stands in the summary, each figure with its unit.
 
-for name, figure in found.summary.items():
+for name, figure in results.summary.items():
     print(f"{name}: {figure.text}")
 
 # %%
 # At a glance: loops, the contact in the end, worn volume, and the response before and after.
 
-found.plot()
+results.plot()
 
 # %%
 # Loops, maps and curves are labelled arrays (xarray) in SI, with the unit of each in its attributes.
 
-found.loops
+results.loops
 
 # %%
 # The loop of the unworn joint and of the last one kept, by hand: displacement of the observed points, 1 mm from the
@@ -40,8 +40,8 @@ found.loops
 import matplotlib.pyplot as plt
 
 figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-for cycles in found.loops.cycles.values[[0, -1]]:
-    loop = found.loops.sel(cycles=cycles).isel(phase=[*range(found.loops.sizes["phase"]), 0])  # closed
+for cycles in results.loops.cycles.values[[0, -1]]:
+    loop = results.loops.sel(cycles=cycles).isel(phase=[*range(results.loops.sizes["phase"]), 0])  # closed
     axes.plot(1e6 * loop.displacement, loop.friction_force, label=f"after {cycles:,} cycles")
 axes.set(xlabel="displacement in µm", ylabel="friction force in N")
 axes.legend()
@@ -51,7 +51,7 @@ axes.legend()
 # its area the work of friction in a period. Of the 64 samples of this case too few lie where it sticks; with
 # ``samples = 256`` under ``[solver]`` the stiffness is 44 N/µm.
 
-unworn = found.loops.sel(cycles=0)
+unworn = results.loops.sel(cycles=0)
 readings = ff.read_loop(ff.HysteresisLoop(displacement=unworn.displacement.values,
                                           force=unworn.friction_force.values), case.test.normal_load)
 print(f"friction coefficient  {readings.friction_coefficient:.3f}")

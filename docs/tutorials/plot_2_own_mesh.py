@@ -88,9 +88,9 @@ samples = 64
 [output]
 wear_map_cycles = [10_000]
 """, encoding="utf-8")
-found = ff.run("runs/pins.toml", "runs", until="wear")
+results = ff.run("runs/pins.toml", "runs", until="wear")
 for name in ("mesh quality", "Craig-Bampton error", "static load"):
-    print(f"{name:22} {found.summary[name].text}")
+    print(f"{name:22} {results.summary[name].text}")
 
 # %%
 # Two equal pins press, and so wear, almost evenly; mind how narrow the scales are.
@@ -99,7 +99,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.tri import Triangulation
 
-maps = found.maps
+maps = results.maps
 x, y = 1e3 * maps.x.values, 1e3 * maps.y.values
 figure, panels = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
 for axes, values, label in ((panels[0], 1e-6 * maps.mean_pressure.sel(cycles=0), "mean pressure, unworn, in MPa"),

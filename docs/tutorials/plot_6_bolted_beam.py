@@ -97,10 +97,10 @@ import matplotlib.pyplot as plt
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5.5), sharex=True, layout="constrained")
 for load, joint in joints.items():
     mode = joint.linear_modes(1)[0]
-    found = ff.quasi_static_backbone(joint, mode, np.geomspace(5e-6, 6e-5, 12) * load / 8e3)
-    swing = 1e6 * np.abs(found.outputs[:, 0])
-    above.semilogx(swing, found.frequency, "o-", label=f"{1e-3 * load:.0f} kN a bolt")
-    below.semilogx(swing, 100.0 * found.friction_damping, "o-")
+    backbone = ff.quasi_static_backbone(joint, mode, np.geomspace(5e-6, 6e-5, 12) * load / 8e3)
+    swing = 1e6 * np.abs(backbone.outputs[:, 0])
+    above.semilogx(swing, backbone.frequency, "o-", label=f"{1e-3 * load:.0f} kN a bolt")
+    below.semilogx(swing, 100.0 * backbone.friction_damping, "o-")
 above.set(ylabel="frequency in Hz")
 below.set(xlabel="amplitude of the beam's end in µm", ylabel="damping ratio of the joint in %")
 below.set_xticks((5, 10, 20, 50), (5, 10, 20, 50))

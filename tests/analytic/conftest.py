@@ -27,9 +27,9 @@ def press(flexibility, gap, load):
         index = np.flatnonzero(closed)
         matrix = np.ones((index.size + 1, index.size + 1))
         matrix[:-1, :-1], matrix[-1, -1] = flexibility[np.ix_(index, index)], 0.0
-        *found, rise = np.linalg.solve(matrix, np.r_[-gap[index], load])
+        *forces, rise = np.linalg.solve(matrix, np.r_[-gap[index], load])
         force = np.zeros(len(gap))
-        force[index] = found
+        force[index] = forces
         opening = gap + rise + flexibility @ force
         new = (closed & (force > 0.0)) | (~closed & (opening < 0.0))
         if np.array_equal(new, closed):

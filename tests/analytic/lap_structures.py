@@ -114,7 +114,7 @@ def _element(length, thickness, offset):
 def newmark(mass, ground, stiffness, limits, amplitude, step, count, damper=0.0):
     """Return the decay of a mass on a spring and Jenkins sliders, by the average acceleration and their own mapping."""
     x, v, anchored = amplitude, 0.0, np.zeros(len(stiffness))
-    found = np.zeros(count)
+    positions = np.zeros(count)
 
     def forces(x, anchored):
         stretch = np.clip(x - anchored, -limits / stiffness, limits / stiffness)
@@ -123,7 +123,7 @@ def newmark(mass, ground, stiffness, limits, amplitude, step, count, damper=0.0)
     force, anchored = forces(x, anchored)
     a = -force / mass
     for k in range(count):
-        found[k] = x
+        positions[k] = x
         ahead = x + step * v + 0.25 * step**2 * a
         after = ahead
         for _ in range(6):  # a contraction by step^2 k / (4 m), some 1e-4
@@ -132,7 +132,7 @@ def newmark(mass, ground, stiffness, limits, amplitude, step, count, damper=0.0)
         force, anchored = forces(after, anchored)
         speed = 2.0 / step * (after - x) - v
         v, x, a = speed, after, -(force + damper * speed) / mass
-    return found
+    return positions
 
 
 class Jenkins:
@@ -158,19 +158,19 @@ class Jenkins:
         trial = -self.tangential[:, None] * (at[:, :2] - self.slid)
         size = np.maximum(np.hypot(*trial.T), 1e-300)
         slides = size > self.friction * self.normal * np.maximum(-at[:, 2], 0.0)
-        found = np.zeros((u.size, u.size))
+        derivative = np.zeros((u.size, u.size))
         for j in range(len(at)):
             x, y, z = 3 * j, 3 * j + 1, 3 * j + 2
             if not closed[j]:
                 continue
-            found[z, z] = -self.normal[j]
+            derivative[z, z] = -self.normal[j]
             if slides[j]:
                 way, limit = trial[j] / size[j], -self.friction * self.normal[j] * at[j, 2]
-                found[x:z, z] = -self.friction * self.normal[j] * way
-                found[x:z, x:z] = -self.tangential[j] * limit / size[j] * (np.eye(2) - np.outer(way, way))
+                derivative[x:z, z] = -self.friction * self.normal[j] * way
+                derivative[x:z, x:z] = -self.tangential[j] * limit / size[j] * (np.eye(2) - np.outer(way, way))
             else:
-                found[x, x] = found[y, y] = -self.tangential[j]
-        return found
+                derivative[x, x] = derivative[y, y] = -self.tangential[j]
+        return derivative
 
 
 def _balance(jenkins, flexibility, free, guess):

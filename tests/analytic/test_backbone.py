@@ -50,20 +50,20 @@ def test_the_backbone_has_the_stuck_stiffness_and_the_friction_limit():
 def test_a_sliding_contact_moves_as_the_full_one(force, frequency):
     given = problem(force, frequency)
     full = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given)
-    found = fast().solve(given)
-    assert np.ptp(found.rig_displacement[:, 0]) == pytest.approx(np.ptp(full.rig_displacement[:, 0]), rel=0.01)
-    assert np.ptp(found.rig_displacement[:, 1]) == pytest.approx(np.ptp(full.rig_displacement[:, 1]), rel=0.01)
-    distance = found.friction_force - full.friction_force
+    period = fast().solve(given)
+    assert np.ptp(period.rig_displacement[:, 0]) == pytest.approx(np.ptp(full.rig_displacement[:, 0]), rel=0.01)
+    assert np.ptp(period.rig_displacement[:, 1]) == pytest.approx(np.ptp(full.rig_displacement[:, 1]), rel=0.01)
+    distance = period.friction_force - full.friction_force
     assert np.sqrt(np.mean(distance**2)) < 0.02 * np.ptp(full.friction_force)
 
 
 def test_a_friction_that_depends_on_the_load_is_in_the_backbone():
     given = replace(problem(75.0), law=Coulomb(MU, exponent=0.2))
     full = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given)
-    found = BackboneSolver.of(given, 25, 128)
-    assert found.backbone.limit.sum() == pytest.approx(np.abs(full.friction_force).max(), rel=0.01)
-    assert found.backbone.limit.sum() != pytest.approx(MU * LOAD, rel=0.03)
-    moved = found.solve(given).rig_displacement[:, 1]
+    solver = BackboneSolver.of(given, 25, 128)
+    assert solver.backbone.limit.sum() == pytest.approx(np.abs(full.friction_force).max(), rel=0.01)
+    assert solver.backbone.limit.sum() != pytest.approx(MU * LOAD, rel=0.03)
+    moved = solver.solve(given).rig_displacement[:, 1]
     assert np.ptp(moved) == pytest.approx(np.ptp(full.rig_displacement[:, 1]), rel=0.01)
 
 
@@ -91,9 +91,9 @@ def test_tangent_is_that_of_central_differences():
 
 
 def test_a_stuck_contact_is_a_spring():
-    found = fast().solve(problem(1.0))
-    arm = found.rig_displacement[:, 1]
-    assert -found.friction_force == pytest.approx(-fast().backbone.stiffness.sum() * arm, rel=0.02, abs=0.02)
+    period = fast().solve(problem(1.0))
+    arm = period.rig_displacement[:, 1]
+    assert -period.friction_force == pytest.approx(-fast().backbone.stiffness.sum() * arm, rel=0.02, abs=0.02)
 
 
 def test_no_period_is_told_with_its_history():

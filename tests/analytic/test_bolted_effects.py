@@ -99,9 +99,9 @@ def test_an_arch_touches_at_its_ends_and_bolts_close_it(joint):
 
 
 def test_damping_of_the_rest_grows_in_proportion(joint):
-    found = curve(catalogue()["joint-damping"](slope=40.0).bolted(joint))
+    damped = curve(catalogue()["joint-damping"](slope=40.0).bolted(joint))
     plain = curve(joint)
-    assert found.damping - plain.damping == pytest.approx(40.0 * plain.amplitude, rel=1e-9)
+    assert damped.damping - plain.damping == pytest.approx(40.0 * plain.amplitude, rel=1e-9)
 
 
 def test_damping_of_the_rest_may_be_little_beside_that_of_the_joint(joint):

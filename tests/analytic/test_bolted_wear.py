@@ -37,15 +37,15 @@ def plate(springs, areas, force):
 
 def test_worn_volume_is_the_energy_s_point_by_point(structures):
     joint = ff.BoltedJoint(structure=ff.reduce_structure(structures.lap_beam(25)), law=ff.Coulomb(MU), bolt_load=6e3)
-    found = ff.march_wear(BoltedCycle(joint, 1e-4), ff.Archard(K_W), cycles=3_000_000)
-    assert found.volume[0] == 0.0
-    assert len(found.cycles) > 3
-    wears = found.rate > 0.0
+    history = ff.march_wear(BoltedCycle(joint, 1e-4), ff.Archard(K_W), cycles=3_000_000)
+    assert history.volume[0] == 0.0
+    assert len(history.cycles) > 3
+    wears = history.rate > 0.0
     assert wears[0].any()
     assert not wears.all()  # partial slip
-    rate = found.rate @ joint.structure.areas
-    assert rate == pytest.approx(K_W / MU * found.dissipated_energy, rel=1e-6)
-    assert found.volume[-1] == pytest.approx(K_W / MU * found.energy[-1], rel=0.02)  # to the march's tolerance
+    rate = history.rate @ joint.structure.areas
+    assert rate == pytest.approx(K_W / MU * history.dissipated_energy, rel=1e-6)
+    assert history.volume[-1] == pytest.approx(K_W / MU * history.energy[-1], rel=0.02)  # to the march's tolerance
 
 
 def test_a_plate_under_a_force_wears_to_one_rate():

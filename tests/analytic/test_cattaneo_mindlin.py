@@ -167,13 +167,13 @@ def test_forces_across_the_push_need_poissons_ratio():
 @pytest.fixture(scope="module")
 def loops():
     """Return, by fineness, the sphere, the arm's motion and the friction force of a period at q = 0.9."""
-    found = {}
+    periods = {}
     for fineness in (4, 5, 7):
         sphere = Sphere(fineness, 0.0)
         arm = sphere.displacement(0.9) * np.cos(2 * np.pi * np.arange(32) / 32)
         march = sphere.march.period(arm[:, None], np.zeros((32, 1, 0)), sphere.march.preloaded(), None, 1e-9)
-        found[fineness] = sphere, arm, -march.history.force[:, 0::3].sum(axis=1)
-    return found
+        periods[fineness] = sphere, arm, -march.history.force[:, 0::3].sum(axis=1)
+    return periods
 
 
 def loop_energy_error(sphere, arm, friction, q=0.9):

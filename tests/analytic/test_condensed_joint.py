@@ -58,48 +58,48 @@ def joint():
     return RigJoint(upper=specimen(1), lower=specimen(2), rig=RIG)
 
 
-def far(found, expected):
-    return np.abs(found - expected).max() / np.abs(expected).max()
+def far(value, expected):
+    return np.abs(value - expected).max() / np.abs(expected).max()
 
 
 @pytest.mark.parametrize("frequency", [40.0, 100.0, 250.0])
 def test_stiffness_and_load_are_the_dense_ones(joint, frequency):
-    dense, found = (model.dynamic_stiffness if model is joint else model.relative
-                    for model in (joint, condensed(joint)))
-    dense, found = dense(frequency, rig_loads(15, *LOADS)), found(frequency, rig_loads(15, *LOADS))
+    dense, stiffness = (model.dynamic_stiffness if model is joint else model.relative
+                        for model in (joint, condensed(joint)))
+    dense, stiffness = dense(frequency, rig_loads(15, *LOADS)), stiffness(frequency, rig_loads(15, *LOADS))
     u = np.random.default_rng(0).normal(size=(31, 3 * NODES))
-    product = found.apply(to_complex(u))
+    product = stiffness.apply(to_complex(u))
     for k, z in enumerate(dense.stiffness):
         assert far(product[k], z @ to_complex(u)[k]) < 1e-12
-        assert far(found.real_part(k), z.real) < 1e-12
-    assert far(found.load, dense.load) < 1e-9  # K times rigid motion: what cancels sets the accuracy
+        assert far(stiffness.real_part(k), z.real) < 1e-12
+    assert far(stiffness.load, dense.load) < 1e-9  # K times rigid motion: what cancels sets the accuracy
 
 
 def test_single_precision_keeps_the_terms_that_it_tells(joint):
-    found = condensed(joint).relative(100.0, rig_loads(15, *LOADS))
-    u, single = to_complex(np.random.default_rng(0).normal(size=(31, 3 * NODES))), found.single()
-    assert 1 < len(single.terms) < len(found.terms)
+    stiffness = condensed(joint).relative(100.0, rig_loads(15, *LOADS))
+    u, single = to_complex(np.random.default_rng(0).normal(size=(31, 3 * NODES))), stiffness.single()
+    assert 1 < len(single.terms) < len(stiffness.terms)
     product = single.apply(u.astype(np.complex64))
     assert product.dtype == np.complex64
-    assert far(product, found.apply(u)) < 1e-5
-    assert far(single.real_part(2), found.real_part(2)) < 1e-6
+    assert far(product, stiffness.apply(u)) < 1e-5
+    assert far(single.real_part(2), stiffness.real_part(2)) < 1e-6
 
 
 def test_motion_is_the_dense_one(joint):
     """Of a displacement that goes with forces which the rig can bear: any."""
     u = to_complex(1e-6 * np.random.default_rng(0).normal(size=(7, 3 * NODES)))
     loads = rig_loads(len(u) - 1, *LOADS)
-    dense, found = (model.motion_amplitudes(100.0, u, loads) for model in (joint, condensed(joint)))
+    dense, amplitudes = (model.motion_amplitudes(100.0, u, loads) for model in (joint, condensed(joint)))
     for name in ("rig", "upper_observation", "lower_observation"):
-        assert far(getattr(found, name), getattr(dense, name)) < 1e-9, name
+        assert far(getattr(amplitudes, name), getattr(dense, name)) < 1e-9, name
 
 
 def test_the_massless_joint_is_condensed_exactly(joint):
     given = joint.quasi_static()
     loads = rig_loads(3, *LOADS)
-    dense, found = (solve(100.0, loads) for solve in (given.dynamic_stiffness, condensed(given).relative))
+    dense, stiffness = (solve(100.0, loads) for solve in (given.dynamic_stiffness, condensed(given).relative))
     u = to_complex(np.random.default_rng(0).normal(size=(7, 3 * NODES)))
-    assert far(found.apply(u), np.einsum("kij,kj->ki", dense.stiffness, u)) < 1e-13
+    assert far(stiffness.apply(u), np.einsum("kij,kj->ki", dense.stiffness, u)) < 1e-13
     motions = [model.motion_amplitudes(100.0, 1e-6 * u, loads) for model in (given, condensed(given))]
     assert far(motions[1].upper_observation, motions[0].upper_observation) < 1e-12
     assert condensed(given).reaches(1e6, 100)

@@ -63,18 +63,18 @@ def sticking(start=40.0, stop=120.0):
 
 
 def test_a_sticking_contact_gives_the_linear_response_in_both_directions():
-    found = sticking()
-    expected = linear(found.frequency, 2.0)
-    np.testing.assert_allclose(found.first_harmonic[:, :2], expected, rtol=1e-5)
-    np.testing.assert_allclose(found.receptance("arm"), np.abs(expected[:, 1]) / 2.0, rtol=1e-5)
+    curve = sticking()
+    expected = linear(curve.frequency, 2.0)
+    np.testing.assert_allclose(curve.first_harmonic[:, :2], expected, rtol=1e-5)
+    np.testing.assert_allclose(curve.receptance("arm"), np.abs(expected[:, 1]) / 2.0, rtol=1e-5)
     # the back faces move with the arm and the ground, and the faces do not slide
-    np.testing.assert_allclose(found.first_harmonic[:, 3], expected[:, 1], rtol=1e-5)
-    assert np.abs(found.first_harmonic[:, [2, 4]]).max() < 1e-15
-    assert np.all(found.stable)
-    assert not found.bridged.any()
-    assert set(found.branch) == {0}
+    np.testing.assert_allclose(curve.first_harmonic[:, 3], expected[:, 1], rtol=1e-5)
+    assert np.abs(curve.first_harmonic[:, [2, 4]]).max() < 1e-15
+    assert np.all(curve.stable)
+    assert not curve.bridged.any()
+    assert set(curve.branch) == {0}
     for direction in SweepDirection:
-        own = found.frequency[found.along(direction)]
+        own = curve.frequency[curve.along(direction)]
         assert np.all(direction * np.diff(own) > 0.0)
         assert sorted(own[[0, -1]]) == pytest.approx([40.0, 120.0])
 
@@ -109,12 +109,12 @@ def test_a_point_from_elsewhere_is_not_put_into_the_summit(monkeypatch):
     """The plane across a chord meets the curve far off too: a peak at 22 Hz stood at 34 Hz for a point at 129 Hz."""
     plain = ContinuationSystem.correct
 
-    def astray(self, plane, start, known=None):
-        found = plain(self, plane, start, known)
+    def correct_elsewhere(self, plane, start, known=None):
+        point = plain(self, plane, start, known)
         across = self.samples == 32 and plane.row[:-1].any()  # the finer ones, between two points
-        return self.at_frequency(1.4 * found.omega, found.seen, found.end) if across else found
+        return self.at_frequency(1.4 * point.omega, point.seen, point.end) if across else point
 
-    monkeypatch.setattr(ContinuationSystem, "correct", astray)
+    monkeypatch.setattr(ContinuationSystem, "correct", correct_elsewhere)
     curve = sticking.__wrapped__()
     assert not any(len(curve.turning_points(direction)) for direction in SweepDirection)
     assert read_peak(curve).frequency == pytest.approx(read_peak(sticking()).frequency, rel=5e-3)
@@ -159,11 +159,11 @@ def test_the_load_is_raised_step_by_step_where_rest_leads_nowhere(monkeypatch):
     monkeypatch.setattr(ContinuationSystem, "at_frequency", fail_first)
     sweep = Sweep(start=55.0, stop=57.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64,
                   directions=(SweepDirection.UP,))
-    found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
+    curve = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
     np.testing.assert_allclose(asked[1:11], 20.0 * np.arange(1, 11) / 10)
     direct = respond_directly(sweep, 55.0)
-    assert found.first_harmonic[0, 0] == pytest.approx(direct, rel=1e-4)
-    assert not found.bridged.any()
+    assert curve.first_harmonic[0, 0] == pytest.approx(direct, rel=1e-4)
+    assert not curve.bridged.any()
 
 
 def respond_directly(sweep, frequency):
@@ -191,16 +191,16 @@ SHORT = Sweep(start=85.0, stop=110.0, harmonics=3, samples=16, fine_harmonics=3,
 
 def test_a_gap_is_bridged_and_said(monkeypatch):
     gap_between(monkeypatch, 95.0, 95.3)
-    found = respond(problem(2.0, 100.0), SHORT, lambda direction, frequency: None)
+    curve = respond(problem(2.0, 100.0), SHORT, lambda direction, frequency: None)
     for direction in SweepDirection:
-        own = found.along(direction)
-        assert np.sum(found.bridged[own]) == 1
-        (place,) = np.flatnonzero(found.bridged[own])
-        before, after = found.frequency[own[place - 1]], found.frequency[own[place]]
+        own = curve.along(direction)
+        assert np.sum(curve.bridged[own]) == 1
+        (place,) = np.flatnonzero(curve.bridged[own])
+        before, after = curve.frequency[own[place - 1]], curve.frequency[own[place]]
         assert sorted([before, after])[0] <= 95.0
         assert sorted([before, after])[1] >= 95.3
         assert abs(after - before) < 0.011 * before
-    np.testing.assert_allclose(found.first_harmonic[:, :2], linear(found.frequency, 2.0), rtol=1e-5)
+    np.testing.assert_allclose(curve.first_harmonic[:, :2], linear(curve.frequency, 2.0), rtol=1e-5)
 
 
 def test_a_curve_that_turns_round_on_itself_is_taken_up_beyond_and_said(monkeypatch):
@@ -215,11 +215,11 @@ def test_a_curve_that_turns_round_on_itself_is_taken_up_beyond_and_said(monkeypa
 
     monkeypatch.setattr(continuation._Follower, "_arc", turn_once)
     up = replace(SHORT, directions=(SweepDirection.UP,))
-    found = respond(problem(2.0, 100.0), up, lambda direction, frequency: None)
-    assert found.frequency[-1] == pytest.approx(110.0)
-    assert np.all(np.diff(found.frequency) > 0.0)
-    assert found.frequency[np.flatnonzero(found.bridged) - 1] == pytest.approx(turned)
-    np.testing.assert_allclose(found.first_harmonic[:, :2], linear(found.frequency, 2.0), rtol=1e-5)
+    curve = respond(problem(2.0, 100.0), up, lambda direction, frequency: None)
+    assert curve.frequency[-1] == pytest.approx(110.0)
+    assert np.all(np.diff(curve.frequency) > 0.0)
+    assert curve.frequency[np.flatnonzero(curve.bridged) - 1] == pytest.approx(turned)
+    np.testing.assert_allclose(curve.first_harmonic[:, :2], linear(curve.frequency, 2.0), rtol=1e-5)
 
 
 def test_a_curve_in_partial_slip_ends_after_few_periods_and_is_saved_as_it_goes(monkeypatch, tmp_path):
@@ -239,16 +239,16 @@ def test_a_curve_in_partial_slip_ends_after_few_periods_and_is_saved_as_it_goes(
                         lambda self, *given: evaluations.append(self) or evaluate(self, *given))
     monkeypatch.setattr(checkpoint, "RARELY", 0.0)
     sweep = Sweep(start=60.0, stop=200.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64)
-    found = respond(slipping, sweep, lambda direction, frequency: sizes.append(
+    curve = respond(slipping, sweep, lambda direction, frequency: sizes.append(
         len(read_record(file, SavedTraces).points["bridged"]) if file.exists() else 0), file)
 
     state = QuasiStaticSolver(Solver(harmonics=15, samples=64)).solve(slipping).state
-    assert found.frequency[[0, -1]] == pytest.approx([60.0, 60.0])
-    assert np.max(found.frequency) == pytest.approx(200.0)
+    assert curve.frequency[[0, -1]] == pytest.approx([60.0, 60.0])
+    assert np.max(curve.frequency) == pytest.approx(200.0)
     assert np.any(np.any(state == ContactState.STICK, axis=1) & np.any(state == ContactState.SLIP, axis=1))
-    assert len(evaluations) < 31 * len(found.frequency)
+    assert len(evaluations) < 31 * len(curve.frequency)
     assert np.all(np.diff(sizes) >= 0)
-    assert sizes[-1] >= len(found.frequency) - 2
+    assert sizes[-1] >= len(curve.frequency) - 2
 
 
 def test_a_gap_too_wide_is_an_error_that_names_the_frequency(monkeypatch):
@@ -284,14 +284,14 @@ def test_nodes_out_of_reach_do_not_matter_and_are_called_in_where_they_touch(mon
                   directions=(SweepDirection.UP,))
     make = continuation.Face.of
     monkeypatch.setattr(continuation.Face, "of", lambda problem, nodes: rows.append(nodes) or make(problem, nodes))
-    found = respond(crowned, sweep, lambda direction, frequency: None)
+    curve = respond(crowned, sweep, lambda direction, frequency: None)
     assert [nodes.tolist() for nodes in rows] == [[True, False, False], [True, True, False]]
     monkeypatch.setattr(continuation, "candidate_nodes", lambda problem, start: np.ones(3, dtype=bool))
     whole = respond(crowned, sweep, lambda direction, frequency: None)
     assert len(rows) == 3
-    np.testing.assert_allclose(np.interp(46.0, found.frequency, np.abs(found.first_harmonic[:, 2])),
+    np.testing.assert_allclose(np.interp(46.0, curve.frequency, np.abs(curve.first_harmonic[:, 2])),
                                np.interp(46.0, whole.frequency, np.abs(whole.first_harmonic[:, 2])), rtol=1e-3)
-    np.testing.assert_allclose(found.first_harmonic[0], whole.first_harmonic[0], rtol=1e-4, atol=1e-10)
+    np.testing.assert_allclose(curve.first_harmonic[0], whole.first_harmonic[0], rtol=1e-4, atol=1e-10)
 
 
 def test_what_the_range_does_not_show_is_said():
@@ -342,14 +342,14 @@ def sliding():
 
 
 def test_a_sliding_node_is_the_jenkins_element_marched_in_time():
-    found = sliding()
-    own = found.along(SweepDirection.UP)
-    chosen = own[np.unique(np.searchsorted(found.frequency[own], np.geomspace(36.0, 89.5, 14)))]
-    expected = jenkins(found.frequency[chosen], 20.0, 0.3 * LOAD)
-    stroke = found.peak_to_peak[chosen, CHANNELS.index("relative")]
+    curve = sliding()
+    own = curve.along(SweepDirection.UP)
+    chosen = own[np.unique(np.searchsorted(curve.frequency[own], np.geomspace(36.0, 89.5, 14)))]
+    expected = jenkins(curve.frequency[chosen], 20.0, 0.3 * LOAD)
+    stroke = curve.peak_to_peak[chosen, CHANNELS.index("relative")]
     assert np.sum(stroke > 5e-6) >= 4  # gross slip, and stick
     assert np.sum(stroke < 1e-7) >= 2
-    np.testing.assert_allclose(found.first_harmonic[chosen, :2], expected, rtol=5e-3)
+    np.testing.assert_allclose(curve.first_harmonic[chosen, :2], expected, rtol=5e-3)
 
 
 @pytest.mark.parametrize("omega", [130.0, 450.0, 2500.0])
@@ -389,8 +389,8 @@ def test_branches_are_stretches_between_turning_points_and_shared_by_both_direct
 
 
 def test_a_fold_as_narrow_as_the_samples_make_is_none():
-    found = turns(np.array([60.0, 61.0, 62.0, 61.98, 62.5, 63.0, 62.0, 61.0, 61.01, 60.99, 64.0]))
-    assert found.tolist() == [5, 9]
+    places = turns(np.array([60.0, 61.0, 62.0, 61.98, 62.5, 63.0, 62.0, 61.0, 61.01, 60.99, 64.0]))
+    assert places.tolist() == [5, 9]
     assert turns(np.array([3.0, 2.0, 2.001, 1.0])).size == 0
     assert turns(np.array([3.0, 2.0, 2.1, 1.0])).tolist() == [1, 2]
 
@@ -412,8 +412,8 @@ def test_the_way_back_meets_the_points_of_the_way_there(monkeypatch):
     sweep = Sweep(start=50.0, stop=70.0, harmonics=15, samples=64, fine_harmonics=15, fine_samples=64)
 
     def shared():
-        found = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
-        up, down = (found.frequency[found.along(direction)] for direction in SweepDirection)
+        curve = respond(problem(20.0, 0.3), sweep, lambda direction, frequency: None)
+        up, down = (curve.frequency[curve.along(direction)] for direction in SweepDirection)
         return np.mean(np.isin(np.round(down, 6), np.round(up, 6)))
 
     assert shared() > 0.7

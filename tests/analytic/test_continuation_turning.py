@@ -76,52 +76,52 @@ def integrate(frequencies, steps=160, periods=80):
 
 
 def test_the_curve_folds_and_its_middle_branch_is_unstable():
-    found = curve()
+    response = curve()
     for direction in SweepDirection:
-        assert len(found.turning_points(direction)) == 2
-    assert set(found.branch) == {0, 1, 2}
-    inner = np.ones(len(found.branch), dtype=bool)  # at a turning point a multiplier is one
+        assert len(response.turning_points(direction)) == 2
+    assert set(response.branch) == {0, 1, 2}
+    inner = np.ones(len(response.branch), dtype=bool)  # at a turning point a multiplier is one
     for direction in SweepDirection:
-        for turn in found.turning_points(direction):
+        for turn in response.turning_points(direction):
             inner[max(turn - 1, 0):turn + 2] = False
-    assert np.all(found.stable[inner & (found.branch != 1)])
-    assert not np.any(found.stable[inner & (found.branch == 1)])
-    assert np.sum(inner & (found.branch == 1)) >= 3
-    assert read_peak(found).damping_ratio is None
-    assert "turns back" in read_peak(found).reason
+    assert np.all(response.stable[inner & (response.branch != 1)])
+    assert not np.any(response.stable[inner & (response.branch == 1)])
+    assert np.sum(inner & (response.branch == 1)) >= 3
+    assert read_peak(response).damping_ratio is None
+    assert "turns back" in read_peak(response).reason
 
 
-def branches_at(found, frequency, direction):
+def branches_at(response, frequency, direction):
     """Return the numbers of the branches that have a period at `frequency`, on the curve of `direction`."""
-    own = found.along(direction)
-    ends = np.sort([found.frequency[own][1:], found.frequency[own][:-1]], axis=0)
-    return set(found.branch[own[:-1]][(ends[0] <= frequency) & (frequency <= ends[1])])
+    own = response.along(direction)
+    ends = np.sort([response.frequency[own][1:], response.frequency[own][:-1]], axis=0)
+    return set(response.branch[own[:-1]][(ends[0] <= frequency) & (frequency <= ends[1])])
 
 
 def test_all_periods_at_a_frequency_are_kept_under_their_own_labels():
-    found = curve()
-    turns = found.frequency[found.turning_points(SweepDirection.UP)]
+    response = curve()
+    turns = response.frequency[response.turning_points(SweepDirection.UP)]
     between = float(turns.mean())
     for direction in SweepDirection:
-        assert branches_at(found, between, direction) == {0, 1, 2}
-    assert branches_at(found, START + 0.1, SweepDirection.UP) == {0}
-    assert branches_at(found, STOP - 0.1, SweepDirection.UP) == {2}
+        assert branches_at(response, between, direction) == {0, 1, 2}
+    assert branches_at(response, START + 0.1, SweepDirection.UP) == {0}
+    assert branches_at(response, STOP - 0.1, SweepDirection.UP) == {2}
     amplitudes = []
     for branch in range(3):
-        own = np.flatnonzero(found.branch == branch)
-        nearest = own[np.argmin(np.abs(found.frequency[own] - between))]
-        amplitudes.append(abs(found.first_harmonic[nearest, 0]))
+        own = np.flatnonzero(response.branch == branch)
+        nearest = own[np.argmin(np.abs(response.frequency[own] - between))]
+        amplitudes.append(abs(response.first_harmonic[nearest, 0]))
     assert amplitudes[0] > 1.2 * amplitudes[1] > 1.2 * 1.2 * amplitudes[2]
 
 
 def test_stepped_time_integration_jumps_where_the_curve_turns():
-    found = curve()
-    own = found.along(SweepDirection.UP)
-    turns = found.frequency[found.turning_points(SweepDirection.UP)]
+    response = curve()
+    own = response.along(SweepDirection.UP)
+    turns = response.frequency[response.turning_points(SweepDirection.UP)]
     low, high = turns.min(), turns.max()
     assert high - low > 0.5
-    frequency, amplitude = found.frequency[own], np.abs(found.first_harmonic[own, 0])
-    upper, lower = ((found.branch[own] == branch) & (np.abs(frequency - edge) > 0.1)
+    frequency, amplitude = response.frequency[own], np.abs(response.first_harmonic[own, 0])
+    upper, lower = ((response.branch[own] == branch) & (np.abs(frequency - edge) > 0.1)
                     for branch, edge in ((0, high), (2, low)))
     upper = np.flatnonzero(upper & (frequency > low - 0.8))
     lower = np.flatnonzero(lower & (frequency < high + 0.8))[::-1]

@@ -94,15 +94,15 @@ class DryOscillator:
     def pieces(self, periods):
         """Return the pieces (from, to, motion, state) of the motion from rest; state is 0 or the sense of slip."""
         step = 2.0 * pi / self.omega / LOOKS
-        end, t, x, v, state, anchor, found = periods * LOOKS * step, 0.0, 0.0, 0.0, STUCK, 0.0, []
+        end, t, x, v, state, anchor, pieces = periods * LOOKS * step, 0.0, 0.0, 0.0, STUCK, 0.0, []
         while t < end:
             motion, excess = self.piece(state, t, x, v, anchor)
             until = self._first_root(excess, t, step, end)
-            found.append((t, until, motion, state))
+            pieces.append((t, until, motion, state))
             t, (x, v) = until, (float(value) for value in motion(until))
             state, anchor = self.after(state, t, x, anchor)
             v = 0.0 if self.spring == np.inf else v
-        return found
+        return pieces
 
     @staticmethod
     def _first_root(excess, t, step, end):
@@ -149,11 +149,11 @@ def problem(ratio, limit, spring=None, damping=0.0):
         excitation=FORCE, friction_coefficient=limit / LOAD, normal_load=LOAD)
 
 
-def error(found, expected):
+def error(motion, expected):
     """Return the error of the amplitude, and the rms distance over the range."""
-    same = np.interp(np.arange(len(found)) / len(found), np.arange(len(expected) + 1) / len(expected),
+    same = np.interp(np.arange(len(motion)) / len(motion), np.arange(len(expected) + 1) / len(expected),
                      np.append(expected, expected[0]))
-    return abs(np.ptp(found) / np.ptp(expected) - 1.0), np.sqrt(np.mean((found - same)**2)) / np.ptp(expected)
+    return abs(np.ptp(motion) / np.ptp(expected) - 1.0), np.sqrt(np.mean((motion - same)**2)) / np.ptp(expected)
 
 
 WITHOUT_STOPS = [(0.4, 10.0), (0.8, 60.0), (1.2, 60.0), (1.5, 40.0), (2.5, 40.0)]
@@ -212,8 +212,8 @@ def test_periodic_solver_with_and_without_stops(case):
     given = problem(ratio, limit, spring * STIFFNESS, damping)
     errors = []
     for harmonics, samples in ((12, 128), (25, 256), (50, 512)):
-        found = QuasiStaticSolver(Solver(harmonics=harmonics, samples=samples, estimate_error=False)).solve(given)
-        errors.append(error(found.rig_displacement[:, 1], expected))
+        period = QuasiStaticSolver(Solver(harmonics=harmonics, samples=samples, estimate_error=False)).solve(given)
+        errors.append(error(period.rig_displacement[:, 1], expected))
     assert max(errors[-2]) < 5e-3
     assert max(errors[-1]) < 1e-3
     assert errors[-1][1] < 0.5 * errors[0][1]
@@ -224,7 +224,7 @@ def test_periodic_solver_without_stops_nears_the_closed_form_as_the_contact_stif
     shifts = []
     for spring in (1e2, 1e4):
         settings = Solver(harmonics=50, samples=512, estimate_error=False)
-        found = QuasiStaticSolver(settings).solve(problem(1.5, 40.0, spring * STIFFNESS, 0.0))
-        shifts.append(np.ptp(found.rig_displacement[:, 1]) / 2 / closed_form(1.5, 40.0) - 1.0)
+        period = QuasiStaticSolver(settings).solve(problem(1.5, 40.0, spring * STIFFNESS, 0.0))
+        shifts.append(np.ptp(period.rig_displacement[:, 1]) / 2 / closed_form(1.5, 40.0) - 1.0)
     assert 0.0 < shifts[1] < 0.2 * shifts[0]
     assert shifts[1] < 0.015

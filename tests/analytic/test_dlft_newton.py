@@ -70,8 +70,8 @@ def test_the_step_that_a_line_search_takes(slope, share):
         def evaluate(self, u):
             return Line(1.0 + slope * u)
 
-    found, _ = _line_search(Equations(), np.zeros(1), np.ones(1), 1.0)
-    assert found == pytest.approx([share])
+    step, _ = _line_search(Equations(), np.zeros(1), np.ones(1), 1.0)
+    assert step == pytest.approx([share])
 
 
 def test_all_routes_lead_to_one_root(equations):
@@ -117,8 +117,8 @@ def test_factors_that_serve_badly_are_made_anew():
             slope = 3.0 * at.u**2 + 1.0
             return lambda v: slope * v, before or (lambda v: v / slope)
 
-    found = solve_newton(Cubic(), np.zeros(newton.LARGE), float(np.linalg.norm(target)), 1e-12, 60)
-    assert found.unknowns**3 + found.unknowns == pytest.approx(target, rel=1e-10)
+    solution = solve_newton(Cubic(), np.zeros(newton.LARGE), float(np.linalg.norm(target)), 1e-12, 60)
+    assert solution.unknowns**3 + solution.unknowns == pytest.approx(target, rel=1e-10)
     assert any(given)
     assert sum(one is None for one in given[1:]) > 0
 
@@ -132,17 +132,17 @@ def test_convergence_at_the_end_is_quadratic(equations):
 
 
 def test_a_node_with_a_large_gap_never_touches(problem):
-    found = dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
-    assert np.all(found.force[:, 4] == 0.0)
-    assert found.force[:, :, 2].sum(axis=1).mean() == pytest.approx(60.0, rel=1e-8)
-    assert (problem.interface.gap[:3] + found.displacement[:, :3, 2]).min() > -1e-9
+    period = dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
+    assert np.all(period.force[:, 4] == 0.0)
+    assert period.force[:, :, 2].sum(axis=1).mean() == pytest.approx(60.0, rel=1e-8)
+    assert (problem.interface.gap[:3] + period.displacement[:, :3, 2]).min() > -1e-9
 
 
 def test_motion_of_the_rig_balances_the_forces_in_time(problem):
     """The rig's equations of motion, the contact's harmonics in them, hold at every harmonic that is kept."""
-    found = dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
-    amplitudes = np.fft.rfft(found.rig_displacement, axis=0)[:4] / 64
-    friction = np.fft.rfft(found.friction_force)[:4] / 64
+    period = dlft.DlftSolver(Solver(method=PeriodicMethod.DLFT, estimate_error=False)).solve(problem)
+    amplitudes = np.fft.rfft(period.rig_displacement, axis=0)[:4] / 64
+    friction = np.fft.rfft(period.friction_force)[:4] / 64
     for h in (1, 2, 3):
         load = np.array([60.0 if h == 1 else 0.0, -friction[h]])
         impedance = problem.structure.rig.impedance(np.array([h * problem.omega]))[0]

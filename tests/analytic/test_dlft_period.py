@@ -32,14 +32,14 @@ def random_period(nodes=40, samples=96, seed=5):
 
 def test_the_state_repeats_and_a_long_march_ends_there():
     drive, limit = random_period()
-    found = periodic_friction(drive, limit)
-    assert found.periods > 2  # otherwise the acceleration is not exercised
-    force = march_period(found.force[-1], drive - np.roll(drive, 1, axis=0), limit)
-    assert np.abs(force - found.force).max() < 1e-12
+    period = periodic_friction(drive, limit)
+    assert period.periods > 2  # otherwise the acceleration is not exercised
+    force = march_period(period.force[-1], drive - np.roll(drive, 1, axis=0), limit)
+    assert np.abs(force - period.force).max() < 1e-12
     state = drive[-1]
     for _ in range(1000):
         state = march_period(state, drive - np.roll(drive, 1, axis=0), limit)[-1]
-    assert np.abs(state - found.force[-1]).max() < 1e-8
+    assert np.abs(state - period.force[-1]).max() < 1e-8
 
 
 def test_two_periods_of_marching_are_not_enough():
@@ -83,15 +83,15 @@ def test_oscillator_with_jenkins_element_against_three_codes(point):
     limit = np.full((128, 1), 0.5)
 
     def residual(a, derivative=False):
-        found = periodic_friction((basis @ a)[:, None] + 0j, limit)
-        force = analysis @ found.force.real[:, 0]
+        period = periodic_friction((basis @ a)[:, None] + 0j, limit)
+        force = analysis @ period.force.real[:, 0]
         linear = np.zeros((7, 7))
         linear[0, 0] = 1.0
         for h in (1, 2, 3):
             own, damping = 1 - (h * w)**2, 0.05 * h * w
             linear[2 * h - 1:2 * h + 1, 2 * h - 1:2 * h + 1] = [[own, damping], [-damping, own]]
         if derivative:
-            slopes = friction_derivative(found, limit, np.zeros_like(limit), basis, analysis)
+            slopes = friction_derivative(period, limit, np.zeros_like(limit), basis, analysis)
             return linear + slopes[0, :, 0].real
         return linear @ a + force - np.eye(7)[1]
 

@@ -68,9 +68,9 @@ def later(model):
     return model.evolve(start, 3e4, worn, 40.0, respond(solved(), baseline().interface))
 
 
-def signals(found):
-    return Signals(step=1e-2 / SAMPLES, displacement=found.displacement[:, :, 0].mean(axis=1),
-                   friction_force=found.friction_force, arm=found.rig_displacement[:, 1],
+def signals(period):
+    return Signals(step=1e-2 / SAMPLES, displacement=period.displacement[:, :, 0].mean(axis=1),
+                   friction_force=period.friction_force, arm=period.rig_displacement[:, 1],
                    excitation=70.0 * np.cos(2.0 * np.pi * np.arange(SAMPLES) / SAMPLES))
 
 
@@ -84,9 +84,9 @@ def test_neutral_is_the_baseline(name):
     neutral = catalogue()[name].neutral()
     model, plain = EffectModel.build(baseline(), [neutral]), EffectModel.build(baseline())
     slow, bare = later(model), later(plain)
-    found, expected = SOLVER.solve(model.problem(slow)), SOLVER.solve(plain.problem(bare))
+    period, expected = SOLVER.solve(model.problem(slow)), SOLVER.solve(plain.problem(bare))
     for part in ("displacement", "force", "rig_displacement", "friction_force"):
-        assert close(getattr(found, part), getattr(expected, part)), part
+        assert close(getattr(period, part), getattr(expected, part)), part
     response = respond(expected, plain.problem(bare).interface)
     assert close(model.wear_factor(response, slow), np.ones(9))
     assert close(model.opening_share(slow, 1e4), np.ones(9))
@@ -113,14 +113,14 @@ def test_derivatives_are_those_of_central_differences(name, parameter):
     effect = modest(catalogue()[name])
     model = EffectModel.build(baseline(), [effect])
     slow = later(model)
-    found = SOLVER.solve(model.problem(slow), solved())
+    period = SOLVER.solve(model.problem(slow), solved())
     step = 1e-4 * max(abs(getattr(effect, parameter)), 0.01 * abs(effect.priors()[parameter].high))
     changed = [effect.changed(**{parameter: getattr(effect, parameter) + by}) for by in (-step, step)]
     varied = [EffectModel.build(baseline(), [one]).problem(slow) for one in changed]
-    directions = directions_to(varied, model.problem(slow), found)
-    exact = sensitivities(model.problem(slow), found, directions, HARMONICS)
-    both = [shown(SOLVER.solve(one, found)) for one in varied]
-    for part, value in shown(found).items():
+    directions = directions_to(varied, model.problem(slow), period)
+    exact = sensitivities(model.problem(slow), period, directions, HARMONICS)
+    both = [shown(SOLVER.solve(one, period)) for one in varied]
+    for part, value in shown(period).items():
         own, difference = ((two - one) / (2.0 * step) for one, two in (shown(exact)[part], [one[part] for one in both]))
         # what a step of the size of the parameter's range would change, against what the period itself is
         visible = 1e-7 * np.abs(value).max() / effect.priors()[parameter].high
@@ -143,9 +143,9 @@ def test_any_two_work_together_or_say_why_not(first):
         one, other = EffectModel.build(baseline(), effects), EffectModel.build(baseline(), effects[::-1])
         assert one.effects == other.effects
         problem = one.problem(later(one))
-        found = SOLVER.solve(problem, solved())
-        assert found.residual_history[-1] < 1e-12
-        factor = one.wear_factor(respond(found, problem.interface), later(one))
+        period = SOLVER.solve(problem, solved())
+        assert period.residual_history[-1] < 1e-12
+        factor = one.wear_factor(respond(period, problem.interface), later(one))
         assert np.all(np.isfinite(factor))
 
 

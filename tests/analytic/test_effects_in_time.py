@@ -47,7 +47,7 @@ def one_node(nodes=1, areas=1e-6):
                            friction_coefficient=MU, frequency=100.0, excitation=F, normal_load=N)
 
 
-def integrate(found, friction=lambda x, v, way: 1.0, support=lambda x: 0.0, drive=lambda t: 0.0, spring=K,
+def integrate(period, friction=lambda x, v, way: 1.0, support=lambda x: 0.0, drive=lambda t: 0.0, spring=K,
               play=0.0, beside=lambda x, v: 0.0):
     """Step both masses; return the arm's motion and the friction force at the samples of the last period.
 
@@ -55,9 +55,9 @@ def integrate(found, friction=lambda x, v, way: 1.0, support=lambda x: 0.0, driv
     the arm, `play` that of the hinge's spring from end to end.
     """
     step = 0.01 / (SAMPLES * STEPS)
-    velocity = time_derivative(found.rig_displacement, OMEGA)[0]
-    state = np.concatenate([found.rig_displacement[0], velocity])
-    slider = state[1] + float(-found.friction_force[0]) / spring  # the force on the arm is spring (slider - arm)
+    velocity = time_derivative(period.rig_displacement, OMEGA)[0]
+    state = np.concatenate([period.rig_displacement[0], velocity])
+    slider = state[1] + float(-period.friction_force[0]) / spring  # the force on the arm is spring (slider - arm)
 
     def rate(t, y, held):
         xb, xa, vb, va = y
@@ -121,14 +121,14 @@ CASES = {
 def test_integration_in_time_stays_with_the_period(name):
     effect, written_again = CASES[name]
     model = EffectModel.build(one_node(), [] if effect is None else [effect])
-    found = SOLVER.solve(model.problem(model.initial()))
-    for values, own in zip(integrate(found, **written_again),
-                           (found.rig_displacement[:, 1], found.friction_force), strict=True):
+    period = SOLVER.solve(model.problem(model.initial()))
+    for values, own in zip(integrate(period, **written_again),
+                           (period.rig_displacement[:, 1], period.friction_force), strict=True):
         assert np.sqrt(np.mean((values - own)**2)) < 0.006 * np.ptp(own)
     if effect is not None:  # without it, they part
-        arm, force = integrate(found)
+        arm, force = integrate(period)
         parted = max(np.sqrt(np.mean((values - own)**2)) / np.ptp(own) for values, own in (
-            (arm, found.rig_displacement[:, 1]), (force, found.friction_force)))
+            (arm, period.rig_displacement[:, 1]), (force, period.friction_force)))
         assert parted > 0.015
 
 
@@ -137,11 +137,11 @@ def test_the_check_of_runs_knows_effects(name):
     effect, _ = CASES[name]
     model = EffectModel.build(one_node(), [effect])
     problem = model.problem(model.initial())
-    found = SOLVER.solve(problem)
-    history = settle(problem, found, (2, 2), 2 * SAMPLES, 0.0)
-    assert history.sliding_distance[-1] == pytest.approx(np.ptp(found.displacement[:, 0, 0]), rel=1e-3)
+    period = SOLVER.solve(problem)
+    history = settle(problem, period, (2, 2), 2 * SAMPLES, 0.0)
+    assert history.sliding_distance[-1] == pytest.approx(np.ptp(period.displacement[:, 0, 0]), rel=1e-3)
     force = history.of_period(history.friction_force)[::2]
-    assert np.sqrt(np.mean((force - found.friction_force)**2)) < 1e-3 * np.ptp(force)
+    assert np.sqrt(np.mean((force - period.friction_force)**2)) < 1e-3 * np.ptp(force)
 
 
 def test_a_tilted_bed_of_springs_is_pressed_linearly():
@@ -177,9 +177,9 @@ def test_rounded_edges_are_arcs_beside_a_flat():
     nodes = np.column_stack([places, np.zeros(21)])
     flat = replace(one_node(nodes=21), interface=Interface(nodes=nodes, areas=np.ones(21), gap=np.zeros(21)))
     radius, end = 0.5, 0.6e-3
-    found = InitialGap().changed(tilt_x=0.0, cylinder=(1e-3 - end)**2 / (2.0 * radius), flat=0.6).period(flat, None)
+    rounded = InitialGap().changed(tilt_x=0.0, cylinder=(1e-3 - end)**2 / (2.0 * radius), flat=0.6).period(flat, None)
     beyond = np.maximum(np.abs(places) - end, 0.0)
-    assert found.interface.gap == pytest.approx(radius - np.sqrt(radius**2 - beyond**2), rel=1e-5, abs=1e-15)
+    assert rounded.interface.gap == pytest.approx(radius - np.sqrt(radius**2 - beyond**2), rel=1e-5, abs=1e-15)
 
 
 @pytest.mark.parametrize("exponent", [0.0, 0.5, 0.8, 1.0])

@@ -32,13 +32,13 @@ RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 def test_slopes_are_those_of_differences(force):
     random = np.random.default_rng(3)
     x, v = 2e-6 * random.normal(size=(60, 2)), 1e-3 * random.normal(size=(60, 2))
-    found, step = force(x, v), 1e-11
+    response, step = force(x, v), 1e-11
     for place in range(2):
         dx = step * np.eye(2)[place]
         by_x = (force(x + dx, v).force - force(x - dx, v).force) / (2.0 * step)
         by_v = (force(x, v + 1e5 * dx).force - force(x, v - 1e5 * dx).force) / (2e5 * step)
-        assert by_x == pytest.approx(found.by_displacement[:, :, place], rel=1e-4, abs=1e-4 * 1e8)
-        assert by_v == pytest.approx(found.by_velocity[:, :, place], rel=1e-4, abs=1e-4)
+        assert by_x == pytest.approx(response.by_displacement[:, :, place], rel=1e-4, abs=1e-4 * 1e8)
+        assert by_v == pytest.approx(response.by_velocity[:, :, place], rel=1e-4, abs=1e-4)
 
 
 def test_a_cubic_force_is_felt_in_its_own_harmonics():
@@ -103,10 +103,10 @@ def test_a_period_is_found_across_the_play_of_a_stiff_hinge(play):
                            normal_load=60.0)
     model = EffectModel.build(bare, [Backlash().changed(play=play)])
     problem = model.problem(model.initial())
-    found = QuasiStaticSolver(Solver(harmonics=40, samples=256, estimate_error=False)).solve(problem)
-    assert len(found.residual_history) < 12
+    period = QuasiStaticSolver(Solver(harmonics=40, samples=256, estimate_error=False)).solve(problem)
+    assert len(period.residual_history) < 12
     drive = 70.0 * np.cos(2.0 * np.pi * np.arange(2048) / 2048)
     marched = jenkins_rig_motion(RIG, problem.boundary.forces, 20e6, 48.0, drive.tolist(), 100.0)[::8]
-    for own, other in zip(found.rig_displacement.T, marched.T, strict=True):
+    for own, other in zip(period.rig_displacement.T, marched.T, strict=True):
         assert np.sqrt(np.mean((own - other)**2)) < 0.01 * np.ptp(other)
-    assert np.ptp(np.diff(found.rig_displacement, axis=1)) > play
+    assert np.ptp(np.diff(period.rig_displacement, axis=1)) > play

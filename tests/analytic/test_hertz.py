@@ -69,13 +69,13 @@ def pressed(cells):
 @pytest.fixture(scope="module")
 def errors():
     """Return the relative errors of contact radius and peak pressure at 4, 8 and 16 elements a side."""
-    found = []
+    pairs = []
     for cells in (4, 8, 16):
         points, contact = pressed(cells)
         # For Hertz' half-ellipsoid of pressure, the mean of r^2 weighted with force is 2 a^2 / 5.
         radius = np.sqrt(2.5 * contact.force @ np.sum(points[:, :2] ** 2, axis=1) / LOAD)
-        found.append((radius / CONTACT_RADIUS - 1.0, contact.pressure.max() / PEAK - 1.0))
-    return np.abs(np.array(found))
+        pairs.append((radius / CONTACT_RADIUS - 1.0, contact.pressure.max() / PEAK - 1.0))
+    return np.abs(np.array(pairs))
 
 
 def test_contact_radius_and_peak_pressure_are_those_of_hertz(errors):

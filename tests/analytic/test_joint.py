@@ -144,11 +144,11 @@ def test_the_exact_condensation_is_the_whole_system(rig):
     pairs = ((u, relative), (motion.rig, whole[:, [0, 1 + 3 * CONTACT]]),
              (motion.upper_observation, whole[:, 1 + observed:4 + observed]),
              (motion.lower_observation, whole[:, 1 + size + observed:4 + size + observed]))
-    for found, expected in pairs:
+    for condensed, expected in pairs:
         assert np.abs(expected[:2]).max(axis=1).min() > 0.0
-        assert close(found[0], expected[0], 1e-8)
-        assert close(found[1], expected[1], 1e-8)
-        assert not np.any(found[2:])  # harmonics 2 and 3 carry no load
+        assert close(condensed[0], expected[0], 1e-8)
+        assert close(condensed[1], expected[1], 1e-8)
+        assert not np.any(condensed[2:])  # harmonics 2 and 3 carry no load
 
 
 def test_higher_harmonics_see_their_own_frequency(rig):

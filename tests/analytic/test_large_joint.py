@@ -48,8 +48,8 @@ def patched(monkeypatch):
     """Return the joint of 49 nodes, and that of its 16 patches."""
     monkeypatch.setattr(patches, "SIDE", SIDE)
     given, marching = contact()
-    found = Patches.of(given.interface)
-    return marching, found, found.joint(marching)
+    joint_patches = Patches.of(given.interface)
+    return marching, joint_patches, joint_patches.joint(marching)
 
 
 def test_nodes_that_move_as_one_are_a_patch(monkeypatch):
@@ -90,12 +90,12 @@ def test_period_of_a_large_joint_is_that_of_the_small_one(monkeypatch, force):
     monkeypatch.setattr(KeptFactors, "choose", choose)
     monkeypatch.setattr(march, "WORTH_KEEPING", 2)
     monkeypatch.setattr(patches, "SIDE", SIDE)
-    found = solution(given)
+    period = solution(given)
     assert any(reused)
-    audit_period(given, found, 1e-9)
-    assert energy_balance(given, found).error < 1e-8
-    assert np.abs(found.friction_force - expected.friction_force).max() < 1e-8 * np.ptp(expected.friction_force)
-    assert np.abs(found.force - expected.force).max() < 1e-8 * np.abs(expected.force).max()
+    audit_period(given, period, 1e-9)
+    assert energy_balance(given, period).error < 1e-8
+    assert np.abs(period.friction_force - expected.friction_force).max() < 1e-8 * np.ptp(expected.friction_force)
+    assert np.abs(period.force - expected.force).max() < 1e-8 * np.abs(expected.force).max()
 
 
 def test_a_neighbouring_period_needs_no_tangent_of_its_own(monkeypatch):
@@ -110,7 +110,7 @@ def test_a_neighbouring_period_needs_no_tangent_of_its_own(monkeypatch):
         return passed(self, position, forcing, *others)
 
     monkeypatch.setattr(ContactMarch, "_pass", recorded)
-    found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given, near)
+    period = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(given, near)
     assert (SIDE**2, 51) in columns
     assert (NODES, 51) not in columns
-    assert np.abs(found.friction_force - expected.friction_force).max() < 1e-8 * np.ptp(expected.friction_force)
+    assert np.abs(period.friction_force - expected.friction_force).max() < 1e-8 * np.ptp(expected.friction_force)

@@ -51,10 +51,10 @@ def test_jumps_converge_in_first_order():
 
 
 def test_oxygen_is_that_of_diffusion_and_uptake():
-    found = solve_bvp(lambda x, y: np.stack([y[1], 9.0 * y[0]]), lambda a, b: np.array([a[0] - 1.0, b[0] - 1.0]),
-                      np.linspace(-1.0, 1.0, 41), np.ones((2, 41)), tol=1e-8)
+    solution = solve_bvp(lambda x, y: np.stack([y[1], 9.0 * y[0]]), lambda a, b: np.array([a[0] - 1.0, b[0] - 1.0]),
+                         np.linspace(-1.0, 1.0, 41), np.ones((2, 41)), tol=1e-8)
     place = np.linspace(-1.0, 1.0, 21)
-    assert oxygen_share(place, 3.0) == pytest.approx(found.sol(place)[0], abs=1e-6)
+    assert oxygen_share(place, 3.0) == pytest.approx(solution.sol(place)[0], abs=1e-6)
 
 
 def test_bare_metal_in_the_middle_wears_less_and_only_at_high_power():

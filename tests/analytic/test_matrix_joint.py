@@ -64,12 +64,12 @@ def problem(frequency, force, **options):
 @pytest.mark.parametrize(("frequency", "force"), [(60.0, 60.0), (100.0, 50.0)])
 def test_both_solvers_and_time_integration_agree_on_a_bolted_pair(frequency, force):
     given = problem(frequency, force)
-    found = solve_periodic(given, harmonics=21, samples=512, tolerance=1e-8)
-    assert 0.05 < np.mean(found.state == 1) < 0.95  # sticks and slips
+    quasi_static = solve_periodic(given, harmonics=21, samples=512, tolerance=1e-8)
+    assert 0.05 < np.mean(quasi_static.state == 1) < 0.95  # sticks and slips
     other = solve_periodic(given, "dlft", harmonics=31, samples=512)
-    history = settle(given, found, (3, 20), 1024, 1e-4)
+    history = settle(given, quasi_static, (3, 20), 1024, 1e-4)
     swing = np.ptp(history.of_period(history.outputs["tip"]))
-    for period in (found, other):
+    for period in (quasi_static, other):
         assert np.ptp(period.output("tip")) == pytest.approx(swing, rel=0.01)
         assert period.dissipated_energy == pytest.approx(history.dissipated_energy[-1], rel=0.03)
 
@@ -106,12 +106,12 @@ def test_tangent_of_three_modes_is_that_of_central_differences():
         return contact, contact.period(synthesis @ (motion + by * way[:, :, 0]), directions, contact.preloaded(), None,
                                        1e-12)
 
-    contact, found = march(0.0)
-    assert np.any(found.history.state == 1)
+    contact, marched = march(0.0)
+    assert np.any(marched.history.state == 1)
     h = 1e-6
     plus, minus = (march(by)[1].history.force @ contact.system.transfer.T for by in (h, -h))
     differences = (plus - minus) / (2.0 * h)
-    assert found.tangent[:, :, 0] == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
+    assert marched.tangent[:, :, 0] == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
 
 
 def contact_map(nodes):
@@ -135,9 +135,9 @@ def grounded(nodes, compliance):
 def test_grounded_contacts_of_another_code(nodes):
     case = next(c for c in json.loads((PEERS / "coupled_dlft_3d.json").read_text())["B_dlft3d"]
                 if c["N"] == nodes and c["eps"] == 100.0)
-    found = solve_periodic(grounded(nodes, 1e-10), "dlft", harmonics=3, samples=128, penalty="100 N/m",
+    stiff = solve_periodic(grounded(nodes, 1e-10), "dlft", harmonics=3, samples=128, penalty="100 N/m",
                            tolerance=1e-11)
-    moved = analysis_matrix(3, 128) @ found.displacement.reshape(128, -1)
+    moved = analysis_matrix(3, 128) @ stiff.displacement.reshape(128, -1)
     assert moved == pytest.approx(np.array(case["X"]) @ contact_map(nodes).T, abs=1e-7)
     soft = grounded(nodes, 0.02)
     true = solve_periodic(soft, harmonics=15, samples=256, tolerance=1e-8)
@@ -186,13 +186,13 @@ def test_contact_nodes_whose_mass_counts_are_told_by_their_share_of_the_kinetic_
     face = Interface(np.zeros((1, 2)), np.array([1e-4]), np.zeros(1))
     given = PeriodicProblem(joint, face, Coulomb(1e-4), Harmonic(100.0, {"tip": 90.0}), preload=NormalLoad(100.0))
     with pytest.warns(HeavyContactWarning, match="dlft") if own > 0.02 else nullcontext():
-        found = solve_periodic(given, harmonics=9, samples=64)
-    share = neglected_inertia(given, found)
+        period = solve_periodic(given, harmonics=9, samples=64)
+    share = neglected_inertia(given, period)
     assert share == pytest.approx(own / (1.0 + own), rel=0.01)
     square = eigh(stiffness[:2, :2], mass[:2, :2], eigvals_only=True)[0]  # with all mass; without the contact's 1e6
     assert 1.0 - square / 1e6 == pytest.approx(share, rel=0.1)
     whole = solve_periodic(given, "dlft", harmonics=9, samples=64)  # keeps all mass, and has nothing to say
-    assert (abs(np.ptp(whole.output("tip")) / np.ptp(found.output("tip")) - 1.0) > 0.01) == (own > 0.02)
+    assert (abs(np.ptp(whole.output("tip")) / np.ptp(period.output("tip")) - 1.0) > 0.01) == (own > 0.02)
 
 
 def test_a_response_in_partial_slip_ends_and_is_that_of_time_integration():
@@ -284,7 +284,7 @@ def test_nothing_that_moves_is_seen_by_a_contact_of_its_own():
     """Uncoupled DOF were an error of numpy's."""
     joint = Joint.from_matrices(1e6 * np.eye(6), np.diag([1.0] * 3 + [1e-3] * 3), contact=[1], observe={"free": 0})
     face = Interface(np.zeros((1, 2)), np.array([1e-6]), np.zeros(1))
-    found = solve_periodic(PeriodicProblem(joint, face, Coulomb(0.5), Harmonic(100.0, {"free": 1.0}),
-                                           preload=NormalLoad(10.0)))
+    period = solve_periodic(PeriodicProblem(joint, face, Coulomb(0.5), Harmonic(100.0, {"free": 1.0}),
+                                            preload=NormalLoad(10.0)))
     exact = 1.0 / (1e6 - (200.0 * np.pi) ** 2)
-    assert np.abs(found.output("free")).max() == pytest.approx(exact, rel=1e-9)
+    assert np.abs(period.output("free")).max() == pytest.approx(exact, rel=1e-9)

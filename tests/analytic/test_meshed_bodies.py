@@ -178,12 +178,12 @@ def test_any_format_holds_the_same_bodies(tmp_path, ending, change, groups, reco
         meshio.write(other, change(meshio.read(path)))
     rubber = Material(youngs_modulus=1e8, poissons_ratio=0.4, density=1e3)
     own = assembled(path, materials={"pad": rubber})
-    found = assembled(other, interface=groups[:2], materials={groups[2]: rubber})
-    assert found.size == own.size
-    assert np.sort(found.stiffness.diagonal()) == pytest.approx(np.sort(own.stiffness.diagonal()), rel=1e-9)
-    assert np.sort(found.areas) == pytest.approx(np.sort(own.areas), rel=1e-9)
-    place = [np.lexsort(np.round(one.points, 9).T) for one in (own, found)]
-    assert found.points[place[1]] == pytest.approx(own.points[place[0]], abs=1e-12)
+    matrices = assembled(other, interface=groups[:2], materials={groups[2]: rubber})
+    assert matrices.size == own.size
+    assert np.sort(matrices.stiffness.diagonal()) == pytest.approx(np.sort(own.stiffness.diagonal()), rel=1e-9)
+    assert np.sort(matrices.areas) == pytest.approx(np.sort(own.areas), rel=1e-9)
+    place = [np.lexsort(np.round(one.points, 9).T) for one in (own, matrices)]
+    assert matrices.points[place[1]] == pytest.approx(own.points[place[0]], abs=1e-12)
 
 
 @pytest.mark.parametrize(("name", "text", "told"), [
@@ -230,9 +230,9 @@ def in_millimetres(path, other):
 def test_a_mesh_may_count_in_millimetres(tmp_path):
     path = blocks(tmp_path / "two.msh", (5, 2), (4, 2), lift=20e-6)
     other = in_millimetres(path, tmp_path / "two.inp")
-    own, found = assembled(path), assembled(other, unit=1e-3)
-    assert np.sort(found.stiffness.diagonal()) == pytest.approx(np.sort(own.stiffness.diagonal()), rel=1e-9)
-    assert found.gap == pytest.approx(20e-6, rel=1e-6)
+    own, matrices = assembled(path), assembled(other, unit=1e-3)
+    assert np.sort(matrices.stiffness.diagonal()) == pytest.approx(np.sort(own.stiffness.diagonal()), rel=1e-9)
+    assert matrices.gap == pytest.approx(20e-6, rel=1e-6)
     with pytest.raises(MeshError, match=r'are 34.67 m large; where .* give unit = 1e-3, in files mesh_unit = "1 mm"'):
         assembled(other)
     with pytest.raises(InputError, match=r"unit: 0 m is no length"):
@@ -249,10 +249,10 @@ def test_a_file_tells_unit_and_materials(tmp_path):
         "interfaces": [{"upper": "upper", "lower": "lower"}], "mesh_unit": "1 mm",
         "materials": {"pad": {"youngs_modulus": "114 GPa", "poissons_ratio": 0.34, "density": "4430 kg/m^3"}}})
     steel = Elasticity.model_validate({"youngs_modulus": "210 GPa", "poissons_ratio": 0.0, "density": "7800 kg/m^3"})
-    found = assembled_bodies(in_millimetres(path, tmp_path / "two.inp"), own, steel, [])
+    matrices = assembled_bodies(in_millimetres(path, tmp_path / "two.inp"), own, steel, [])
     expected = assembled(path, materials={"pad": Material(youngs_modulus=114e9, poissons_ratio=0.34, density=4430.0)})
-    assert np.sort(found.stiffness.diagonal()) == pytest.approx(np.sort(expected.stiffness.diagonal()), rel=1e-9)
-    assert np.sort(found.mass.diagonal()) == pytest.approx(np.sort(expected.mass.diagonal()), rel=1e-9)
+    assert np.sort(matrices.stiffness.diagonal()) == pytest.approx(np.sort(expected.stiffness.diagonal()), rel=1e-9)
+    assert np.sort(matrices.mass.diagonal()) == pytest.approx(np.sort(expected.mass.diagonal()), rel=1e-9)
 
 
 def test_a_facet_is_in_one_set(tmp_path):

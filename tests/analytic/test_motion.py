@@ -16,29 +16,30 @@ TIME = STEP * np.arange(6001)
 def test_bias_is_that_of_the_closed_forms(frequency):
     turning, inside = 2.0 * np.pi * frequency, slice(100, -100)
     x = np.sin(turning * TIME)
-    found, phase = measure(x, STEP, half_width=25), turning * 25 * STEP
+    measured, phase = measure(x, STEP, half_width=25), turning * 25 * STEP
     biases = -phase**6 / 33264.0, -phase**6 / 61776.0, -phase**4 / 792.0
     exact = (x, turning * np.cos(turning * TIME), -turning**2 * x)
-    for got, true, expected in zip((found.motion.displacement, found.motion.velocity, found.motion.acceleration),
-                                   exact, biases, strict=True):
+    motion = measured.motion
+    rates = motion.displacement, motion.velocity, motion.acceleration
+    for got, true, expected in zip(rates, exact, biases, strict=True):
         bias = (got[inside] @ true[inside]) / (true[inside] @ true[inside]) - 1.0
         # the sums differ from integrals by 1 / (2 half_width), the next order of the series is some (w T)^2 / 10
         assert bias == pytest.approx(expected, rel=0.25)
         assert expected < 0.0
 
 
-def rates_noise(found):
+def rates_noise(measured):
     """Return the standard deviations of velocity and acceleration by noise, of sums taken as integrals."""
-    span, n = found.half_width * STEP, 2 * found.half_width + 1
-    return found.noise * np.sqrt(3675.0 / 64.0 / n) / span, found.noise * np.sqrt(551.25 / n) / span**2
+    span, n = measured.half_width * STEP, 2 * measured.half_width + 1
+    return measured.noise * np.sqrt(3675.0 / 64.0 / n) / span, measured.noise * np.sqrt(551.25 / n) / span**2
 
 
 def test_noise_of_the_rates_is_that_of_the_closed_forms():
     noise = 3e-6 * np.random.default_rng(5).normal(size=200_000)
-    found = measure(noise, STEP, half_width=60)
-    assert found.noise == pytest.approx(3e-6, rel=0.02, abs=0.0)
-    assert found.motion.velocity.std() == pytest.approx(rates_noise(found)[0], rel=0.05)
-    assert found.motion.acceleration.std() == pytest.approx(rates_noise(found)[1], rel=0.05)
+    measured = measure(noise, STEP, half_width=60)
+    assert measured.noise == pytest.approx(3e-6, rel=0.02, abs=0.0)
+    assert measured.motion.velocity.std() == pytest.approx(rates_noise(measured)[0], rel=0.05)
+    assert measured.motion.acceleration.std() == pytest.approx(rates_noise(measured)[1], rel=0.05)
 
 
 @pytest.mark.parametrize("noise", [1e-7, 1e-6])
@@ -59,11 +60,11 @@ def test_the_width_grows_with_noise_and_the_acceleration_stays_near_the_true_one
     turning, widths = 30.0, []
     for noise in (1e-8, 1e-6, 1e-4):
         x = 1e-2 * np.sin(turning * TIME) + noise * np.random.default_rng(2).normal(size=len(TIME))
-        found = measure(x, STEP)
-        error = found.motion.acceleration + 1e-2 * turning**2 * np.sin(turning * TIME)
-        widths.append(found.half_width)
-        assert found.half_width == best_width(x, found.noise)
-        assert error[300:-300].std() < 4.0 * rates_noise(found)[1] + 1e-3 * turning**2 * 1e-2
+        measured = measure(x, STEP)
+        error = measured.motion.acceleration + 1e-2 * turning**2 * np.sin(turning * TIME)
+        widths.append(measured.half_width)
+        assert measured.half_width == best_width(x, measured.noise)
+        assert error[300:-300].std() < 4.0 * rates_noise(measured)[1] + 1e-3 * turning**2 * 1e-2
     assert widths[0] < widths[1] < widths[2]
 
 

@@ -83,11 +83,11 @@ def test_the_largest_amplitude_is_that_of_a_cycle_that_repeats(seed):
     """What three points on bodies that couple all of their motions hold from being tightened goes with a cycle."""
     joint = three_points(seed)
     mode = joint.linear_modes(1)[0]
-    found = quasi_static_backbone(joint, mode, np.array([1e-4]))
+    backbone = quasi_static_backbone(joint, mode, np.array([1e-4]))
     repeated = quasi_static_backbone(joint, mode, np.full(5, 1e-4))
-    assert found.sliding[0] == 3
-    assert found.frequency[0] == pytest.approx(repeated.frequency[-1], rel=1e-3)
-    assert found.damping[0] == pytest.approx(repeated.damping[-1], rel=0.02)
+    assert backbone.sliding[0] == 3
+    assert backbone.frequency[0] == pytest.approx(repeated.frequency[-1], rel=1e-3)
+    assert backbone.damping[0] == pytest.approx(repeated.damping[-1], rel=0.02)
 
 
 @pytest.mark.parametrize("chi", [-0.5, 0.0, 0.5])
@@ -96,20 +96,20 @@ def test_iwans_power_law_of_dissipation_and_stiffness(iwan, chi):
     mode = joint.linear_modes(1)[0]
     assert mode.frequency == pytest.approx(np.sqrt((TOTAL + GROUND) / MASS) / (2.0 * np.pi), rel=1e-9)
     asked = np.geomspace(0.15, 0.5, 9) * LONGEST * np.sqrt(MASS)
-    found = quasi_static_backbone(joint, mode, asked)
-    x = found.amplitude / np.sqrt(MASS)
+    backbone = quasi_static_backbone(joint, mode, asked)
+    x = backbone.amplitude / np.sqrt(MASS)
     # density R phi^chi of slider stiffness, T = int R phi^chi: D = 4 R x^(chi + 3) / ((chi + 2) (chi + 3))
     r = TOTAL * (chi + 1.0) / LONGEST**(chi + 1.0)
-    assert found.dissipated == pytest.approx(4.0 * r * x**(chi + 3.0) / ((chi + 2.0) * (chi + 3.0)), rel=0.01)
+    assert backbone.dissipated == pytest.approx(4.0 * r * x**(chi + 3.0) / ((chi + 2.0) * (chi + 3.0)), rel=0.01)
     # of the loop that Masing's rule makes of x^p the first harmonic is that of (1 + cos)^p: Wallis' integrals
     p = chi + 2.0
     wallis = 4.0 / np.sqrt(np.pi) * gamma(p + 0.5) / gamma(p + 1.0) * p / (p + 1.0)
     stiffness = GROUND + TOTAL - wallis * r * x**(chi + 1.0) * (1.0 / (chi + 1.0) - 1.0 / (chi + 2.0))
-    assert found.frequency == pytest.approx(np.sqrt(stiffness / MASS) / (2.0 * np.pi), rel=2e-4)
-    assert found.friction_damping == pytest.approx(found.dissipated / (2.0 * np.pi * stiffness * x**2), rel=2e-3)
-    slope = np.polyfit(np.log(x), np.log(found.dissipated), 1)[0]
+    assert backbone.frequency == pytest.approx(np.sqrt(stiffness / MASS) / (2.0 * np.pi), rel=2e-4)
+    assert backbone.friction_damping == pytest.approx(backbone.dissipated / (2.0 * np.pi * stiffness * x**2), rel=2e-3)
+    slope = np.polyfit(np.log(x), np.log(backbone.dissipated), 1)[0]
     assert slope == pytest.approx(3.0 + chi, abs=0.02)
-    assert np.abs(found.outputs[:, 0]) == pytest.approx(x, rel=1e-9)
+    assert np.abs(backbone.outputs[:, 0]) == pytest.approx(x, rel=1e-9)
 
 
 def test_small_amplitudes_are_the_linear_mode_and_large_ones_slide(iwan):
@@ -211,13 +211,13 @@ def test_points_that_keep_their_state_are_condensed_until_they_move(structures):
     assert 0 < np.sum(~joint.closed) < 25
     for size in (1.0, 400.0):
         loads = pushed(joint, size)
-        found = joint.follow(loads, joint.preloaded)
+        history = joint.follow(loads, joint.preloaded)
         busy = len(next(iter(joint._contacts.values())).dofs) // 3
         assert 0 < busy < (12 if size == 1.0 else 25)  # small loads move few points, large ones not all
         whole = joint._follow_busy(loads, joint.preloaded, np.full(25, SLIP, dtype=np.int8), None)
-        assert found.force == pytest.approx(whole.force, abs=1e-6 * np.abs(whole.force).max())
-        assert found.slid == pytest.approx(whole.slid, abs=1e-6 * np.abs(whole.slid).max())
-        assert np.all(found.slid[:, 2::3] >= -joint.clearance - 1e-12)
+        assert history.force == pytest.approx(whole.force, abs=1e-6 * np.abs(whole.force).max())
+        assert history.slid == pytest.approx(whole.slid, abs=1e-6 * np.abs(whole.slid).max())
+        assert np.all(history.slid[:, 2::3] >= -joint.clearance - 1e-12)
 
 
 def test_no_guess_of_the_states_changes_what_friction_allows(structures):
@@ -227,43 +227,43 @@ def test_no_guess_of_the_states_changes_what_friction_allows(structures):
     plain = joint.follow(loads, joint.preloaded)
     anything = np.random.default_rng(3).integers(0, 3, plain.state.shape).astype(np.int8)
     for guess in (plain.state, anything, np.zeros_like(plain.state), plain.state[:7]):
-        found = joint.follow(loads, joint.preloaded, guess)
+        history = joint.follow(loads, joint.preloaded, guess)
         small = 1e-9 * np.abs(joint.bolts).max()
-        assert np.abs(found.slid @ joint.structure.stiffness - loads - found.force).max() < small
-        force = found.force.reshape(len(loads), -1, 3)
+        assert np.abs(history.slid @ joint.structure.stiffness - loads - history.force).max() < small
+        force = history.force.reshape(len(loads), -1, 3)
         assert force[..., 2].min() > -small
         assert np.max(np.hypot(force[..., 0], force[..., 1]) - 0.4 * force[..., 2]) < small
-        assert np.all(found.slid[:, 2::3] > -1e-15)
-        moved = np.diff(found.slid, axis=0).reshape(len(loads) - 1, -1, 3)
+        assert np.all(history.slid[:, 2::3] > -1e-15)
+        moved = np.diff(history.slid, axis=0).reshape(len(loads) - 1, -1, 3)
         closed = force[1:, :, 2] > small
         work = np.sum(force[1:, :, :2] * moved[..., :2], axis=2)[closed]
         assert work.max() < small * np.abs(moved).max()
         assert work.min() < -1e3 * small * np.abs(moved).max()
-        assert found.force == pytest.approx(plain.force, abs=1e-6 * np.abs(plain.force).max())
+        assert history.force == pytest.approx(plain.force, abs=1e-6 * np.abs(plain.force).max())
 
 
 def test_a_small_periodic_motion_is_the_linear_mode(structures):
     joint = sprung(structures.lap_beam(25))
     for mode in joint.linear_modes(2):
-        found = periodic_mode(joint, mode, 1e-8)
-        assert found.frequency == pytest.approx(mode.frequency, rel=1e-3)  # the boundary's mass is left out
-        assert abs(found.damping) < 1e-9
+        motion = periodic_mode(joint, mode, 1e-8)
+        assert motion.frequency == pytest.approx(mode.frequency, rel=1e-3)  # the boundary's mass is left out
+        assert abs(motion.damping) < 1e-9
 
 
 def test_energy_of_a_period_balances_to_round_off(structures):
     joint = sprung(structures.lap_beam(25))
     mode = joint.linear_modes(1)[0]
-    found = periodic_mode(joint, mode, 4e-5, tolerance=1e-10, harmonics=9)
-    massless = MasslessJoint.of(joint, found.modes.shape[1])
+    motion = periodic_mode(joint, mode, 4e-5, tolerance=1e-10, harmonics=9)
+    massless = MasslessJoint.of(joint, motion.modes.shape[1])
     # the work of y on the contact over a period against that of contact forces, by the same trapezia
-    y, u = (np.vstack([values, values[:1]]) for values in (found.modes, found.history.displacement))
-    pull = massless.pulled(found.history)
+    y, u = (np.vstack([values, values[:1]]) for values in (motion.modes, motion.history.displacement))
+    pull = massless.pulled(motion.history)
     pull = np.vstack([pull, pull[:1]])
-    force = np.vstack([found.history.force, found.history.force[:1]])
+    force = np.vstack([motion.history.force, motion.history.force[:1]])
     middle = [0.5 * (values[1:] + values[:-1]) for values in (y, pull, force)]
     work = np.sum(massless.eigenvalues * middle[0] * np.diff(pull, axis=0))
-    lost = -np.sum(middle[2] * np.diff(u, axis=0))
-    assert work == pytest.approx(lost, rel=1e-8, abs=1e-8 * abs(lost))
+    dissipated = -np.sum(middle[2] * np.diff(u, axis=0))
+    assert work == pytest.approx(dissipated, rel=1e-8, abs=1e-8 * abs(dissipated))
 
 
 def test_a_decay_in_time_has_the_modes_frequency_and_damping(structures):

@@ -51,23 +51,24 @@ def by_least_squares(flexibility, initial_gap, load):
 def test_forces_are_those_of_another_method(pair, curvature, tilt, load):
     flexibility, positions, areas = pair
     gap = 0.5 * curvature * np.sum(positions**2, axis=1) + tilt * positions[:, 0]
-    found = frictionless_preload(flexibility, gap, areas, load)
+    preload = frictionless_preload(flexibility, gap, areas, load)
     force, approach = by_least_squares(flexibility, gap, load)
-    assert found.force == pytest.approx(force, abs=1e-8 * load)
-    assert found.approach == pytest.approx(approach, rel=1e-9)
+    assert preload.force == pytest.approx(force, abs=1e-8 * load)
+    assert preload.approach == pytest.approx(approach, rel=1e-9)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 20.0, 80.0])
 def test_contact_conditions(pair, curvature):
     flexibility, positions, areas = pair
     gap = 0.5 * curvature * np.sum(positions**2, axis=1)
-    found = frictionless_preload(flexibility, gap, areas, LOAD)
-    assert found.force.sum() == pytest.approx(LOAD, rel=1e-10)
-    assert found.pressure @ areas == pytest.approx(LOAD, rel=1e-10)
-    assert found.force.min() >= 0.0
-    assert found.gap.min() >= 0.0
-    assert np.all(found.force * found.gap == 0.0)
-    assert found.gap == pytest.approx(np.maximum(gap - found.approach + flexibility @ found.force, 0.0), abs=1e-16)
+    preload = frictionless_preload(flexibility, gap, areas, LOAD)
+    assert preload.force.sum() == pytest.approx(LOAD, rel=1e-10)
+    assert preload.pressure @ areas == pytest.approx(LOAD, rel=1e-10)
+    assert preload.force.min() >= 0.0
+    assert preload.gap.min() >= 0.0
+    assert np.all(preload.force * preload.gap == 0.0)
+    opening = gap - preload.approach + flexibility @ preload.force
+    assert preload.gap == pytest.approx(np.maximum(opening, 0.0), abs=1e-16)
 
 
 def test_flat_ridges_are_pressed_as_a_punch_and_symmetric(pair):

@@ -40,9 +40,9 @@ def test_crossed_ridges_are_symmetric_and_pressed_as_a_punch(pair):
     upper, lower = pair
     assert upper.contact_nodes == pytest.approx(lower.contact_nodes, abs=1e-12)
     both = flexibility(upper) + flexibility(lower)
-    found = frictionless_preload(both, np.zeros(SIDE**2), upper.contact_areas, LOAD)
-    assert found.force.sum() == pytest.approx(LOAD, rel=1e-10)
-    pressure = found.pressure.reshape(SIDE, SIDE)
+    preload = frictionless_preload(both, np.zeros(SIDE**2), upper.contact_areas, LOAD)
+    assert preload.force.sum() == pytest.approx(LOAD, rel=1e-10)
+    pressure = preload.pressure.reshape(SIDE, SIDE)
     assert pressure == pytest.approx(pressure.T, rel=1e-8)
     assert pressure == pytest.approx(pressure[::-1], rel=1e-8)
     edges = np.concatenate([pressure[0], pressure[-1], pressure[:, 0], pressure[:, -1]])

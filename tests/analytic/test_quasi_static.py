@@ -55,21 +55,21 @@ CASES = [(30.0, False), (53.0, False), (75.0, False), (50.0, True), (75.0, True)
 
 @pytest.mark.parametrize(("force", "domed"), CASES)
 def test_every_sample_obeys_the_contact_laws(force, domed):
-    found, gap = solution(force, domed), DOME if domed else np.zeros(NODES)
-    pressing, friction = found.force[:, :, 2], np.hypot(found.force[:, :, 0], found.force[:, :, 1])
-    opening = gap + found.displacement[:, :, 2]
+    period, gap = solution(force, domed), DOME if domed else np.zeros(NODES)
+    pressing, friction = period.force[:, :, 2], np.hypot(period.force[:, :, 0], period.force[:, :, 1])
+    opening = gap + period.displacement[:, :, 2]
     small = 1e-8 * LOAD
     assert pressing.min() >= -small
     assert opening.min() >= -1e-14
     assert np.abs(pressing * opening).max() < 1e-14 * LOAD
     assert np.all(friction <= MU * pressing + small)
-    slip = found.displacement[:, :, :2] - np.roll(found.displacement[:, :, :2], 1, axis=0)
-    slips = found.state == ContactState.SLIP
+    slip = period.displacement[:, :, :2] - np.roll(period.displacement[:, :, :2], 1, axis=0)
+    slips = period.state == ContactState.SLIP
     assert np.all(np.abs(friction - MU * pressing)[slips] < small)
-    power = np.sum(found.force[:, :, :2] * slip, axis=2)
+    power = np.sum(period.force[:, :, :2] * slip, axis=2)
     assert np.abs(power + MU * pressing * np.hypot(slip[..., 0], slip[..., 1]))[slips].max(initial=0.0) < 1e-6 * small
-    assert np.abs(slip[found.state == ContactState.STICK]).max() < 1e-15
-    assert np.any(found.state == ContactState.SEPARATION) or not domed
+    assert np.abs(slip[period.state == ContactState.STICK]).max() < 1e-15
+    assert np.any(period.state == ContactState.SEPARATION) or not domed
 
 
 @pytest.mark.parametrize(("law", "channel", "factor", "shift"), [
@@ -79,15 +79,15 @@ def test_a_period_that_breaks_the_contact_law_at_one_sample_is_refused(law, chan
     """With all that friction may depend on a period keeps its own law; spoiled at one sliding node it does not."""
     whole = replace(problem(75.0), law=Coulomb(MU, exponent=0.1, asymmetry=0.2),
                     structure=change_rig(JOINT, load_slope=2e5))
-    found = QuasiStaticSolver(Solver(harmonics=15, samples=64, estimate_error=False)).solve(whole)
-    audit_period(whole, found, 1e-7)
-    values = getattr(found, channel).copy()
-    j, m = np.argwhere(found.state == ContactState.SLIP)[20]
+    period = QuasiStaticSolver(Solver(harmonics=15, samples=64, estimate_error=False)).solve(whole)
+    audit_period(whole, period, 1e-7)
+    values = getattr(period, channel).copy()
+    j, m = np.argwhere(period.state == ContactState.SLIP)[20]
     values[j, m] = values[j, m] * factor + np.array([0.0, 0.0, shift])
     with pytest.raises(AuditError, match=law):
-        audit_period(whole, replace(found, **{channel: values}), 1e-7)
+        audit_period(whole, replace(period, **{channel: values}), 1e-7)
     with pytest.raises(AuditError, match="cone"):
-        audit_period(replace(whole, law=replace(whole.law, asymmetry=0.0)), found, 1e-7)
+        audit_period(replace(whole, law=replace(whole.law, asymmetry=0.0)), period, 1e-7)
 
 
 def test_the_solver_audits_its_periods(monkeypatch):
@@ -100,21 +100,21 @@ def test_the_solver_audits_its_periods(monkeypatch):
 made = quasi_static._solution
 
 
-def spoiled(found):
+def spoiled(period):
     """Return a period with a hundred-thousandth more friction."""
-    return replace(found, force=found.force * np.array([1.0 + 1e-5, 1.0 + 1e-5, 1.0]))
+    return replace(period, force=period.force * np.array([1.0 + 1e-5, 1.0 + 1e-5, 1.0]))
 
 
 @pytest.mark.parametrize(("force", "domed"), CASES)
 def test_equilibrium_of_the_contact_and_of_the_load(force, domed):
-    found = solution(force, domed)
-    forces = found.force.reshape(len(found.force), -1)
-    assert found.force[:, :, 2].sum(axis=1) == pytest.approx(LOAD, rel=1e-8)
-    assert -found.force[:, :, 0].sum(axis=1) == pytest.approx(found.friction_force, abs=1e-12)
+    period = solution(force, domed)
+    forces = period.force.reshape(len(period.force), -1)
+    assert period.force[:, :, 2].sum(axis=1) == pytest.approx(LOAD, rel=1e-8)
+    assert -period.force[:, :, 0].sum(axis=1) == pytest.approx(period.friction_force, abs=1e-12)
     # u - flexibility f is a rigid motion of the arm: all nodes share x and z, and y stays
-    rigid = (found.displacement.reshape(forces.shape) - forces @ JOINT.flexibility).reshape(len(forces), NODES, 3)
+    rigid = (period.displacement.reshape(forces.shape) - forces @ JOINT.flexibility).reshape(len(forces), NODES, 3)
     assert np.ptp(rigid, axis=1).max() < 1e-14
-    assert rigid[:, :, 0] == pytest.approx(np.broadcast_to(found.rig_displacement[:, 1:], rigid.shape[:2]), abs=1e-14)
+    assert rigid[:, :, 0] == pytest.approx(np.broadcast_to(period.rig_displacement[:, 1:], rigid.shape[:2]), abs=1e-14)
     assert np.abs(rigid[:, :, 1]).max() < 1e-14
 
 
@@ -123,39 +123,39 @@ def test_faces_bear_what_a_curved_wedge_presses(domed):
     """Equilibrium along z under ``N + s x + b x^2``, and the arm comes down by what the contact's flexibility gives."""
     slope, bend = 5e5, 2e10
     whole = problem(60.0, DOME if domed else None)
-    found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
+    period = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(
         replace(whole, structure=change_rig(JOINT, load_slope=slope, load_curvature=bend)))
-    arm = found.rig_displacement[:, 1]
+    arm = period.rig_displacement[:, 1]
     pressed = LOAD + slope * arm + bend * arm**2
     assert np.ptp(bend * arm**2) > 0.03 * LOAD
-    assert found.force[:, :, 2].sum(axis=1) == pytest.approx(pressed, rel=1e-8)
-    forces = found.force.reshape(len(arm), -1)
-    rigid = (found.displacement.reshape(forces.shape) - forces @ JOINT.flexibility).reshape(len(arm), NODES, 3)
+    assert period.force[:, :, 2].sum(axis=1) == pytest.approx(pressed, rel=1e-8)
+    forces = period.force.reshape(len(arm), -1)
+    rigid = (period.displacement.reshape(forces.shape) - forces @ JOINT.flexibility).reshape(len(arm), NODES, 3)
     assert np.ptp(rigid, axis=1).max() < 1e-14
-    assert rigid[:, 0, 2] == pytest.approx(found.output("approach"), abs=1e-14)
+    assert rigid[:, 0, 2] == pytest.approx(period.output("approach"), abs=1e-14)
 
 
 @pytest.mark.parametrize("force", [53.0, 75.0])
 def test_work_of_the_excitation_is_friction_and_damping(force):
     """Work over a period by Fourier series of the motion alone; friction by forces times slips."""
-    found = solution(force, samples=256)
-    amplitudes = to_complex(analysis_matrix(25, 256) @ found.rig_displacement)
+    period = solution(force, samples=256)
+    amplitudes = to_complex(analysis_matrix(25, 256) @ period.rig_displacement)
     given = np.pi * force * np.imag(np.conj(amplitudes[1, 0]))
     omega = 2 * np.pi * 100.0 * np.arange(26)
     damped = sum(np.pi * w * k * (np.conj(a) @ RIG.damping @ a).real
                  for w, k, a in zip(omega, np.arange(26), amplitudes, strict=True))
-    slid = found.displacement - np.roll(found.displacement, 1, axis=0)
-    rubbed = -np.sum(found.force[:, :, :2] * slid[:, :, :2])
+    slid = period.displacement - np.roll(period.displacement, 1, axis=0)
+    rubbed = -np.sum(period.force[:, :, :2] * slid[:, :, :2])
     assert given == pytest.approx(rubbed + damped, rel=5e-3)
 
 
 def test_a_joint_that_sticks_is_the_linear_joint():
-    found = solution(30.0)
+    period = solution(30.0)
     omega = 2 * np.pi * 100.0
     impedance = RIG.impedance(np.array([omega]))[0]
     impedance[1, 1] += JOINT.motion[:, 0] @ JOINT.stiffness @ JOINT.motion[:, 0]
     expected = np.linalg.solve(impedance, [30.0, 0.0])
-    amplitudes = to_complex(analysis_matrix(3, 128) @ found.rig_displacement)
+    amplitudes = to_complex(analysis_matrix(3, 128) @ period.rig_displacement)
     assert amplitudes[1] == pytest.approx(expected, rel=2e-3)
 
 
@@ -178,11 +178,12 @@ def test_tangent_of_the_friction_force_is_that_of_central_differences(stroke):
         return marching.period((synthesis @ coefficients)[:, None], synthesis[:, None], marching.preloaded(), None,
                                1e-12)
 
-    found = march(arm)
+    marched = march(arm)
     h = 1e-6
     plus, minus = (friction(march(arm + s * h * direction)) for s in (1, -1))
     differences = (plus - minus) / (2 * h)
-    assert found.tangent[:, 0] @ direction == pytest.approx(differences, rel=1e-5, abs=1e-5 * np.abs(differences).max())
+    assert marched.tangent[:, 0] @ direction == pytest.approx(
+        differences, rel=1e-5, abs=1e-5 * np.abs(differences).max())
 
 
 @pytest.mark.parametrize("stroke", [3.4e-6, 3.8e-6, 4.2e-6])
@@ -201,8 +202,8 @@ def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
     plus, minus = (friction(march(arm + h * direction, np.zeros((samples, 0)))) for h in (1e-12, -1e-12))
     differences = (plus - minus) / 2e-12
     settled = march(arm, np.zeros((samples, 0))).history
-    found = march(arm, direction[:, None], settled, repeat=1e-4).tangent[:, 0, 0]
-    assert found == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
+    tangent = march(arm, direction[:, None], settled, repeat=1e-4).tangent[:, 0, 0]
+    assert tangent == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
 
 
 @pytest.mark.parametrize("stroke", [3.0e-6, 3.4e-6, 3.8e-6])
@@ -216,8 +217,8 @@ def test_a_period_is_the_same_with_what_another_taught_of_the_memory(stroke):
 
     fresh, taught = (ContactMarch.of(problem(1.0), ARM) for _ in range(2))
     march(taught, 0.98 * stroke)
-    expected, found = march(fresh, stroke), march(taught, stroke)
-    assert friction(found) == pytest.approx(friction(expected), abs=1e-8 * LOAD)
+    expected, marched = march(fresh, stroke), march(taught, stroke)
+    assert friction(marched) == pytest.approx(friction(expected), abs=1e-8 * LOAD)
 
 
 def test_a_load_pressed_on_against_friction_shears_the_faces_within_their_limit():
@@ -259,7 +260,7 @@ def test_giving_up_keeps_the_history():
 
 def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
     """Where steps with a former tangent end in a dead end, the period is the one that is found without them."""
-    found = solution(53.0)
+    period = solution(53.0)
 
     search, ended = InternalNewton._searched, []
 
@@ -273,7 +274,7 @@ def test_former_tangents_that_lead_astray_are_done_without(monkeypatch):
     solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
     again = solver.solve(problem(53.0))
     assert ended
-    assert again.rig_displacement == pytest.approx(found.rig_displacement, rel=1e-6, abs=1e-12)
+    assert again.rig_displacement == pytest.approx(period.rig_displacement, rel=1e-6, abs=1e-12)
 
 
 def test_a_residual_that_stalls_by_the_tolerance_is_taken_by_who_asks_for_it(monkeypatch):
@@ -291,9 +292,9 @@ def test_a_residual_that_stalls_by_the_tolerance_is_taken_by_who_asks_for_it(mon
         settings = Solver(harmonics=25, samples=128, tolerance=tolerance, estimate_error=False)
         return QuasiStaticSolver(settings, takes_stalled=takes_stalled).solve(problem(53.0))
 
-    found = solved(0.2 * stall)
-    assert found.residual_history[-1] == pytest.approx(stall, rel=0.01)
-    missed = np.abs(found.friction_force - exact.friction_force).max()
+    period = solved(0.2 * stall)
+    assert period.residual_history[-1] == pytest.approx(stall, rel=0.01)
+    missed = np.abs(period.friction_force - exact.friction_force).max()
     assert missed < np.abs(dense.friction_force[::2] - exact.friction_force).max()
     for finer, takes_stalled in ((0.05 * stall, True), (0.2 * stall, False)):
         with pytest.raises(NonConvergenceError, match="residual"):
@@ -304,6 +305,6 @@ def test_a_neighbour_that_is_far_does_not_slow_the_solution_down():
     """Where a neighbouring period is far from balance, the start from nothing is looked at too."""
     solver = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False))
     alone, far = solver.solve(problem(75.0)), solver.solve(problem(40.0))
-    found = solver.solve(problem(75.0), far)
-    assert found.rig_displacement == pytest.approx(alone.rig_displacement, rel=1e-6, abs=1e-12)
-    assert found.residual_history[0] == pytest.approx(alone.residual_history[0], rel=0.1)
+    period = solver.solve(problem(75.0), far)
+    assert period.rig_displacement == pytest.approx(alone.rig_displacement, rel=1e-6, abs=1e-12)
+    assert period.residual_history[0] == pytest.approx(alone.residual_history[0], rel=0.1)

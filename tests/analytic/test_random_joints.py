@@ -41,14 +41,14 @@ def random_problem(seed, nodes, sliding, lift):
     (0, 1, 3.0, 0.0), (1, 2, 1.0, 0.0), (2, 3, 0.3, 0.0), (3, 3, 1.5, 1.5), (4, 5, 1.0, 0.0), (5, 2, 1.5, 2.0)])
 def test_the_period_of_a_random_joint_is_that_of_time_integration(seed, nodes, sliding, lift):
     given = random_problem(seed, nodes, sliding, lift)
-    found = ff.solve_periodic(given, harmonics=31, samples=256)
-    history = settle(given, found, (2, 8), 1024, 1e-4)
-    assert np.ptp(found.output("tip")) == pytest.approx(np.ptp(history.of_period(history.outputs["tip"])), rel=0.01)
+    period = ff.solve_periodic(given, harmonics=31, samples=256)
+    history = settle(given, period, (2, 8), 1024, 1e-4)
+    assert np.ptp(period.output("tip")) == pytest.approx(np.ptp(history.of_period(history.outputs["tip"])), rel=0.01)
 
 
 def test_an_unstable_period_is_told_and_left_by_time_integration():
     given = random_problem(14, 2, 1.5, 2.0)
     with pytest.warns(UnstablePeriodWarning, match="multiplier is 1.1"):
-        found = ff.solve_periodic(given, harmonics=31, samples=256)
-    history = settle(given, found, (30, 30), 256, 0.0)
-    assert np.ptp(history.of_period(history.outputs["tip"])) != pytest.approx(np.ptp(found.output("tip")), rel=0.01)
+        period = ff.solve_periodic(given, harmonics=31, samples=256)
+    history = settle(given, period, (30, 30), 256, 0.0)
+    assert np.ptp(history.of_period(history.outputs["tip"])) != pytest.approx(np.ptp(period.output("tip")), rel=0.01)

@@ -13,10 +13,10 @@ PASSED = np.array([0.01, 0.3, 1.0, 3.0])
 @pytest.mark.parametrize("order", [0.5, 0.9, 1.0, 1.4, 2.0, 3.0])
 def test_the_share_and_its_mean_follow_the_rate_law(order):
     """dy/dx = -y^n, with the integral of y beside it; by an integrator that knows no closed form."""
-    found = solve_ivp(lambda x, y: [-max(y[0], 0.0)**order, max(y[0], 0.0)], (0.0, 3.0), [1.0, 0.0], t_eval=PASSED,
-                      rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(share_left(PASSED, order), np.maximum(found.y[0], 0.0), atol=1e-7)
-    np.testing.assert_allclose(mean_left(PASSED, order), found.y[1] / PASSED, atol=1e-7)
+    solution = solve_ivp(lambda x, y: [-max(y[0], 0.0)**order, max(y[0], 0.0)], (0.0, 3.0), [1.0, 0.0], t_eval=PASSED,
+                         rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(share_left(PASSED, order), np.maximum(solution.y[0], 0.0), atol=1e-7)
+    np.testing.assert_allclose(mean_left(PASSED, order), solution.y[1] / PASSED, atol=1e-7)
 
 
 def test_orders_with_names():

@@ -37,10 +37,10 @@ class SimpleFace:
 def at(force, place):
     """Return the force on the arm and its slope at `place` (N,), m."""
     still = np.zeros((len(place), 2))
-    found = force(np.stack([0.3 * place, place], axis=1), still)
-    assert not found.force[:, 0].any()
-    assert not found.by_velocity.any()
-    return found.force[:, 1], found.by_displacement[:, 1, 1]
+    response = force(np.stack([0.3 * place, place], axis=1), still)
+    assert not response.force[:, 0].any()
+    assert not response.by_velocity.any()
+    return response.force[:, 1], response.by_displacement[:, 1, 1]
 
 
 def test_the_force_is_that_of_a_potential():
@@ -127,16 +127,16 @@ def respond_once(problem):
 def test_a_solved_period_loses_no_energy_to_it(winkler, depth):
     """Work of the drive, of the rig's damping and of friction at the arm balance; the edges' share would be seen."""
     problem = EFFECT.period(winkler(foundation=5e13, excitation=75.0), scar(depth, 1.9e-5))
-    found = FINE.solve(problem)
-    velocity = time_derivative(found.rig_displacement, problem.omega)
+    period = FINE.solve(problem)
+    velocity = time_derivative(period.rig_displacement, problem.omega)
     step = 1.0 / (100.0 * len(velocity))
     drive = 75.0 * np.cos(2.0 * np.pi * np.arange(len(velocity)) / len(velocity)) @ velocity[:, 0] * step
     damping = np.einsum("ji,ik,jk->", velocity, problem.structure.rig.damping, velocity) * step
-    friction = found.friction_force @ velocity[:, 1] * step
+    friction = period.friction_force @ velocity[:, 1] * step
     assert abs(drive - damping - friction) < 1e-4 * drive
-    assert friction == pytest.approx(respond(found, problem.interface).dissipated_energy, rel=1e-2)
+    assert friction == pytest.approx(respond(period, problem.interface).dissipated_energy, rel=1e-2)
     if depth:
-        force, _ = at(problem.boundary.forces[-1], found.rig_displacement[:, 1])
+        force, _ = at(problem.boundary.forces[-1], period.rig_displacement[:, 1])
         assert np.abs(force).max() > 5.0
         assert np.abs(force * velocity[:, 1]).sum() * step > 0.05 * drive  # what a one-way force would have taken
 

@@ -119,9 +119,9 @@ def ringing(share, frequency, zeta, times, forcing):
     def rate(t, y):
         return [y[1], natural**2 * (forcing(t) - y[0]) - 2.0 * zeta * natural * y[1]]
 
-    found = solve_ivp(rate, (times[0], times[-1]), [forcing(times[0]), 0.0], t_eval=times, rtol=1e-9, atol=1e-9,
-                      max_step=2e-4)
-    return (1.0 - share) * forcing(times) + share * found.y[0]
+    solution = solve_ivp(rate, (times[0], times[-1]), [forcing(times[0]), 0.0], t_eval=times, rtol=1e-9, atol=1e-9,
+                         max_step=2e-4)
+    return (1.0 - share) * forcing(times) + share * solution.y[0]
 
 
 @pytest.mark.parametrize(("share", "frequency", "zeta"), [(1.0, 270.0, 0.1), (0.4, 430.0, 0.06)])
@@ -177,12 +177,12 @@ def test_friction_that_is_spread_over_nodes_is_the_sum_of_their_sliders(bare):
     assert mu @ areas / areas.sum() == pytest.approx(0.8, rel=1e-14)
     assert np.sort(mu) / 0.8 == pytest.approx(effect.shares((np.arange(nodes) + 0.5) / nodes), rel=0.02)
     assert np.abs(np.corrcoef(np.arange(nodes), mu)[0, 1]) < 0.3
-    found = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(problem)
-    arm = found.rig_displacement[:, 1]
+    solution = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(problem)
+    arm = solution.rig_displacement[:, 1]
     force, summed = np.zeros(nodes), []
     for moved in np.diff(np.tile(arm, 3), prepend=arm[0]):
         force = np.clip(force + 2e6 * moved, -mu * 5.0, mu * 5.0)
         summed.append(force.sum())
-    assert found.friction_force == pytest.approx(np.array(summed[-128:]), abs=1e-6)
+    assert solution.friction_force == pytest.approx(np.array(summed[-128:]), abs=1e-6)
     smooth = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(bare)
-    assert np.abs(found.friction_force - smooth.friction_force).max() > 2.0
+    assert np.abs(solution.friction_force - smooth.friction_force).max() > 2.0

@@ -131,16 +131,16 @@ def excitation():
     return rig_force(np.column_stack([wave, np.zeros(SAMPLES)]), "excitation")
 
 
-def frequency(given, found):
+def frequency(given, period):
     """Return the frequency of the excitation, by what it changes of the rig's forces at the motion found."""
-    moved = to_complex(analysis_matrix(HARMONICS, SAMPLES) @ found.internal)
+    moved = to_complex(analysis_matrix(HARMONICS, SAMPLES) @ period.internal)
     k = np.arange(HARMONICS + 1)[:, None, None]
     by_omega = 1j * k * RIG.damping - 2.0 * given.omega * k**2 * RIG.mass
     force = to_real(-2.0 * np.pi * np.einsum("kab,kb->ka", by_omega, moved))
     return rig_force(synthesis_matrix(HARMONICS, SAMPLES) @ force, "frequency")
 
 
-def perturbations(given, found):
+def perturbations(given, period):
     """Return for each direction how the problem changes by e units of it, and a unit of its size."""
     model, face = given.structure, given.interface
     changes = [
@@ -154,7 +154,7 @@ def perturbations(given, found):
             given, structure=with_flexibility((1.0 + e) * model.flexibility, model)), 3.0),
         (excitation(), lambda e: given.vary(amplitude=given.excitation.amplitude + e),
          given.excitation.amplitude),
-        (frequency(given, found), lambda e: given.vary(frequency=100.0 + e), 100.0)]
+        (frequency(given, period), lambda e: given.vary(frequency=100.0 + e), 100.0)]
     for part, slightness in PARTS.items():  # how much more of it is needed for a like change
         size = getattr(RIG, part) * slightness
         changes.append((rig_part(part), lambda e, part=part: replace(
@@ -167,14 +167,14 @@ def change_of(exact, name):
     return exact.outputs[name] if name in OUTPUTS else getattr(exact, name)
 
 
-def quantities(given, found):
+def quantities(given, period):
     """Return what a period is differentiated for, from the period alone."""
-    response, areas = respond(found, given.interface), given.interface.areas
+    response, areas = respond(period, given.interface), given.interface.areas
     return {
-        "seen": analysis_matrix(HARMONICS, SAMPLES) @ found.rig_displacement[:, 1],
-        **{name: found.outputs[name] for name in OUTPUTS},
-        "relative_displacement": found.displacement[:, :, 0] @ areas / areas.sum(),
-        "friction_force": found.friction_force, "sliding_distance": response.sliding_distance,
+        "seen": analysis_matrix(HARMONICS, SAMPLES) @ period.rig_displacement[:, 1],
+        **{name: period.outputs[name] for name in OUTPUTS},
+        "relative_displacement": period.displacement[:, :, 0] @ areas / areas.sum(),
+        "friction_force": period.friction_force, "sliding_distance": response.sliding_distance,
         "dissipated_energy": response.dissipated_energy, "pressure_sliding": response.pressure_sliding,
         "slip_path": response.slip_path, "mean_pressure": response.mean_pressure,
         "mean_opening": response.mean_opening}
@@ -191,13 +191,13 @@ def test_the_cases_are_what_they_are_called():
 
 @pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
 def test_every_direction_is_that_of_central_differences(case):
-    given, found = problem(*case), solution(*case)
-    changes, values = perturbations(given, found), quantities(given, found)
-    exact = sensitivities(given, found, [direction for direction, _, _ in changes], HARMONICS)
+    given, period = problem(*case), solution(*case)
+    changes, values = perturbations(given, period), quantities(given, period)
+    exact = sensitivities(given, period, [direction for direction, _, _ in changes], HARMONICS)
     missed = {}
     for i, (direction, change, size) in enumerate(changes):
         h = 1e-5 * size
-        plus, minus = (quantities(p, solve_again(p, found)) for p in (change(h), change(-h)))
+        plus, minus = (quantities(p, solve_again(p, period)) for p in (change(h), change(-h)))
         turned = np.abs(exact.seen[i]).max() / np.abs(values["seen"]).max()
         for name, value in values.items():
             difference, own = (plus[name] - minus[name]) / (2.0 * h), change_of(exact, name)[i]
@@ -213,9 +213,9 @@ FORCES = ("friction_force",)
 LENGTHS = ("seen", "block", "arm", "relative_displacement", "sliding_distance", "slip_path", "mean_opening")
 
 
-def weighted(given, found, directions, weights):
+def weighted(given, period, directions, weights):
     """Return the change of each quantity along a combination of directions, its value and its scale."""
-    exact, values = sensitivities(given, found, directions, HARMONICS), quantities(given, found)
+    exact, values = sensitivities(given, period, directions, HARMONICS), quantities(given, period)
     return {name: (np.tensordot(weights, change_of(exact, name), 1), value, np.abs(value).max())
             for name, value in values.items()}
 
@@ -223,12 +223,12 @@ def weighted(given, found, directions, weights):
 @pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
 def test_homogeneous_in_forces_and_lengths(case):
     """Euler: scaling excitation, load, gap and what stuck positions remember scales forces and lengths alike."""
-    given, found = problem(*case), solution(*case)
+    given, period = problem(*case), solution(*case)
     directions = [excitation(), normal_load(), gap(given.interface.gap),
-                  Direction(name="locked", locked=found.displacement[0, :, :2])]
+                  Direction(name="locked", locked=period.displacement[0, :, :2])]
     degree = dict.fromkeys((*FORCES, *LENGTHS, "upper", "lower", "mean_pressure"), 1.0)
     degree |= dict.fromkeys(("dissipated_energy", "pressure_sliding"), 2.0)
-    for name, (change, value, scale) in weighted(given, found, directions,
+    for name, (change, value, scale) in weighted(given, period, directions,
                                                  [given.excitation.amplitude, given.normal_load, 1.0, 1.0]).items():
         assert change == pytest.approx(degree[name] * value, abs=1e-8 * scale), name
 
@@ -240,11 +240,11 @@ def rig_directions():
 @pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
 def test_homogeneous_in_forces_and_stiffnesses(case):
     """Scaling all forces, springs, dashpots, masses and the contact's stiffness leaves every motion as it is."""
-    given, found = problem(*case), solution(*case)
+    given, period = problem(*case), solution(*case)
     rig, sizes = rig_directions()
     directions = [*rig, excitation(), normal_load(), flexibility(given.structure.flexibility)]
     weights = [*sizes, given.excitation.amplitude, given.normal_load, -1.0]
-    for name, (change, value, scale) in weighted(given, found, directions, weights).items():
+    for name, (change, value, scale) in weighted(given, period, directions, weights).items():
         if name not in ("upper", "lower"):  # their compliance is not scaled
             expected = 0.0 if name in LENGTHS else 1.0
             assert change == pytest.approx(expected * value, abs=1e-8 * scale), name
@@ -253,20 +253,20 @@ def test_homogeneous_in_forces_and_stiffnesses(case):
 @pytest.mark.parametrize("case", [GROSS, PARTIAL, OPENING])
 def test_stretching_time_changes_nothing(case):
     """A contact without rate: frequency times its derivative is that of masses twice and of dashpots once."""
-    given, found = problem(*case), solution(*case)
+    given, period = problem(*case), solution(*case)
     rig, sizes = rig_directions()
     powers = np.array([2.0 if "mass" in part else 1.0 if "damping" in part else 0.0 for part in PARTS])
     weights = [given.frequency, *(-powers * sizes)]
-    faster = frequency(given, found)
-    single = sensitivities(given, found, [faster], HARMONICS)
-    for name, (change, _, _) in weighted(given, found, [faster, *rig], weights).items():
+    faster = frequency(given, period)
+    single = sensitivities(given, period, [faster], HARMONICS)
+    for name, (change, _, _) in weighted(given, period, [faster, *rig], weights).items():
         assert np.abs(change).max() < 1e-9 * given.frequency * np.abs(change_of(single, name)).max() + 1e-30, name
 
 
 def test_a_joint_that_sticks_is_the_linear_joint():
     """With X = (Z + k)^-1 F, each derivative is -(Z + k)^-1 dZ X, in closed form."""
-    given, found = problem(30.0, False, 50.0), solution(30.0, False, 50.0)
-    assert np.all(found.state == ContactState.STICK)
+    given, period = problem(30.0, False, 50.0), solution(30.0, False, 50.0)
+    assert np.all(period.state == ContactState.STICK)
     stiffness = given.structure.motion[:, 0] @ given.structure.stiffness @ given.structure.motion[:, 0]
     omega = 2.0 * np.pi * 100.0
     linear = RIG.impedance(np.array([omega]))[0] + np.diag([0.0, stiffness])
@@ -276,9 +276,9 @@ def test_a_joint_that_sticks_is_the_linear_joint():
                (rig_part("ground_stiffness"), np.diag([1.0, 0.0])),
                (rig_part("hinge_stiffness"), np.array([[1.0, -1.0], [-1.0, 1.0]])),
                (rig_part("hinge_damping"), 1j * omega * np.array([[1.0, -1.0], [-1.0, 1.0]])),
-               (frequency(given, found), 2.0 * np.pi * (1j * RIG.damping - 2.0 * omega * RIG.mass)),
+               (frequency(given, period), 2.0 * np.pi * (1j * RIG.damping - 2.0 * omega * RIG.mass)),
                (flexibility(given.structure.flexibility), -stiffness * np.diag([0.0, 1.0]))]
-    exact = sensitivities(given, found, [direction for direction, _ in changes], HARMONICS)
+    exact = sensitivities(given, period, [direction for direction, _ in changes], HARMONICS)
     for i, (_, change) in enumerate(changes):
         moved = np.column_stack([exact.outputs[name][i] for name in ("block", "arm")])
         amplitudes = to_complex(analysis_matrix(HARMONICS, SAMPLES) @ moved)
@@ -289,14 +289,14 @@ def test_a_joint_that_sticks_is_the_linear_joint():
 
 @pytest.mark.parametrize("case", [GROSS, PARTIAL])
 def test_a_spring_or_dashpot_as_a_force_is_the_spring_or_dashpot(case):
-    given, found = problem(*case), solution(*case)
-    block = found.rig_displacement[:, 0]
+    given, period = problem(*case), solution(*case)
+    block = period.rig_displacement[:, 0]
     amplitudes = np.fft.rfft(block)
     speed = np.fft.irfft(1j * given.omega * np.arange(len(amplitudes)) * amplitudes, SAMPLES)
     histories = [np.column_stack([-h, np.zeros(SAMPLES)]) for h in (block, speed)]
-    pushed = sensitivities(given, found, [rig_force(h, "added") for h in histories], HARMONICS)
+    pushed = sensitivities(given, period, [rig_force(h, "added") for h in histories], HARMONICS)
     ground = [rig_part(part) for part in ("ground_stiffness", "ground_damping")]
-    built = sensitivities(given, found, ground, HARMONICS)
+    built = sensitivities(given, period, ground, HARMONICS)
     for name in ("block", "arm", "friction_force", "pressure_sliding"):
         one, other = change_of(pushed, name), change_of(built, name)
         scale = np.abs(other).max(axis=1, keepdims=True)
@@ -304,9 +304,9 @@ def test_a_spring_or_dashpot_as_a_force_is_the_spring_or_dashpot(case):
 
 
 def test_friction_matters_only_where_and_when_a_node_slips():
-    given, found = problem(*OPENING), solution(*OPENING)
-    slips = found.state == ContactState.SLIP
-    exact = sensitivities(given, found, [friction(), friction(1.0 * slips), friction(1.0 * ~slips)], HARMONICS)
+    given, period = problem(*OPENING), solution(*OPENING)
+    slips = period.state == ContactState.SLIP
+    exact = sensitivities(given, period, [friction(), friction(1.0 * slips), friction(1.0 * ~slips)], HARMONICS)
     for name in ("seen", "relative_displacement", "dissipated_energy", "mean_pressure"):
         rows = getattr(exact, name)
         scale = np.abs(rows[0]).max()
@@ -315,8 +315,8 @@ def test_friction_matters_only_where_and_when_a_node_slips():
 
 
 def test_combinations_are_directions():
-    given, found = problem(*OPENING), solution(*OPENING)
-    exact = sensitivities(given, found, [gap(WEIGHTS), *map(gap, np.eye(NODES))], HARMONICS)
+    given, period = problem(*OPENING), solution(*OPENING)
+    exact = sensitivities(given, period, [gap(WEIGHTS), *map(gap, np.eye(NODES))], HARMONICS)
     for name in ("arm", "mean_pressure", "sliding_distance", "pressure_sliding"):
         rows = change_of(exact, name)
         summed = np.tensordot(WEIGHTS, rows[1:], 1)
@@ -324,10 +324,10 @@ def test_combinations_are_directions():
 
 
 def test_what_cannot_be_differentiated_is_refused():
-    given, found = problem(*GROSS), solution(*GROSS)
+    given, period = problem(*GROSS), solution(*GROSS)
     with pytest.raises(InputError, match="harmonics"):
-        sensitivities(given, found, [friction()], HARMONICS - 2)
+        sensitivities(given, period, [friction()], HARMONICS - 2)
     with pytest.raises(InputError, match="dlft"):
-        sensitivities(given, replace(found, method="dlft"), [friction()], HARMONICS)
+        sensitivities(given, replace(period, method="dlft"), [friction()], HARMONICS)
     with pytest.raises(InputError, match="direction gap: gap has shape"):
-        sensitivities(given, found, [gap(np.ones(NODES + 1))], HARMONICS)
+        sensitivities(given, period, [gap(np.ones(NODES + 1))], HARMONICS)

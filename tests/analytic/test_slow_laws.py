@@ -65,9 +65,9 @@ def test_running_in_follows_its_own_energy_and_converges_with_the_tolerance(drag
 def test_friction_is_that_of_the_energy(dragged, winkler, run_in):
     model = dragged(winkler(), [run_in])
     history = run_history(model, settings(40_000))
-    found = [model.model.problem(history.slow(k)).friction_coefficient for k in range(len(history.cycles))]
-    np.testing.assert_allclose(found, 0.85 - 0.55 * np.exp(-history.energy / 8.0), rtol=1e-12)
-    np.testing.assert_allclose(found, history.dissipated_energy / (4.0 * LOAD * HALF_STROKE), rtol=1e-12)
+    coefficients = [model.model.problem(history.slow(k)).friction_coefficient for k in range(len(history.cycles))]
+    np.testing.assert_allclose(coefficients, 0.85 - 0.55 * np.exp(-history.energy / 8.0), rtol=1e-12)
+    np.testing.assert_allclose(coefficients, history.dissipated_energy / (4.0 * LOAD * HALF_STROKE), rtol=1e-12)
     by_default = dragged(winkler(), [run_in.changed(final=None)]).model.problem(history.slow(-1))
     assert float(by_default.friction_coefficient) == pytest.approx(MU - 0.4 * np.exp(-history.energy[-1] / 8.0))
 
@@ -159,14 +159,14 @@ def integrated(winkler):
                 * (pressure / 60e6)**0.25 * np.exp(-layer / 2e-7))
         return np.r_[rate, 0.6 * rate - layer / stay, mu * areas @ sliding]
 
-    found = solve_ivp(slopes, (0.0, CYCLES), np.zeros(19), method="LSODA", rtol=1e-10, atol=1e-17)
-    return {"depth": found.y[:9, -1], "layer": found.y[9:18, -1], "energy": found.y[18, -1]}
+    solution = solve_ivp(slopes, (0.0, CYCLES), np.zeros(19), method="LSODA", rtol=1e-10, atol=1e-17)
+    return {"depth": solution.y[:9, -1], "layer": solution.y[9:18, -1], "energy": solution.y[18, -1]}
 
 
 def differences(slow, integrated):
     """Return the largest difference of depth, layer and energy, relative to their largest value."""
-    found = {"depth": slow.depth, "layer": slow.memory["third-body.layer_m"], "energy": slow.energy}
-    return np.array([np.abs(found[name] - value).max() / np.max(value) for name, value in integrated.items()])
+    marched = {"depth": slow.depth, "layer": slow.memory["third-body.layer_m"], "energy": slow.energy}
+    return np.array([np.abs(marched[name] - value).max() / np.max(value) for name, value in integrated.items()])
 
 
 def lawful(dragged, winkler):
@@ -205,11 +205,11 @@ def test_laws_at_their_neutral_parameters_march_as_without(dragged, winkler):
         "friction-run-in": {"initial": MU}, "normal-load-drift": {}, "wear-coefficient-evolution": {},
         "wear-threshold": {}, "wear-power-law": {}, "third-body": {}, "scar-edge": {}}.items()]
     for scheme in SCHEMES:
-        expected, found = (run_history(model, settings(30_000, scheme=scheme))
-                           for model in (bare, dragged(winkler(gap=gap), neutral)))
-        np.testing.assert_array_equal(found.cycles, expected.cycles)
-        np.testing.assert_allclose(found.depth, expected.depth, rtol=1e-12)
-        np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-12)
+        expected, history = (run_history(model, settings(30_000, scheme=scheme))
+                             for model in (bare, dragged(winkler(gap=gap), neutral)))
+        np.testing.assert_array_equal(history.cycles, expected.cycles)
+        np.testing.assert_allclose(history.depth, expected.depth, rtol=1e-12)
+        np.testing.assert_allclose(history.energy, expected.energy, rtol=1e-12)
 
 
 def test_wear_may_begin_late_and_pause(dragged, winkler):
@@ -238,10 +238,10 @@ def test_asperities_feel_the_load_and_the_gap_that_other_effects_leave(winkler):
     np.testing.assert_allclose(np.diag(springs)[0::3], expected[0::3], rtol=1e-9)
     tilt = make("initial-gap", tilt_x=3e-7)
     tilted = tilt.period(problem, late)
-    found, own = (EffectModel.build(*given).problem(late) for given in ((problem, [asperities, tilt]),
+    combined, own = (EffectModel.build(*given).problem(late) for given in ((problem, [asperities, tilt]),
                                                                          (tilted, [asperities])))
-    np.testing.assert_allclose(found.interface.gap, own.interface.gap, rtol=1e-12)
-    np.testing.assert_allclose(found.structure.flexibility, own.structure.flexibility, rtol=1e-12)
+    np.testing.assert_allclose(combined.interface.gap, own.interface.gap, rtol=1e-12)
+    np.testing.assert_allclose(combined.structure.flexibility, own.structure.flexibility, rtol=1e-12)
 
 
 def test_stiffening_springs_end_as_those_of_the_stiffer_contact(winkler):

@@ -58,16 +58,16 @@ def test_a_sticking_contact_has_the_multipliers_of_the_linear_rig(ground_damping
     for samples in (128, 256):
         system, point = converged(1.0, frequency, samples, own)
         assert np.all(point.history.state == STICK)
-        found = floquet_multipliers(own, system.march.system, point.history, frequency, nothing_around(samples))
+        multipliers = floquet_multipliers(own, system.march.system, point.history, frequency, nothing_around(samples))
         stiffness = own.stiffness + np.diag([0.0, STIFFNESS])
         companion = np.block([[np.zeros((2, 2)), np.eye(2)],
                               [-np.linalg.solve(own.mass, stiffness), -np.linalg.solve(own.mass, own.damping)]])
         exact = np.exp(np.linalg.eigvals(companion) / frequency)
         exact = exact[np.argsort(-np.abs(exact))]
-        assert is_stable(found) == (ground_damping > 0.0)
-        assert np.abs(found[4:]).max() < 1e-10  # the friction force is no state of its own
-        errors.append(max(np.abs(exact - value).min() for value in found[:2]))
-        assert np.abs(found[0]) == pytest.approx(np.abs(exact[0]), rel=2e-3)
+        assert is_stable(multipliers) == (ground_damping > 0.0)
+        assert np.abs(multipliers[4:]).max() < 1e-10  # the friction force is no state of its own
+        errors.append(max(np.abs(exact - value).min() for value in multipliers[:2]))
+        assert np.abs(multipliers[0]) == pytest.approx(np.abs(exact[0]), rel=2e-3)
     assert errors[1] < 0.27 * errors[0] < 0.05  # second order in the samples
 
 
@@ -135,10 +135,10 @@ def test_forces_on_the_rig_take_part():
     forced = replace(around, forces=around.forces._replace(
         by_displacement=np.broadcast_to(more[0], (samples, 2, 2)),
         by_velocity=np.broadcast_to(more[1], (samples, 2, 2))))
-    found = monodromy_matrix(rig(60.0), contact, period, frequency, forced)
+    matrix = monodromy_matrix(rig(60.0), contact, period, frequency, forced)
     own = monodromy_matrix(rig(-40.0), contact, period, frequency, around)
-    np.testing.assert_allclose(found, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
-    assert not np.allclose(found, monodromy_matrix(rig(60.0), contact, period, frequency, around), rtol=1e-3)
+    np.testing.assert_allclose(matrix, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
+    assert not np.allclose(matrix, monodromy_matrix(rig(60.0), contact, period, frequency, around), rtol=1e-3)
 
 
 @dataclass(frozen=True)
@@ -196,9 +196,9 @@ def test_friction_and_load_that_follow_the_motion_take_part():
     scales = np.concatenate([[1e-6, 1e-6, 1e-3, 1e-3, 1.0], np.full(len(memory), 1e-6)])
     direction = np.random.default_rng(3).normal(size=len(matrix)) * scales * 1e-5
     expected = matrix @ direction
-    found = 0.5 * (differences(direction) - differences(-direction))
+    odd_part = 0.5 * (differences(direction) - differences(-direction))
     size = np.abs(matrix) @ np.abs(direction)
-    assert np.all(np.abs(found - expected) < 1e-5 * size + 1e-9 * np.abs(scales))
+    assert np.all(np.abs(odd_part - expected) < 1e-5 * size + 1e-9 * np.abs(scales))
     plain = monodromy_matrix(own, system.march.system, period, frequency, nothing_around(len(period.state)))
     assert np.abs((plain - matrix) @ direction / size).max() > 1e-3  # they matter
 
@@ -208,6 +208,6 @@ def test_sliding_damps():
     moduli = {}
     for force in (1.0, 60.0):
         system, point = converged(force, 45.0, 96, own)
-        found = floquet_multipliers(own, system.march.system, point.history, 45.0, nothing_around(96))
-        moduli[force] = np.abs(found[0])
+        multipliers = floquet_multipliers(own, system.march.system, point.history, 45.0, nothing_around(96))
+        moduli[force] = np.abs(multipliers[0])
     assert moduli[60.0] < 0.9 * moduli[1.0] < 0.9

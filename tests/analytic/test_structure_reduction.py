@@ -61,13 +61,13 @@ def test_large_sparse_structures_are_reduced_to_the_same(beam, monkeypatch):
     monkeypatch.setattr(c, "DENSE", 10)
     thin = replace(beam, **{name: sparse.csr_matrix(getattr(beam, name)) for name in
                             ("mass", "stiffness", "contact_map")})
-    found = c.reduce_structure(thin, 12)
+    reduced = c.reduce_structure(thin, 12)
     scale = np.abs(dense.stiffness).max()
-    assert np.abs(found.stiffness - dense.stiffness).max() < 1e-6 * scale
-    assert found.eigenvalues == pytest.approx(dense.eigenvalues, rel=1e-6)
-    assert np.abs(found.coupling) == pytest.approx(np.abs(dense.coupling), rel=1e-4, abs=1e-6)
-    assert found.preload[0] == pytest.approx(dense.preload[0], rel=1e-6, abs=1e-9)
-    assert found.error == pytest.approx(dense.error, rel=1e-2)
+    assert np.abs(reduced.stiffness - dense.stiffness).max() < 1e-6 * scale
+    assert reduced.eigenvalues == pytest.approx(dense.eigenvalues, rel=1e-6)
+    assert np.abs(reduced.coupling) == pytest.approx(np.abs(dense.coupling), rel=1e-4, abs=1e-6)
+    assert reduced.preload[0] == pytest.approx(dense.preload[0], rel=1e-6, abs=1e-9)
+    assert reduced.error == pytest.approx(dense.error, rel=1e-2)
 
 
 def test_massless_boundary_keeps_the_first_modes_of_a_sprung_joint(beam):

@@ -109,10 +109,10 @@ def test_edges_are_those_of_the_contact_along_the_sliding():
     x, y = np.meshgrid(np.arange(-4.0, 5.0), np.arange(-4.0, 5.0), indexing="ij")
     place, areas = np.stack([x.ravel(), y.ravel()], axis=1), np.ones(81)
     closed = np.hypot(*place.T) < 4.05
-    found = edge_position(place, areas, closed).reshape(9, 9)
-    np.testing.assert_allclose(found[:, 4], np.arange(-4.0, 5.0) / 4.0)
-    np.testing.assert_allclose(found[2:7, 1], [-2 / 2, -1 / 2, 0.0, 1 / 2, 1.0])
-    assert found[4, 0] == 1.0  # a line of one node is all edge
+    positions = edge_position(place, areas, closed).reshape(9, 9)
+    np.testing.assert_allclose(positions[:, 4], np.arange(-4.0, 5.0) / 4.0)
+    np.testing.assert_allclose(positions[2:7, 1], [-2 / 2, -1 / 2, 0.0, 1 / 2, 1.0])
+    assert positions[4, 0] == 1.0  # a line of one node is all edge
     assert (edge_position(place, areas, closed & (place[:, 1] > 0.0)).reshape(9, 9)[:, 0] == 1.0).all()
     shifted = edge_position(place, areas, closed & (place[:, 0] >= -1.0)).reshape(9, 9)
     np.testing.assert_allclose(shifted[3:, 4], (np.arange(-1.0, 5.0) - 1.5) / 2.5)

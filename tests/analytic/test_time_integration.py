@@ -48,11 +48,11 @@ def integrated(force):
 
 def distance(force, harmonics, samples):
     """Return how far a period is from time integration: sliding distance, and rms of the force over its range."""
-    found, history = periodic(force, harmonics, samples), integrated(force)
+    period, history = periodic(force, harmonics, samples), integrated(force)
     friction = history.of_period(history.friction_force)[::1024 // samples]
     sliding = history.sliding_distance[-1]
-    return (abs(sliding_distance(found, problem(force).interface) / sliding - 1.0),
-            np.sqrt(np.mean((found.friction_force - friction)**2)) / np.ptp(friction))
+    return (abs(sliding_distance(period, problem(force).interface) / sliding - 1.0),
+            np.sqrt(np.mean((period.friction_force - friction)**2)) / np.ptp(friction))
 
 
 @pytest.mark.parametrize("force", SLIDING)
@@ -100,8 +100,8 @@ def test_a_joint_that_sticks_follows_the_matrix_exponential_with_order_two():
         for _ in range(3 * steps):
             state = hop @ state
             exact.append(state[:2])
-        found = np.column_stack([history.outputs["block"], history.outputs["arm"]])
-        errors.append(np.abs(found - exact).max() / np.ptp(exact))
+        motion = np.column_stack([history.outputs["block"], history.outputs["arm"]])
+        errors.append(np.abs(motion - exact).max() / np.ptp(exact))
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert rates == pytest.approx(2.0, abs=0.15)
     assert errors[-1] < 5e-3

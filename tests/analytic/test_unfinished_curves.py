@@ -80,8 +80,8 @@ def test_an_interrupted_curve_becomes_the_same_file(name, tmp_path, monkeypatch)
         with pytest.raises(KeyboardInterrupt):
             respond(*PROBLEMS[name], Counter(solved), unfinished)
         rest = Counter()
-        found = respond(*PROBLEMS[name], rest, unfinished)
-        assert write_record(tmp_path / "found.h5", found).read_bytes() == expected
+        curve = respond(*PROBLEMS[name], rest, unfinished)
+        assert write_record(tmp_path / "curve.h5", curve).read_bytes() == expected
         assert rest.count <= total - solved + 1 + (share > 0.5) * 0.4 * total  # the peak of the way up is refined again
 
 

@@ -70,15 +70,15 @@ def clamped_full(full):
 
 def test_natural_modes_are_those_of_another_solver(full):
     """Each shape meets K x = omega^2 M x in the free DOFs, rests where clamped, and has unit modal mass."""
-    found = natural_modes(full.body, 10)
-    assert found.frequency == pytest.approx(clamped_full(full), rel=1e-9)
+    modes = natural_modes(full.body, 10)
+    assert modes.frequency == pytest.approx(clamped_full(full), rel=1e-9)
     free = np.setdiff1d(np.arange(full.body.full_dofs), dofs(full.body.clamped.nodes))
-    for frequency, shape in zip(found.frequency, found.shape.reshape(10, -1), strict=True):
+    for frequency, shape in zip(modes.frequency, modes.shape.reshape(10, -1), strict=True):
         inertia = (2.0 * np.pi * frequency) ** 2 * (full.mass @ shape)
         assert np.abs((full.stiffness @ shape - inertia)[free]).max() < 1e-7 * np.abs(inertia).max()
         assert shape @ full.mass @ shape == pytest.approx(1.0, rel=1e-9)
         assert shape.max() >= -shape.min()
-    assert not found.shape[:, full.body.clamped.nodes].any()
+    assert not modes.shape[:, full.body.clamped.nodes].any()
 
 
 def test_frequencies_within_a_tenth_of_a_percent_and_better_with_more_modes(full):
@@ -100,7 +100,7 @@ def test_frequencies_within_a_tenth_of_a_percent_and_better_with_more_modes(full
 def test_constraint_modes_have_the_inertia_of_modes_that_are_formed(full, monkeypatch, leaf):
     """SciPy forms all modes of the contact with the clamped face held, however finely the body is divided."""
     monkeypatch.setattr("fretflow.structure.reduction.condensation.LEAF", leaf)
-    found = component_modes(full.body, full.observation, 5)
+    component = component_modes(full.body, full.observation, 5)
     contact, seen = dofs(full.body.contact.nodes), dofs(full.observation)
     inner = np.setdiff1d(np.arange(full.body.full_dofs), np.r_[contact, seen, dofs(full.body.clamped.nodes)])
     modes = np.zeros((full.body.full_dofs, len(contact)))
@@ -108,7 +108,7 @@ def test_constraint_modes_have_the_inertia_of_modes_that_are_formed(full, monkey
     across = full.stiffness[inner][:, contact].toarray()
     modes[inner] = -sparse_linalg.splu(full.stiffness[inner][:, inner].tocsc()).solve(across)
     n = len(contact)
-    for matrix, own in ((full.stiffness, found.constraint_stiffness), (full.mass, found.constraint_mass)):
+    for matrix, own in ((full.stiffness, component.constraint_stiffness), (full.mass, component.constraint_mass)):
         exact = modes.T @ (matrix @ modes)
         size = np.sqrt(np.diag(exact))
         assert np.all(np.abs(own[:n, :n] - exact) < 1e-9 * np.outer(size, size))
@@ -156,14 +156,14 @@ def test_static_stiffness_is_that_of_the_full_model(full):
     masters = np.concatenate([dofs(full.body.contact.nodes), dofs(full.observation)])
     kept = np.r_[:n, specimen.observation]
     pair = RigJoint(upper=specimen, lower=specimen, rig=LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01))
-    for found, own in ((specimen.stiffness[np.ix_(kept, kept)], masters),
-                       (2.0 * pair.quasi_static().stiffness, masters[:n])):
+    for condensed, own in ((specimen.stiffness[np.ix_(kept, kept)], masters),
+                           (2.0 * pair.quasi_static().stiffness, masters[:n])):
         inner = np.setdiff1d(free, own)
         across = full.stiffness[inner][:, own].toarray()
         factor = sparse_linalg.splu(full.stiffness[inner][:, inner].tocsc(), "MMD_AT_PLUS_A",
                                     options={"SymmetricMode": True})
         exact = full.stiffness[own][:, own].toarray() - across.T @ factor.solve(across)
-        assert np.abs(found - exact).max() < 1e-10 * np.abs(exact).max()
+        assert np.abs(condensed - exact).max() < 1e-10 * np.abs(exact).max()
 
 
 @pytest.fixture(scope="module")
@@ -231,7 +231,7 @@ def test_residual_vectors_that_are_nearly_dependent_are_orthonormal():
     rows = np.arange(301, dtype=np.int32)
     of = [PETSc.Mat().createAIJ((300, 300), csr=(rows, rows[:300], one)) for one in (stiffness, mass)]
     squares, vectors = _residual_vectors(*of, modes, answers)
-    found = np.hstack([modes, vectors])
-    assert np.abs(found.T @ (mass[:, None] * found) - np.eye(28)).max() < 1e-13
+    basis = np.hstack([modes, vectors])
+    assert np.abs(basis.T @ (mass[:, None] * basis) - np.eye(28)).max() < 1e-13
     ritz = vectors.T @ (stiffness[:, None] * vectors)
     assert np.abs(ritz - np.diag(squares)).max() < 1e-12 * squares.max()

@@ -66,9 +66,9 @@ class Ridges(WearAlone):
             index = np.flatnonzero(closed)
             matrix = np.ones((index.size + 1, index.size + 1))
             matrix[:-1, :-1], matrix[-1, -1] = self.flexibility[np.ix_(index, index)], 0.0
-            *found, approach = np.linalg.solve(matrix, np.r_[-gap[index], LOAD])
+            *forces, approach = np.linalg.solve(matrix, np.r_[-gap[index], LOAD])
             force = np.zeros(49)
-            force[index] = found
+            force[index] = forces
             opening = gap + approach + self.flexibility @ force
             new = (closed & (force > 0.0)) | (~closed & (opening < 0.0))
             if np.array_equal(new, closed):
@@ -143,11 +143,11 @@ class Narrow(Ridges):
 
     def __init__(self):
         super().__init__()
-        self.last, self.lost, self.anew = np.zeros(49), 0, 0
+        self.last, self.refused, self.anew = np.zeros(49), 0, 0
 
     def cycle(self, slow, start):
         if start is not None and np.abs(slow.depth - self.last).max() > 1e-7:
-            self.lost += 1
+            self.refused += 1
             raise NonConvergenceError("too far from where it was")
         self.anew += start is None
         self.last = slow.depth
@@ -156,11 +156,11 @@ class Narrow(Ridges):
 
 def test_a_period_that_is_lost_in_a_jump_asks_for_a_shorter_one_and_for_nothing_anew():
     model = Narrow()
-    found = run_history(model, settings(cycles=60_000, scheme=WearScheme.IMPLICIT))
+    history = run_history(model, settings(cycles=60_000, scheme=WearScheme.IMPLICIT))
     finest = run_history(Ridges(), settings(cycles=60_000, max_depth_per_jump=1e-9))
-    assert model.lost > 0
+    assert model.refused > 0
     assert model.anew == 1
-    assert found.volume[-1] == pytest.approx(finest.volume[-1], rel=2e-3)
+    assert history.volume[-1] == pytest.approx(finest.volume[-1], rel=2e-3)
 
 
 class Ending(Ridges):
@@ -168,11 +168,11 @@ class Ending(Ridges):
 
     def __init__(self, lasts):
         super().__init__()
-        self.lost, self.anew, self.lasts = 0, 0, lasts
+        self.refused, self.anew, self.lasts = 0, 0, lasts
 
     def cycle(self, slow, start):
         if slow.depth.max() > 1e-6:
-            self.lost += 1
+            self.refused += 1
             if start is not None or not self.lasts:
                 raise NonConvergenceError("no such period")
             self.anew += 1
@@ -188,11 +188,11 @@ def test_a_branch_that_ends_is_left_once_no_shorter_jump_is_another_state(lasts,
     now, state = joint.unworn()
     with suppress(NonConvergenceError):
         while now.depth.max() < 1e-6:
-            model.lost = 0
+            model.refused = 0
             now, state = scheme.advance(now, state)
     assert (now.depth.max() > 1e-6) == (model.anew > 0) == (lasts and anew)
     assert now.depth.max() > (1.0 - joint.settings.tolerance) * 1e-6
-    assert model.lost <= 5
+    assert model.refused <= 5
 
 
 def test_halving_the_jump_hardly_changes_the_volume(explicit):

@@ -55,7 +55,7 @@ def test_two_ranks_give_the_same_matrices(meshed):
     assert two.observation_point == pytest.approx(one.observation_point, abs=1e-15)
     assert two.full_frequencies == pytest.approx(one.full_frequencies, rel=1e-9)
     gathered = read_record(folder / "two_modes.h5", ModeShapes)
-    order, other = (np.lexsort(np.round(found.points, 9).T) for found in (gathered, shapes))
+    order, other = (np.lexsort(np.round(modes.points, 9).T) for modes in (gathered, shapes))
     assert gathered.points[order] == pytest.approx(shapes.points[other], abs=1e-12)
     assert gathered.shape[0, order] == pytest.approx(shapes.shape[0, other], abs=1e-6 * shapes.shape[0].max())
 

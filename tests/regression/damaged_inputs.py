@@ -109,7 +109,7 @@ def outcome(folder: Path, command: list[str]) -> str:
 
 def damage(home: Path, inputs: int, seed: int) -> Counter[tuple[str, str]]:
     """Damage each kind of file in turn, `inputs` in all, and count (kind, outcome); what should not be stays there."""
-    rng, found = np.random.default_rng(seed), Counter[tuple[str, str]]()
+    rng, counts = np.random.default_rng(seed), Counter[tuple[str, str]]()
     kinds = list(good_files(home / "good"))
     for kind, _, command in kinds:
         copytree(home / "good", home / "tried")
@@ -123,12 +123,12 @@ def damage(home: Path, inputs: int, seed: int) -> Counter[tuple[str, str]]:
         way, content = damaged(path.read_bytes(), rng)
         (folder / path.name).write_bytes(content)
         result = outcome(folder, command)
-        found[kind, result] += 1
+        counts[kind, result] += 1
         if result in ("taken", "refused"):
             rmtree(folder)
         else:
             sys.stderr.write(f"{folder}: {path.name}, {way}: fretflow {' '.join(command)}: {result}\n")
-    return found
+    return counts
 
 
 if __name__ == "__main__":

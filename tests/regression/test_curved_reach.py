@@ -45,9 +45,9 @@ def solve(monkeypatch, margin, first=None):
     monkeypatch.setattr("fretflow.solvers.quasi_static.solver.restrict", count)
     if first is not None:
         monkeypatch.setattr("fretflow.solvers.quasi_static.solver.candidate_nodes", lambda *_: first)
-    found = QuasiStaticSolver(SETTINGS).solve(problem())
+    period = QuasiStaticSolver(SETTINGS).solve(problem())
     monkeypatch.undo()
-    return found, sizes
+    return period, sizes
 
 
 def same(a, b):
@@ -61,20 +61,20 @@ def same(a, b):
 @pytest.fixture(scope="module")
 def whole():
     with pytest.MonkeyPatch.context() as patch:
-        found, sizes = solve(patch, np.inf)
+        period, sizes = solve(patch, np.inf)
     assert sizes == []  # every node was solved for
-    return found
+    return period
 
 
 def test_nodes_out_of_reach_change_nothing(whole, monkeypatch):
-    found, sizes = solve(monkeypatch, reach.MARGIN)
+    period, sizes = solve(monkeypatch, reach.MARGIN)
     touched = int(np.any(whole.state != ContactState.SEPARATION, axis=0).sum())
     assert touched <= sizes[0] < 25
-    same(found, whole)
+    same(period, whole)
 
 
 def test_nodes_that_touch_unforeseen_are_taken_in(whole, monkeypatch):
     middle = np.max(np.abs(PLACE), axis=1) < 2e-4
-    found, sizes = solve(monkeypatch, reach.MARGIN, middle)
+    period, sizes = solve(monkeypatch, reach.MARGIN, middle)
     assert sizes[0] == 9 < np.any(whole.state != ContactState.SEPARATION, axis=0).sum()
-    same(found, whole)
+    same(period, whole)

@@ -50,8 +50,8 @@ def periodic(case):
 
 @pytest.mark.parametrize("case", [c for c in CASES if periodic(c)], ids=name)
 def test_the_solution_from_zero_is_the_peers(case):
-    found, theirs = solved(case)
-    assert found == pytest.approx(theirs, abs=3e-12)
+    ours, theirs = solved(case)
+    assert ours == pytest.approx(theirs, abs=3e-12)
 
 
 @pytest.mark.parametrize("case", [c for c in CASES if not periodic(c)], ids=name)
@@ -66,5 +66,5 @@ def test_a_peer_that_stopped_before_the_state_repeats_is_as_far_off_as_its_state
     lacking = np.stack([force.real, force.imag, at.force[:, :, 2]], axis=2) - at.force
     residual = at.residual - equations.analysis @ lacking.reshape(128, -1)
     assert np.abs(residual).max() < 1e-13
-    found, _ = solved(case)
-    assert 1e-6 < np.abs(found - theirs).max() < 1e-3
+    ours, _ = solved(case)
+    assert 1e-6 < np.abs(ours - theirs).max() < 1e-3

@@ -44,9 +44,9 @@ def solution(force, harmonics, penalty=SPECTRAL_RADIUS, estimate=False):
     return DlftSolver(settings).solve(problem(force))
 
 
-def mean_sliding(found):
+def mean_sliding(period):
     """Return the mean relative displacement in x over the period, in um."""
-    return 1e6 * found.displacement[:, :, 0].mean(axis=1)
+    return 1e6 * period.displacement[:, :, 0].mean(axis=1)
 
 
 def reference(force):
@@ -67,8 +67,8 @@ def test_sliding_distance_is_that_of_another_dlft_code(force, harmonics, penalty
 @pytest.mark.parametrize("force", [53.0, 60.0, 75.0])
 def test_the_history_approaches_the_one_solved_in_time(force):
     expected = reference(force)[::2, 2]
-    found = [mean_sliding(solution(force, h)) for h in (3, 7, 13)]
-    rms = [float(np.sqrt(np.mean((u - expected)**2))) / np.ptp(expected) for u in found]
+    histories = [mean_sliding(solution(force, h)) for h in (3, 7, 13)]
+    rms = [float(np.sqrt(np.mean((u - expected)**2))) / np.ptp(expected) for u in histories]
     assert rms[1] < 0.6 * rms[0]
     assert rms[2] < 0.8 * rms[1]
     assert rms[2] < 0.02
@@ -85,31 +85,31 @@ def test_dependence_on_the_penalty_falls_with_harmonics(force):
 def test_the_error_estimate_covers_the_error():
     """Where the truncated solution is far off, it says so."""
     for force in (53.0, 75.0):
-        found = solution(force, 3, estimate=True)
+        period = solution(force, 3, estimate=True)
         exact = np.ptp(reference(force)[:, 2])
-        error = abs(np.ptp(mean_sliding(found)) / exact - 1.0)
-        assert 0.8 * error < found.error_estimate < 3.0 * error
+        error = abs(np.ptp(mean_sliding(period)) / exact - 1.0)
+        assert 0.8 * error < period.error_estimate < 3.0 * error
 
 
 @pytest.mark.parametrize("force", [53.0, 60.0, 75.0])
 def test_forces_obey_the_contact_law_at_every_sample(force):
-    found = solution(force, 3)
-    normal, friction = found.force[:, :, 2], np.linalg.norm(found.force[:, :, :2], axis=2)
+    period = solution(force, 3)
+    normal, friction = period.force[:, :, 2], np.linalg.norm(period.force[:, :, :2], axis=2)
     newton = 1e-9 * normal.max()
     assert normal.min() >= 0.0
     assert (friction - 0.88 * normal).max() <= newton
-    assert np.all(normal[found.state == ContactState.SEPARATION] == 0.0)
-    slips = found.state == ContactState.SLIP
+    assert np.all(normal[period.state == ContactState.SEPARATION] == 0.0)
+    slips = period.state == ContactState.SLIP
     assert np.abs(friction - 0.88 * normal)[slips].max() <= newton
     assert normal.sum(axis=1).mean() == pytest.approx(60.0, rel=1e-8)
 
 
 def test_friction_and_rig_follow_the_reference_in_time():
     """At 75 N, where DLFT with 13 harmonics is close, so are the friction force and the arm's motion."""
-    found, expected = solution(75.0, 13), reference(75.0)[::2]
-    rms = np.sqrt(np.mean((found.friction_force - expected[:, 3])**2))
+    period, expected = solution(75.0, 13), reference(75.0)[::2]
+    rms = np.sqrt(np.mean((period.friction_force - expected[:, 3])**2))
     assert rms < 0.04 * np.ptp(expected[:, 3])  # all of it at the reversals
-    arm = 1e6 * found.rig_displacement[:, 1]
+    arm = 1e6 * period.rig_displacement[:, 1]
     assert arm == pytest.approx(expected[:, 4], abs=0.005 * np.ptp(expected[:, 4]))
 
 
@@ -122,10 +122,10 @@ def test_a_warm_start_costs_nothing_and_changes_nothing():
 
 
 def test_a_stuck_joint_does_not_move():
-    found = solution(10.0, 3, estimate=True)
-    assert np.all(found.state == ContactState.STICK)
-    assert np.abs(found.displacement).max() < 1e-15
-    assert found.error_estimate == pytest.approx(0.0, abs=1e-3)
+    period = solution(10.0, 3, estimate=True)
+    assert np.all(period.state == ContactState.STICK)
+    assert np.abs(period.displacement).max() < 1e-15
+    assert period.error_estimate == pytest.approx(0.0, abs=1e-3)
 
 
 TRANSITION = (38.2, 38.4, 38.5)  # N
@@ -149,11 +149,11 @@ def test_the_transition_to_gross_slip_is_solved_without_raising_the_load(force, 
     """What is found instead of by Newton from rest balances the joint at every harmonic kept."""
     given = problem(force)
     monkeypatch.delattr(dlft, "_raise_load")  # ten times as slow
-    found = solution(force, 3)
-    motion, pressing = (np.fft.rfft(a.reshape(128, -1), axis=0)[:4] / 64 for a in (found.displacement, found.force))
+    period = solution(force, 3)
+    motion, pressing = (np.fft.rfft(a.reshape(128, -1), axis=0)[:4] / 64 for a in (period.displacement, period.force))
     motion[0], pressing[0] = 0.5 * motion[0], 0.5 * pressing[0]
     dense = given.structure.dynamic_stiffness(given.frequency, given.loads(3))
     balance = np.einsum("kij,kj->ki", dense.stiffness, motion) - dense.load
     assert pressing == pytest.approx(balance, abs=1e-7)
     below, above = (np.ptp(mean_sliding(solution(beside, 3))) for beside in (38.0, 38.7))
-    assert below < np.ptp(mean_sliding(found)) < above
+    assert below < np.ptp(mean_sliding(period)) < above

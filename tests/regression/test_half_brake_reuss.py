@@ -69,6 +69,6 @@ def test_plane_rigid_faces_are_too_stiff(beam, measured):
                                                (humped, np.geomspace(5e-6, 50e-6, 17))])
 def test_two_modes_predict_the_next_two(beam, measured, faces, values):
     tried = [bending(faces(beam, value)) for value in values]
-    found = min(tried, key=lambda one: np.sum((one[:2] / measured[:2] - 1.0)**2))
-    assert found[:2] == pytest.approx(measured[:2], rel=0.03)
-    assert found[2:] == pytest.approx(measured[2:], rel=0.02)
+    frequencies = min(tried, key=lambda one: np.sum((one[:2] / measured[:2] - 1.0)**2))
+    assert frequencies[:2] == pytest.approx(measured[:2], rel=0.03)
+    assert frequencies[2:] == pytest.approx(measured[2:], rel=0.02)

@@ -47,10 +47,10 @@ def results(out):
     """Return every number that a complete run leaves."""
     [solution], [history] = (list(out.glob(f"kill/{name}")) for name in ("solve-*/solution.h5", "wear-*/history.h5"))
     records = read_record(solution, PeriodicSolution), read_record(history, WearHistory)
-    found = {f"{type(r).__name__}.{f.name}": getattr(r, f.name) for r in records for f in fields(r)}
-    nested = {f"{name}.{key}": value for name, held in found.items() if isinstance(held, Mapping)
+    values = {f"{type(r).__name__}.{f.name}": getattr(r, f.name) for r in records for f in fields(r)}
+    nested = {f"{name}.{key}": value for name, held in values.items() if isinstance(held, Mapping)
               for key, value in held.items()}
-    return {name: held for name, held in found.items() if not isinstance(held, Mapping)} | nested
+    return {name: held for name, held in values.items() if not isinstance(held, Mapping)} | nested
 
 
 def jumps(out):
@@ -75,16 +75,16 @@ def test_ten_random_kills_change_no_bit(processes, tmp_path):
     expected = results(whole)
     assert len(expected["WearHistory.cycles"]) > 12
 
-    moments, found, made = np.random.default_rng(SEED), [], len(expected["WearHistory.cycles"])
+    moments, kept_jumps, made = np.random.default_rng(SEED), [], len(expected["WearHistory.cycles"])
     for attempt in range(4 * KILLS):
         out = tmp_path / f"run{attempt}"
         # whole jumps say where, so that a busy machine does not move it; the rest of a jump is left to chance
         if kill(processes(out), out, int(moments.integers(0, made)), moments.uniform(0.0, duration / made)):
-            found.append(jumps(out))
+            kept_jumps.append(jumps(out))
             finish(processes(out))
             for name, value in results(out).items():
                 np.testing.assert_array_equal(value, expected[name], err_msg=name)
-        if len(found) == KILLS:
+        if len(kept_jumps) == KILLS:
             break
-    assert len(found) == KILLS
-    assert len(set(found)) >= 4, f"the kills met too few different moments: {found} jumps were on disk"
+    assert len(kept_jumps) == KILLS
+    assert len(set(kept_jumps)) >= 4, f"the kills met too few different moments: {kept_jumps} jumps were on disk"

@@ -40,12 +40,12 @@ def problem(force, springs):
 def histories(force, springs, harmonics, samples):
     """Return area-mean displacement of the bodies (um) and friction force (N)."""
     given, compliance = problem(force, springs)
-    found = QuasiStaticSolver(Solver(harmonics=harmonics, samples=samples, estimate_error=False)).solve(given)
-    bodies = found.displacement - found.force * compliance.reshape(-1, 3)
+    period = QuasiStaticSolver(Solver(harmonics=harmonics, samples=samples, estimate_error=False)).solve(given)
+    bodies = period.displacement - period.force * compliance.reshape(-1, 3)
     mean = bodies[:, :, 0] @ given.interface.areas / given.interface.areas.sum()
     if not springs:
-        assert np.ptp(mean) == pytest.approx(sliding_distance(found, given.interface))
-    return 1e6 * mean, found.friction_force
+        assert np.ptp(mean) == pytest.approx(sliding_distance(period, given.interface))
+    return 1e6 * mean, period.friction_force
 
 
 def reference(force, kind):

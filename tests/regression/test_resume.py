@@ -65,9 +65,9 @@ def test_killed_again_and_again_it_reaches_the_same_numbers(tmp_path, uninterrup
     for steps, delay in ((1, 0.0), (3, 0.013), (6, 0.05), (9, 0.002)):
         kill_after(start(tmp_path), steps, delay)
     lines = finish(start(tmp_path))
-    found, manifest = history_of(lines)
+    history, manifest = history_of(lines)
     for f in fields(WearHistory):
-        np.testing.assert_array_equal(getattr(found, f.name), getattr(expected, f.name), err_msg=f.name)
+        np.testing.assert_array_equal(getattr(history, f.name), getattr(expected, f.name), err_msg=f.name)
     assert manifest.resumed
     # four kills after 1 + 3 + 6 + 9 reported steps: the last part has at most the rest to do
     assert len(lines) - 2 <= len(expected.cycles) - 1 - 19

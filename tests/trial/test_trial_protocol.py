@@ -100,8 +100,8 @@ def test_secrets_differ_by_seed() -> None:
 
 def seen_by(trial: Trial, name: str) -> dict[str, Any]:
     diagnosis = load(trial.out / "answers" / f"{name}.json")["diagnosis"]
-    found: dict[str, Any] = json.loads(diagnosis["detection"]["statistic"])
-    return found
+    statistic: dict[str, Any] = json.loads(diagnosis["detection"]["statistic"])
+    return statistic
 
 
 def test_diagnosis_sees_its_recording_and_nothing_else(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:

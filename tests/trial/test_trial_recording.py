@@ -99,26 +99,26 @@ def test_every_effect_changes_what_it_should(name: str, other: bool) -> None:
 
 def test_recording_is_read_as_it_was_measured(short: Short, tmp_path: Path) -> None:
     case, outcome = short.case, short.simulated.outcome
-    found = read_joint_recording(write(short.simulated, tmp_path / "recording", "Fretting rig"))
-    assert found.loops is not None
-    assert found.sweep is not None
-    assert found.wear_depth is not None
-    assert found.loops.cycles.tolist() == [0, 3000]
-    assert found.loops.repeats.tolist() == [3, 3]
-    assert {name: found.loops.calibration_sd[name] for name in CHANNELS} == dict.fromkeys(CHANNELS, 0.004)
-    assert found.sweep.conditions[0].normal_load == 45.0
-    assert found.test.normal_load == case.plan.main.load
-    assert found.rig is not None
-    assert found.rig.moving_mass == case.stated_mass
+    recording = read_joint_recording(write(short.simulated, tmp_path / "recording", "Fretting rig"))
+    assert recording.loops is not None
+    assert recording.sweep is not None
+    assert recording.wear_depth is not None
+    assert recording.loops.cycles.tolist() == [0, 3000]
+    assert recording.loops.repeats.tolist() == [3, 3]
+    assert {name: recording.loops.calibration_sd[name] for name in CHANNELS} == dict.fromkeys(CHANNELS, 0.004)
+    assert recording.sweep.conditions[0].normal_load == 45.0
+    assert recording.test.normal_load == case.plan.main.load
+    assert recording.rig is not None
+    assert recording.rig.moving_mass == case.stated_mass
     for name in CHANNELS:
         ideal = np.stack([getattr(loop, name) for loop in outcome.loops])
         near = 0.015 * np.abs(ideal).max() + 4.0 * case.noise.offset[name]
-        assert found.loops.mean(name) == pytest.approx(ideal, abs=4.0 * case.noise.sample[name] + near)
-    assert found.loops.channels["friction_force"][0].std(axis=0).mean() == pytest.approx(
+        assert recording.loops.mean(name) == pytest.approx(ideal, abs=4.0 * case.noise.sample[name] + near)
+    assert recording.loops.channels["friction_force"][0].std(axis=0).mean() == pytest.approx(
         case.noise.sample["friction_force"], rel=0.5)
     volume = float(outcome.depth @ specimens().areas)
-    assert found.wear.worn_volume == pytest.approx(volume, rel=0.05, abs=0.0)
-    depth = found.wear_depth.channels["depth"]
+    assert recording.wear.worn_volume == pytest.approx(volume, rel=0.05, abs=0.0)
+    depth = recording.wear_depth.channels["depth"]
     assert depth.mean() == pytest.approx(outcome.depth @ specimens().share, abs=0.05e-6)
     assert "friction" not in (tmp_path / "recording" / "recording.toml").read_text().replace("friction_force", "")
 
@@ -153,10 +153,10 @@ def test_without_a_record_of_the_drive_its_phase_is_no_signal(short: Short, tmp_
     assert told > 50.0
     assert untold < 1e-6 * told
     undriven = replace(short.simulated, case=replace(case, drive_recorded=False))
-    found = read_joint_recording(write(undriven, tmp_path / "recording", "Fretting rig"))
-    assert found.loops is not None
-    assert set(found.loops.channels) == set(CHANNELS)
-    assert found.loops.aligned_to == "displacement"
+    recording = read_joint_recording(write(undriven, tmp_path / "recording", "Fretting rig"))
+    assert recording.loops is not None
+    assert set(recording.loops.channels) == set(CHANNELS)
+    assert recording.loops.aligned_to == "displacement"
 
 
 def test_key_is_plain_json(short: Short) -> None:

@@ -187,17 +187,17 @@ def test_scoreboard_and_page() -> None:
         Result("case-007", truth("viscous", "backlash"), Answer.failed("exit code 3: <no>", 5.0)),
     ]
     scores = scoreboard(results)
-    found = {one["name"]: (one["value"], one["met"]) for one in scores["targets"]}
-    assert found["right name, aliases merged"] == (0.5, False)
-    assert found["wrong name at probability above 0.9"] == (pytest.approx(1.0 / 7.0), False)
-    assert found["false alarms"] == (0.5, False)
-    assert found["unlisted effects called unknown"] == (1.0, True)
-    assert found["both effects of a pair"] == (0.0, False)
-    assert found["location"] == (1.0, True)
-    assert found["held-out error over the repeatability floor, median"] == (1.05, True)
+    targets = {one["name"]: (one["value"], one["met"]) for one in scores["targets"]}
+    assert targets["right name, aliases merged"] == (0.5, False)
+    assert targets["wrong name at probability above 0.9"] == (pytest.approx(1.0 / 7.0), False)
+    assert targets["false alarms"] == (0.5, False)
+    assert targets["unlisted effects called unknown"] == (1.0, True)
+    assert targets["both effects of a pair"] == (0.0, False)
+    assert targets["location"] == (1.0, True)
+    assert targets["held-out error over the repeatability floor, median"] == (1.05, True)
     assert scores["targets"][0]["interval_95"] == Share(1, 2).interval()
     # stated 0.95 each: six right of eight are 0.2 less; one at 0.6 does not hold; the failed one is no event
-    assert found["expected calibration error, all sizes"] == (pytest.approx((abs(3 - 6 * 0.95) + 0.6) / 7.0), False)
+    assert targets["expected calibration error, all sizes"] == (pytest.approx((abs(3 - 6 * 0.95) + 0.6) / 7.0), False)
     assert scores["all"]["right_name"]["cases"] == 3
     assert scores["by_effect"]["viscous"]["set"]["hits"] == 1
     assert [one["top_1"]["cases"] for one in scores["by_signal"]] == [0, 1, 0, 5, 0]
@@ -216,13 +216,13 @@ def test_each_world_has_its_own_scores() -> None:
                Result("case-001", replace(truth("viscous"), world=4), said("named", "backlash")),
                Result("case-002", replace(truth(), world=4), said("none"))]
     scores = scoreboard(results)
-    found = {world: {one["name"]: (one["value"], one["cases"]) for one in rows}
-             for world, rows in scores["by_world"].items()}
-    assert list(found) == ["1", "4"]
-    assert found["1"]["right name, aliases merged"] == (1.0, 1)
-    assert found["1"]["false alarms"] == (None, 0)
-    assert found["4"]["right name, aliases merged"] == (0.0, 1)
-    assert found["4"]["wrong name at probability above 0.9"] == (0.5, 2)
+    by_world = {world: {one["name"]: (one["value"], one["cases"]) for one in rows}
+                for world, rows in scores["by_world"].items()}
+    assert list(by_world) == ["1", "4"]
+    assert by_world["1"]["right name, aliases merged"] == (1.0, 1)
+    assert by_world["1"]["false alarms"] == (None, 0)
+    assert by_world["4"]["right name, aliases merged"] == (0.0, 1)
+    assert by_world["4"]["wrong name at probability above 0.9"] == (0.5, 2)
     assert [one["world"] for one in scores["cases"]] == [1, 4, 4]
     text = page({**scores, "settings": {"cases": 3, "seed": 1, "fast": True}, "facts": {}})
     assert ">world 1<" in text
@@ -239,8 +239,8 @@ def test_median_has_the_interval_of_order_statistics() -> None:
 
 def test_calibration_error_by_chance_is_that_of_a_fair_coin() -> None:
     """Stated 1/2, the error of n answers is the mean distance of a binomial share from it, near sqrt(1 / 2 pi n)."""
-    found = calibration_by_chance([(0.5, True)] * 50)
-    assert found == pytest.approx(math.sqrt(1.0 / (2.0 * math.pi * 50.0)), rel=0.1)
+    error = calibration_by_chance([(0.5, True)] * 50)
+    assert error == pytest.approx(math.sqrt(1.0 / (2.0 * math.pi * 50.0)), rel=0.1)
     assert calibration_by_chance([(1.0, True)] * 5) == 0.0
     assert calibration_by_chance([]) is None
 
@@ -250,8 +250,8 @@ def test_a_calibration_error_that_chance_shows_too_is_not_missed(right: int, cas
     """Stated 0.7 throughout: of one case the error is 0.3 or 0.7, on average 2 x 0.7 x 0.3 = 0.42 if 0.7 is right."""
     results = [Result(f"case-{k:03d}", truth("viscous"), said("named", "viscous" if k < right else "backlash",
                                                               probability=0.7)) for k in range(cases)]
-    found = {one["name"]: one for one in scoreboard(results)["targets"]}["expected calibration error"]
-    assert found["met"] is met
+    target = {one["name"]: one for one in scoreboard(results)["targets"]}["expected calibration error"]
+    assert target["met"] is met
 
 
 def test_intervals_of_the_baseline_count_where_nothing_is_hidden() -> None:

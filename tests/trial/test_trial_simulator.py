@@ -53,11 +53,11 @@ def finite_elements() -> Joint:
 def test_rig_resonates_at_its_modes() -> None:
     rig, duration = Rig(), 1e-5
     values = np.linalg.eigvals(step_of(rig, duration).free)
-    found = np.unique(np.round(np.abs(np.log(values)) / (2.0 * np.pi * duration), 3))
+    frequencies = np.unique(np.round(np.abs(np.log(values)) / (2.0 * np.pi * duration), 3))
     mass, _, stiffness = rig.matrices()
     exact = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real) / (2.0 * np.pi)
-    assert found == pytest.approx(np.sort(exact), rel=1e-4)
-    assert found == pytest.approx([40.0, 2500.0], rel=5e-4)
+    assert frequencies == pytest.approx(np.sort(exact), rel=1e-4)
+    assert frequencies == pytest.approx([40.0, 2500.0], rel=5e-4)
 
 
 def test_rig_without_friction_follows_its_frequency_response() -> None:
@@ -140,8 +140,8 @@ def test_gross_slip_dissipates_by_coulomb_and_all_energy_is_accounted_for() -> N
     velocity = track.rig[:, 2:]
     supplied = np.mean(track.excitation * velocity[:, BLOCK]) / 100.0
     _, damping, _ = physics.rig.matrices()
-    lost = np.mean(np.einsum("ki,ij,kj->k", velocity, damping, velocity)) / 100.0
-    assert supplied == pytest.approx(dissipated + lost, rel=2e-3, abs=0.0)
+    damped = np.mean(np.einsum("ki,ij,kj->k", velocity, damping, velocity)) / 100.0
+    assert supplied == pytest.approx(dissipated + damped, rel=2e-3, abs=0.0)
     assert dissipated > 0.9 * supplied
 
 
@@ -178,16 +178,16 @@ def test_stuck_contact_is_a_spring() -> None:
 def test_wear_is_archards_and_does_not_depend_on_the_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
     joint, physics = specimens(), Physics(friction=0.85)
     plan = Plan(Condition(62.0), (0, 30_000), ())
-    found = Test(joint, physics, plan).run()
-    volume = float(found.depth @ joint.areas)
-    assert volume == pytest.approx(physics.wear / physics.friction * found.energy, rel=5e-3, abs=0.0)
+    outcome = Test(joint, physics, plan).run()
+    volume = float(outcome.depth @ joint.areas)
+    assert volume == pytest.approx(physics.wear / physics.friction * outcome.energy, rel=5e-3, abs=0.0)
     monkeypatch.setattr("fretflow_trial.campaign.LARGEST_WEAR", 0.05e-6)
     monkeypatch.setattr("fretflow_trial.campaign.PASSING_STEPS", 400)
     fine = Test(joint, physics, plan).run()
-    assert fine.jumps > 1.5 * found.jumps
-    assert found.depth == pytest.approx(fine.depth, rel=0.02, abs=0.0)
-    assert found.loops[-1].approach.mean() - found.loops[0].approach.mean() == pytest.approx(
-        float(found.depth @ joint.share), rel=0.1, abs=0.0)
+    assert fine.jumps > 1.5 * outcome.jumps
+    assert outcome.depth == pytest.approx(fine.depth, rel=0.02, abs=0.0)
+    assert outcome.loops[-1].approach.mean() - outcome.loops[0].approach.mean() == pytest.approx(
+        float(outcome.depth @ joint.share), rel=0.1, abs=0.0)
 
 
 def test_half_the_step_changes_little() -> None:

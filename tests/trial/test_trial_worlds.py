@@ -110,8 +110,8 @@ def test_one_node_is_a_jenkins_element() -> None:
     phase = np.linspace(0.0, 4.0 * np.pi, 4001)
     place, force, slip, state = amplitude * np.sin(phase), np.zeros(len(phase)), np.zeros(1), np.zeros(1)
     for k, x in enumerate(place):
-        found, moved, state = contact.friction(np.array([limit]), np.array([x]) - slip, state)
-        force[k], slip = found[0], slip + moved
+        friction, moved, state = contact.friction(np.array([limit]), np.array([x]) - slip, state)
+        force[k], slip = friction[0], slip + moved
     last = slice(2000, 4001)
     work = float(0.5 * (force[last][1:] + force[last][:-1]) @ np.diff(place[last]))
     assert work == pytest.approx(4.0 * limit * (amplitude - limit / stiffness), rel=2e-3)
@@ -133,8 +133,8 @@ def test_energy_is_accounted_for_by_every_integrator_and_half_spaces(scheme: Sch
     assert dissipated == pytest.approx(4.0 * 0.7 * 50.0 * 0.5 * np.ptp(channels.displacement), rel=5e-3, abs=0.0)
     velocity = track.rig[:, 2:]
     supplied = np.mean(track.excitation * velocity[:, BLOCK]) / 110.0
-    lost = np.mean(np.einsum("ki,ij,kj->k", velocity, physics.rig.matrices()[1], velocity)) / 110.0
-    assert supplied == pytest.approx(dissipated + lost, rel=5e-3, abs=0.0)
+    damped = np.mean(np.einsum("ki,ij,kj->k", velocity, physics.rig.matrices()[1], velocity)) / 110.0
+    assert supplied == pytest.approx(dissipated + damped, rel=5e-3, abs=0.0)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -166,8 +166,8 @@ def instant(joint: Joint, speed: float = 0.0, pressure: float = 60e6) -> Instant
 def forms(name: str) -> list[Hidden]:
     """Return the catalogue's law and every other form of an effect that twenty draws give."""
     facts, rng = Facts(100_000, 60.0, 60.0, Rig().hinge), np.random.default_rng(7)
-    found = {one.law: one for one in (LISTED[name](rng, other, facts) for other in (False, *(20 * [True])))}
-    return list(found.values())
+    by_law = {one.law: one for one in (LISTED[name](rng, other, facts) for other in (False, *(20 * [True])))}
+    return list(by_law.values())
 
 
 def test_every_form_of_a_law_has_the_limits_of_its_physics() -> None:
@@ -256,12 +256,12 @@ def test_a_rig_drawn_anew_is_recorded_with_its_own_drawing(anew: list[Case], tmp
     case = replace(case, plan=replace(case.plan, cycles=(0, 1500), sweep=case.plan.sweep[:1]))
     outcome = Test(case.joint, case.physics, case.plan).run(case.recordable)
     rates = slopes(case.joint, case.physics, case.plan, outcome, case.seen)
-    found = read_joint_recording(write(Simulated(case, outcome, rates, {}), tmp_path / "recording", "Rig"))
-    assert found.loops is not None
-    assert found.specimen is not None
-    assert found.specimen.upper.contact_width == pytest.approx(case.stated.contact_width)
-    assert found.specimen.upper.youngs_modulus == pytest.approx(case.stated.youngs_modulus)
-    assert found.loops.repeats.tolist() == [case.repeats] * 2
-    assert found.loops.mean("displacement").shape[1] == case.plan.samples
-    slid = np.ptp(found.loops.mean("displacement"), axis=1)
+    recording = read_joint_recording(write(Simulated(case, outcome, rates, {}), tmp_path / "recording", "Rig"))
+    assert recording.loops is not None
+    assert recording.specimen is not None
+    assert recording.specimen.upper.contact_width == pytest.approx(case.stated.contact_width)
+    assert recording.specimen.upper.youngs_modulus == pytest.approx(case.stated.youngs_modulus)
+    assert recording.loops.repeats.tolist() == [case.repeats] * 2
+    assert recording.loops.mean("displacement").shape[1] == case.plan.samples
+    slid = np.ptp(recording.loops.mean("displacement"), axis=1)
     assert np.all(slid > 0.8 * SLIDING)

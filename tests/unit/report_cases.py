@@ -35,13 +35,13 @@ def loop(amplitude: float, limit: float, stiffness: float = 28e6, shift: float =
     """Return displacement and force of a spring and slider under a harmonic motion, m and N."""
     phase = 2.0 * np.pi * (np.arange(SAMPLES) / SAMPLES - shift)
     x = amplitude * np.cos(phase)
-    force, found = 0.0, []
+    force, forces = 0.0, []
     for _ in range(2):
-        found = []
+        forces = []
         for step, at in zip(np.diff(x, prepend=x[-1]), x, strict=True):
             force = min(max(force + stiffness * step, -limit), limit)
-            found.append(force + 2e4 * at)
-    return x, np.array(found)
+            forces.append(force + 2e4 * at)
+    return x, np.array(forces)
 
 
 def comparison(label: str, limit: float, wrong: float, held_out: bool, amplitude: float = 9e-6,
@@ -60,11 +60,11 @@ def comparison(label: str, limit: float, wrong: float, held_out: bool, amplitude
 
 def rig_loops(kind: str = "fretting-rig"):
     limits = [53.0 - 33.0 * math.exp(-n / 40_000) for n in CYCLES]
-    found = [comparison(f"{n:,} cycles", limit, 46.0, k in (3, 7), kind=kind)
-             for k, (n, limit) in enumerate(zip(CYCLES, limits, strict=True))]
+    over_cycles = [comparison(f"{n:,} cycles", limit, 46.0, k in (3, 7), kind=kind)
+                   for k, (n, limit) in enumerate(zip(CYCLES, limits, strict=True))]
     sizes = (6e-6, 12e-6, 15e-6, 11e-6, 8e-6)
-    return (*found, *(comparison(name, 53.0, 46.0, k in (1, 3), size, kind)
-                      for k, (name, size) in enumerate(zip(SWEPT, sizes, strict=True))))
+    return (*over_cycles, *(comparison(name, 53.0, 46.0, k in (1, 3), size, kind)
+                            for k, (name, size) in enumerate(zip(SWEPT, sizes, strict=True))))
 
 
 def stretches():
@@ -72,13 +72,13 @@ def stretches():
     t = np.linspace(0.0, 6.0, 3_000)
     force = 40.0 * np.sin(2.0 * np.pi * 0.5 * t) * (1.0 - np.exp(-t))
     rng = np.random.default_rng(4)
-    found = []
+    parts = []
     for label, held_out in (("0 s to 6 s", False), ("6 s to 12 s", True)):
         x = 0.02 * np.tanh(1.6 * np.sin(2.0 * np.pi * 0.5 * t - 0.4)) * (1.0 - np.exp(-t))
-        found.append(Comparison(label=label, held_out=held_out, displacement=x + 1e-4 * rng.standard_normal(t.size),
+        parts.append(Comparison(label=label, held_out=held_out, displacement=x + 1e-4 * rng.standard_normal(t.size),
                                 force=force, before_displacement=0.018 * np.sin(2.0 * np.pi * 0.5 * t - 0.6),
                                 before_force=force, after_displacement=1.005 * x, after_force=force, time=t))
-    return tuple(found)
+    return tuple(parts)
 
 
 def residual_map(channel: str, loops, after: bool = True):
@@ -177,14 +177,14 @@ def named(kind: str = "fretting-rig") -> Diagnosis:
 
 def none(kind: str = "fretting-rig") -> Diagnosis:
     """Return a diagnosis that finds nothing."""
-    found = named(kind)
+    diagnosis = named(kind)
     same = tuple(replace(one, before_displacement=one.after_displacement, before_force=one.after_force)
-                 for one in found.comparisons)
+                 for one in diagnosis.comparisons)
     return replace(
-        found, verdict=Verdict.NONE, effects=(), probability=0.97, comparisons=same,
+        diagnosis, verdict=Verdict.NONE, effects=(), probability=0.97, comparisons=same,
         sentence="The baseline with its own parameters refitted explains the recording within its noise.", ranking=(),
-        detection=replace(found.detection, p_value=0.41, tests={"global chi-squared": 0.41}),
-        residual_maps=tuple(residual_map(one.channel, same, after=False) for one in found.residual_maps),
+        detection=replace(diagnosis.detection, p_value=0.41, tests={"global chi-squared": 0.41}),
+        residual_maps=tuple(residual_map(one.channel, same, after=False) for one in diagnosis.residual_maps),
         location=Location(block="", channel="", phase="", cycles=(0, 0), zone=""), separating_measurement="",
         held_out=HeldOut(what="loops at 10,000 cycles", before=1.02, after=1.02, floor=1.0),
         smallest_visible={"friction-run-in": 0.03, "third-body": 0.44, "scar-edge": 1.7, "channel-delay": 0.004,
@@ -193,11 +193,11 @@ def none(kind: str = "fretting-rig") -> Diagnosis:
 
 def ambiguous(kind: str = "fretting-rig") -> Diagnosis:
     """Return a diagnosis that leaves two effects."""
-    found = named(kind)
+    diagnosis = named(kind)
     pair = ("sensor-inertia", "parallel-stiffness")
     ranking = (replace(RANKING[0], effects=pair[:1], probability=0.52),
                replace(RANKING[0], effects=pair[1:], probability=0.45), *RANKING[2:])
-    return replace(found, verdict=Verdict.AMBIGUOUS, effects=pair, probability=0.97, ranking=ranking,
+    return replace(diagnosis, verdict=Verdict.AMBIGUOUS, effects=pair, probability=0.97, ranking=ranking,
                    after_model="baseline + sensor-inertia, one of the set",
                    sentence="Either a mass in front of the force sensor or a spring beside the contact: both tilt the "
                             "plateaus alike at one frequency.",
@@ -207,11 +207,11 @@ def ambiguous(kind: str = "fretting-rig") -> Diagnosis:
 
 def unknown(kind: str = "fretting-rig") -> Diagnosis:
     """Return a diagnosis whose effect is not in the catalogue."""
-    found = named(kind)
+    diagnosis = named(kind)
     speed = np.linspace(-8e-3, 8e-3, 31)
     ranking = tuple(replace(one, explained=0.38 * one.explained) for one in RANKING)
     return replace(
-        found, verdict=Verdict.UNKNOWN, effects=(), probability=0.99, ranking=ranking, case_file="", parameters=(),
+        diagnosis, verdict=Verdict.UNKNOWN, effects=(), probability=0.99, ranking=ranking, case_file="", parameters=(),
         after_model="baseline + friction-run-in, the best of the catalogue",
         sentence="Something that is not in the catalogue acts on the friction force on the plateau.",
         residual_law=ResidualLaw(channel="friction force", state="sliding speed", state_unit="m/s", channel_unit="N",
@@ -221,15 +221,15 @@ def unknown(kind: str = "fretting-rig") -> Diagnosis:
 
 def odd() -> Diagnosis:
     """Return a diagnosis of text that needs escaping and of numbers that are not known."""
-    found = named()
+    plain = named()
     gone = np.full(SAMPLES, np.nan)
-    holes = np.where(np.arange(SAMPLES) % 17 < 3, np.nan, found.comparisons[0].force)
-    loops = (replace(found.comparisons[0], label=NASTY, force=holes), replace(found.comparisons[1], displacement=gone),
-             replace(found.comparisons[2], before_force=gone, after_force=gone),
-             replace(found.comparisons[3], displacement=np.zeros(SAMPLES), before_displacement=np.zeros(SAMPLES)))
+    holes = np.where(np.arange(SAMPLES) % 17 < 3, np.nan, plain.comparisons[0].force)
+    loops = (replace(plain.comparisons[0], label=NASTY, force=holes), replace(plain.comparisons[1], displacement=gone),
+             replace(plain.comparisons[2], before_force=gone, after_force=gone),
+             replace(plain.comparisons[3], displacement=np.zeros(SAMPLES), before_displacement=np.zeros(SAMPLES)))
     few = np.array([0.0, 1e-3, 2e-3])
     return replace(
-        found, title=NASTY, recording=NASTY, kind="some-kind", effects=(NASTY,), probability=math.nan, sentence=NASTY,
+        plain, title=NASTY, recording=NASTY, kind="some-kind", effects=(NASTY,), probability=math.nan, sentence=NASTY,
         ranking=(Candidate(effects=(NASTY,), probability=math.nan, explained=math.nan, chi_squared=math.inf,
                            degrees_of_freedom=0, log_evidence=-math.inf), *RANKING[1:]),
         detection=Detection(p_value=math.nan, statistic="", tests={}, false_alarm_rate=math.nan),
@@ -270,12 +270,12 @@ def chart_of(text, description):
 
 def drawn(text, description):
     """Return what the first chart so described holds, by name: its columns."""
-    figure, found = chart_of(text, description), {}
+    figure, columns_of = chart_of(text, description), {}
     for one in figure["attributes"]["renderers"]:
         columns = dict(one["attributes"]["data_source"]["attributes"]["data"]["entries"])
-        found[one["attributes"].get("name")] = {key: [array(v) for v in values] if isinstance(values, list) else
-                                                array(values) for key, values in columns.items()}
-    return found
+        columns_of[one["attributes"].get("name")] = {key: [array(v) for v in values] if isinstance(values, list) else
+                                                     array(values) for key, values in columns.items()}
+    return columns_of
 
 
 def array(value):

@@ -68,14 +68,14 @@ NO_FILES = ("upper", "lower")  # of meshes, which are looked for
 
 def bad_values():
     """Return (path of a key, value) for every key of a case file."""
-    found = []
+    values = []
     for entry in entries(validate_case(tomllib.loads(starting_case()))):
         of_default = entry.resolved if entry.unit == "" else 0.0
         kind = next((kind for kind in NO if isinstance(of_default, kind)), None)
         if entry.table[:2] != ("specimen", "lower") and entry.key not in NO_FILES and kind is not None:
             path = (*(part for part in entry.table if part != "upper"), entry.key)
-            found += [(path, value.replace("UNIT", entry.unit)) for value in (NO_QUANTITY if entry.unit else NO[kind])]
-    return found
+            values += [(path, value.replace("UNIT", entry.unit)) for value in (NO_QUANTITY if entry.unit else NO[kind])]
+    return values
 
 
 @pytest.mark.parametrize(("path", "value"), bad_values(),

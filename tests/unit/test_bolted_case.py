@@ -53,12 +53,12 @@ def test_what_cannot_be_is_one_line(tmp_path, old, new, said):
 
 def test_what_no_joint_has_is_named(tmp_path):
     assert not list(implausible(load_bolted_case(EXAMPLES / "bolted_beam.toml")))
-    (found,) = implausible(load_bolted_case(changed(tmp_path, '"205 GPa"', '"205 Pa"')))
-    assert found.startswith("structure.material.youngs_modulus = 205 Pa is beyond what joints have")
+    (warning,) = implausible(load_bolted_case(changed(tmp_path, '"205 GPa"', '"205 Pa"')))
+    assert warning.startswith("structure.material.youngs_modulus = 205 Pa is beyond what joints have")
     case = load_bolted_case(EXAMPLES / "bolted_beam.toml")
     padded = case.structure.model_copy(update={"materials": {"pad": Elasticity(density="1 kg/m^3")}})
-    (found,) = implausible(case.model_copy(update={"structure": padded}))
-    assert found.startswith("structure.materials.pad.density = 1 kg/m³ is beyond what joints have")
+    (warning,) = implausible(case.model_copy(update={"structure": padded}))
+    assert warning.startswith("structure.materials.pad.density = 1 kg/m³ is beyond what joints have")
 
 
 def test_a_lap_beam_of_unknown_keys_is_refused():

@@ -60,13 +60,15 @@ def closed_form_history(coefficient, cycles, jumps=40):
 
 def test_the_coefficient_and_its_deviation_are_those_of_the_closed_form():
     volume, sd, cycles = 6e-12, 2e-13, 300_000
-    found = identify_wear_coefficient(closed_form_history(1e-14, 10**6), np.array([AREA]), 1e-14, cycles, volume, sd)
+    history = closed_form_history(1e-14, 10**6)
+    identified = identify_wear_coefficient(history, np.array([AREA]), 1e-14, cycles, volume, sd)
     exact = DEEP * np.expm1(volume / AREA / DEEP) / (FIRST * cycles)
-    assert found.value == pytest.approx(exact, rel=1e-5, abs=0.0)
-    assert found.sd == pytest.approx(sd * np.exp(volume / AREA / DEEP) / (AREA * FIRST * cycles), rel=1e-4, abs=0.0)
-    assert found.unworn == pytest.approx(volume / (AREA * FIRST * cycles), rel=1e-12, abs=0.0)
-    assert found.interval[1] - found.interval[0] == pytest.approx(2 * 1.96 * found.sd, rel=1e-4, abs=0.0)
-    assert abs(found.proportional / exact - 1.0) > 0.1  # which a proportional reading would miss
+    assert identified.value == pytest.approx(exact, rel=1e-5, abs=0.0)
+    exact_sd = sd * np.exp(volume / AREA / DEEP) / (AREA * FIRST * cycles)
+    assert identified.sd == pytest.approx(exact_sd, rel=1e-4, abs=0.0)
+    assert identified.unworn == pytest.approx(volume / (AREA * FIRST * cycles), rel=1e-12, abs=0.0)
+    assert identified.interval[1] - identified.interval[0] == pytest.approx(2 * 1.96 * identified.sd, rel=1e-4, abs=0.0)
+    assert abs(identified.proportional / exact - 1.0) > 0.1  # which a proportional reading would miss
 
 
 def test_a_history_that_is_too_short_is_said_to_be_and_one_that_ended_refuses():
@@ -95,12 +97,12 @@ def test_a_longer_history_is_asked_for_until_the_volume_is_reached(monkeypatch):
         asked.append(one.test.total_cycles)
         return {"wear": Path(), "reduce": Path()}
 
-    found = calibrate_wear(case, run)
+    identified = calibrate_wear(case, run)
     needed = DEEP * np.expm1(6e-12 / AREA / DEEP) / (FIRST * case.wear.coefficient)
     assert asked[0] == 10_000
     assert len(asked) < 5
     assert asked[-2] < needed <= asked[-1]
-    assert found.value == pytest.approx(DEEP * np.expm1(6e-12 / AREA / DEEP) / (FIRST * 10_000), rel=1e-4, abs=0.0)
+    assert identified.value == pytest.approx(DEEP * np.expm1(6e-12 / AREA / DEEP) / (FIRST * 10_000), rel=1e-4, abs=0.0)
 
 
 def test_the_worn_volume_depends_on_coefficient_times_cycles_alone(nine_nodes):
@@ -111,8 +113,8 @@ def test_the_worn_volume_depends_on_coefficient_times_cycles_alone(nine_nodes):
         return run_history(model, WearSettings(coefficient=coefficient, cycles=cycles, max_depth_per_jump=2e-8))
 
     one, other = march(1e-14, 6000), march(2.5e-14, 2000)
-    found = identify_wear_coefficient(one, model.areas, 1e-14, 2000, float(other.volume[-1]), 1e-15)
-    assert found.value == pytest.approx(2.5e-14, rel=1e-3, abs=0.0)
+    identified = identify_wear_coefficient(one, model.areas, 1e-14, 2000, float(other.volume[-1]), 1e-15)
+    assert identified.value == pytest.approx(2.5e-14, rel=1e-3, abs=0.0)
 
 
 def test_the_settled_face_carries_the_load_evenly(nine_nodes):
@@ -134,27 +136,27 @@ def test_power_laws_have_the_closed_form_posterior():
     exponents = np.array([[1.0, 0.5, 0.0], [-0.3, 2.0, 0.1]])
     prior = LogNormalPrior(names=("a", "b", "c"), value=np.array([2.0, 5.0, 0.1]), factor=np.array([3.0, 1.5, 10.0]))
     data = Data(names=("x", "y"), value=np.array([6.0, 20.0]), relative_sd=np.array([0.05, 0.02]))
-    found = identify(power_laws(exponents), prior, data)
+    identified = identify(power_laws(exponents), prior, data)
     weights = np.diag(data.relative_sd**-2.0)
     covariance = np.linalg.inv(np.diag(np.log(prior.factor)**-2.0) + exponents.T @ weights @ exponents)
     mean = np.log(prior.value) + covariance @ exponents.T @ weights @ (
         np.log(data.value) - exponents @ np.log(prior.value))
-    np.testing.assert_allclose(np.log(found.value), mean, atol=1e-5)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(found.sensitivity, exponents, atol=1e-8)
-    assert not found.determined[2]
-    assert found.shrinkage[2] > 0.95
+    np.testing.assert_allclose(np.log(identified.value), mean, atol=1e-5)
+    np.testing.assert_allclose(identified.covariance, covariance, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(identified.sensitivity, exponents, atol=1e-8)
+    assert not identified.determined[2]
+    assert identified.shrinkage[2] > 0.95
 
 
 def test_of_two_factors_only_the_product_is_determined():
     prior = LogNormalPrior(names=("mass", "gain"), value=np.ones(2), factor=np.full(2, np.e))
     data = Data(names=("product",), value=np.array([1.5]), relative_sd=np.array([0.01]))
-    found = identify(power_laws(np.ones((1, 2))), prior, data)
-    assert not found.determined.any()
-    assert found.product(0) == "mass * gain"
-    assert found.direction_sd[0] == pytest.approx(0.01, rel=1e-3)
-    np.testing.assert_allclose(found.shrinkage, np.sqrt(0.5), rtol=1e-3)
-    assert found.predicted[0] == pytest.approx(1.5, rel=1e-3)
+    identified = identify(power_laws(np.ones((1, 2))), prior, data)
+    assert not identified.determined.any()
+    assert identified.product(0) == "mass * gain"
+    assert identified.direction_sd[0] == pytest.approx(0.01, rel=1e-3)
+    np.testing.assert_allclose(identified.shrinkage, np.sqrt(0.5), rtol=1e-3)
+    assert identified.predicted[0] == pytest.approx(1.5, rel=1e-3)
 
 
 def test_what_a_product_is_known_to_is_an_interval_as_that_of_a_parameter(capsys):
@@ -162,10 +164,10 @@ def test_what_a_product_is_known_to_is_an_interval_as_that_of_a_parameter(capsys
     names = tuple(calibrate.UNITS)
     prior = LogNormalPrior(names=names, value=np.ones(5), factor=np.full(5, 10.0))
     data = Data(names=("distance",), value=np.array([1.0]), relative_sd=np.array([5.0]))
-    found = identify(power_laws(np.eye(1, 5)), prior, data)
-    product, own = (np.array(ends) for ends in (found.product_interval, found.interval))
-    np.testing.assert_allclose(product[:, 0], own[:, 0] / found.value[0], rtol=1e-9)
-    _show_rig(found)
+    identified = identify(power_laws(np.eye(1, 5)), prior, data)
+    product, own = (np.array(ends) for ends in (identified.product_interval, identified.interval))
+    np.testing.assert_allclose(product[:, 0], own[:, 0] / identified.value[0], rtol=1e-9)
+    _show_rig(identified)
     assert f"{product[0, 0]:.3g} to {product[1, 0]:.3g}" in capsys.readouterr().out
 
 
@@ -178,9 +180,9 @@ def test_a_rough_model_leads_to_the_parameters_of_the_exact_one():
         calls.append(p)
         return 0.7 * p**1.4
 
-    found = identify_mapped(exact, lambda p: p, prior, data)
-    assert found.value[0] == pytest.approx((3.0 / 0.7) ** (1 / 1.4), rel=1e-3)
-    assert found.predicted[0] == pytest.approx(3.0, rel=1e-3)
+    identified = identify_mapped(exact, lambda p: p, prior, data)
+    assert identified.value[0] == pytest.approx((3.0 / 0.7) ** (1 / 1.4), rel=1e-3)
+    assert identified.predicted[0] == pytest.approx(3.0, rel=1e-3)
     assert 2 < len(calls) < 15
     fickle = iter([0.8, 1.2] * 20)
     with pytest.raises(NonConvergenceError, match="still miss") as caught:
@@ -196,8 +198,8 @@ def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
 
     def seen(condition):
         joint = dataclasses.replace(problem.structure, rig=LumpedRig.from_modes(*hidden))
-        found = solver.solve(dataclasses.replace(condition.problem, structure=joint))
-        return sliding_distance(found, problem.interface)
+        period = solver.solve(dataclasses.replace(condition.problem, structure=joint))
+        return sliding_distance(period, problem.interface)
 
     modes = tuple(PRIOR_FACTORS)[2:4]
     model = CalibratedRig(conditions, modes, solver, 0.0)
@@ -205,13 +207,13 @@ def test_a_hidden_rig_is_found_again_as_far_as_it_shows(nine_nodes):
                 value=np.array([*rig_modes(LumpedRig.from_modes(*hidden)), *(seen(c) for c in conditions)]))
     prior = LogNormalPrior(names=tuple(PRIOR_FACTORS), value=np.array([10.0, 0.5, 40.0, 2500.0, 0.01]),
                   factor=np.array(list(PRIOR_FACTORS.values())))
-    found = identify_mapped(model.predict, model.estimate, prior, data)
-    assert found.value[0] == pytest.approx(14.0, rel=0.02)
-    np.testing.assert_allclose(found.predicted, data.value, rtol=0.01)
-    known = dict(zip(prior.names, found.determined, strict=True))
+    identified = identify_mapped(model.predict, model.estimate, prior, data)
+    assert identified.value[0] == pytest.approx(14.0, rel=0.02)
+    np.testing.assert_allclose(identified.predicted, data.value, rtol=0.01)
+    known = dict(zip(prior.names, identified.determined, strict=True))
     assert known["moving_mass"]
     assert not known["damping_ratio"]
-    low, high = found.interval
+    low, high = identified.interval
     assert low[0] < 14.0 < high[0]
 
 
@@ -227,10 +229,10 @@ def test_the_posterior_is_drawn_and_kept_as_draws(tmp_path):
     rig = identify(lambda p: p[2:3], prior, Data(names=("mode",), value=np.array([41.0]), relative_sd=np.array([0.01])))
     table, picture = calibrate._posterior(tmp_path, rig)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    with xr.open_dataset(table, group="posterior", engine="h5netcdf") as found:
-        assert found.in_phase_frequency.attrs["units"] == "Hz"
-        assert float(np.log(found.in_phase_frequency).std()) == pytest.approx(0.01, rel=0.1)
-        assert float(np.log(found.damping_ratio).std()) == pytest.approx(np.log(10.0), rel=0.1)
+    with xr.open_dataset(table, group="posterior", engine="h5netcdf") as draws:
+        assert draws.in_phase_frequency.attrs["units"] == "Hz"
+        assert float(np.log(draws.in_phase_frequency).std()) == pytest.approx(0.01, rel=0.1)
+        assert float(np.log(draws.damping_ratio).std()) == pytest.approx(np.log(10.0), rel=0.1)
 
 
 def test_a_calibrated_case_is_a_case_file_with_the_new_values(tmp_path):

@@ -153,8 +153,8 @@ def test_conditions_have_no_order_to_join_them_by(index, width):
     reading = LoopReading(value=at + 1.0, noise=np.full(3, 0.1), repeats=np.zeros(3), calibration=np.zeros(3))
     axes = Figure().add_subplot()
     names = ("excitation 53 N", "load 45 N", "80 Hz")
-    found = loop_sets.LoopsRead("sweep", index, names, None, SimpleNamespace(cycles=at))
-    _draw(axes, Panel("friction", reading, "1"), found, last=True)
+    loops_read = loop_sets.LoopsRead("sweep", index, names, None, SimpleNamespace(cycles=at))
+    _draw(axes, Panel("friction", reading, "1"), loops_read, last=True)
     assert axes.lines[0].get_linewidth() == width
     shown = [label.get_text() for label in axes.get_xticklabels()]
     assert (shown == ["excitation\n53 N", "load\n45 N", "80 Hz"]) == (index == "conditions")
@@ -188,8 +188,8 @@ def test_friction_below_zero_is_refused(make, tmp_path, capsys, monkeypatch):
     seen = loop_sets.read_recorded_loops
 
     def damaged(*arguments):
-        found = seen(*arguments)
-        return replace(found, friction_limit=replace(found.friction_limit, value=-found.friction_limit.value))
+        read = seen(*arguments)
+        return replace(read, friction_limit=replace(read.friction_limit, value=-read.friction_limit.value))
 
     monkeypatch.setattr(loop_sets, "read_recorded_loops", damaged)
     assert loops(make().write(tmp_path / "a"), "--out", tmp_path) == 2

@@ -16,8 +16,8 @@ BLOCKS = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), f
 
 def block(name):
     """Return the code of the example whose first line names it."""
-    [found] = [text for text in BLOCKS if text.startswith(f"# {name}")]
-    return found
+    [chosen] = [text for text in BLOCKS if text.startswith(f"# {name}")]
+    return chosen
 
 
 @pytest.mark.parametrize("text", BLOCKS, ids=lambda text: text.partition("\n")[0])

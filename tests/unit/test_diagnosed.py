@@ -27,16 +27,16 @@ def cases():
 
 
 def test_readings_over_the_cycles_are_drawn_in_their_units(cases):
-    found = cases.named()
-    axes = {one.get_ylabel(): one for one in found.plot("evolution").axes}
+    diagnosis = cases.named()
+    axes = {one.get_ylabel(): one for one in diagnosis.plot("evolution").axes}
     assert list(axes) == ["friction limit (N)", "tangential stiffness (N/µm)", "energy of a cycle (mJ)",
                           "sliding distance (µm)"]
     for name, field, size in (("energy of a cycle (mJ)", "dissipated_energy", 1e-3),
                               ("sliding distance (µm)", "sliding_distance", 1e-6)):
-        for line, values in zip(axes[name].lines, getattr(found.evolution, field), strict=True):
+        for line, values in zip(axes[name].lines, getattr(diagnosis.evolution, field), strict=True):
             assert line.get_xdata() == pytest.approx(cases.CYCLES)
             assert line.get_ydata() * size == pytest.approx(values)
-    page = render_report(found)
+    page = render_report(diagnosis)
     assert page.count("over the cycles\"") == 4
 
 
@@ -102,22 +102,22 @@ def test_draws_tell_the_stated_interval():
 
 
 def test_the_posterior_goes_to_a_file_that_keeps_names_draws_and_units(cases, tmp_path):
-    found = cases.named()
-    found.posterior.to_netcdf(tmp_path / "found.nc", group="posterior", engine="h5netcdf")
-    with xr.open_dataset(tmp_path / "found.nc", group="posterior", engine="h5netcdf") as read:
+    diagnosis = cases.named()
+    diagnosis.posterior.to_netcdf(tmp_path / "posterior.nc", group="posterior", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "posterior.nc", group="posterior", engine="h5netcdf") as read:
         assert read.sizes == {"chain": 1, "draw": 500}
         energy = read["friction-run-in.energy"]
         assert energy.attrs["units"] == "J"
-        assert energy.values[0] == pytest.approx(found.parameters[2].draws)
+        assert energy.values[0] == pytest.approx(diagnosis.parameters[2].draws)
 
 
 def test_maps_law_volumes_and_curves_hold_the_records_numbers(cases):
-    found, unknown = cases.named(), cases.unknown()
-    panels = {one.get_title(): one for one in found.plot("maps").axes if one.images}
+    diagnosis, unknown = cases.named(), cases.unknown()
+    panels = {one.get_title(): one for one in diagnosis.plot("maps").axes if one.images}
     assert list(panels) == [f"{channel}, {name}" for channel in ("friction force", "relative displacement")
                             for name in ("before", "after")]
     drawn = np.asarray(panels["friction force, after"].images[0].get_array())
-    assert drawn == pytest.approx(found.residual_maps[0].after)
+    assert drawn == pytest.approx(diagnosis.residual_maps[0].after)
     law = unknown.residual_law
     (line,) = unknown.plot("law").axes[0].lines
     assert line.get_xdata() == pytest.approx(np.sort(law.x) * 1e3), "in mm/s"
@@ -128,10 +128,10 @@ def test_maps_law_volumes_and_curves_hold_the_records_numbers(cases):
     curve = MeasuredCurve(label="$$ first", x_label="amplitude", x_unit="m", y_label="damping", y_unit="1",
                           x=volume * 1e3, measured=np.array([0.01, 0.02, 0.03]), before=np.zeros(3),
                           after=np.full(3, 0.02))
-    found = replace(found, wear_tests=tests, curves=(curve,))
-    drawn = {one.get_label(): one for one in found.plot("volumes").axes[0].lines}
+    diagnosis = replace(diagnosis, wear_tests=tests, curves=(curve,))
+    drawn = {one.get_label(): one for one in diagnosis.plot("volumes").axes[0].lines}
     assert drawn["after"].get_ydata() == pytest.approx([1.1, 2.2, 4.4])
-    axes = found.plot("curves").axes[0]
+    axes = diagnosis.plot("curves").axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("amplitude (µm)", "damping (%)")
     assert axes.lines[0].get_ydata() == pytest.approx([1.0, 2.0, 3.0])
     assert axes.lines[0].get_xdata() == pytest.approx([1.0, 2.0, 4.0])
@@ -151,11 +151,11 @@ def test_wear_is_drawn_with_what_it_differs_by_and_its_profiles(cases):
     assert places == pytest.approx(np.linspace(0.0, 1.0, 11))
     assert mean == pytest.approx(3.0 + 2.0 * places)
     assert sd == pytest.approx(np.std(np.linspace(-1.0, 1.0, 21)))
-    found = cases.named()
-    panels = {one.get_title(): one for one in found.plot("wear").axes}
+    diagnosis = cases.named()
+    panels = {one.get_title(): one for one in diagnosis.plot("wear").axes}
     assert {"measured", "before", "after", "measured − before", "measured − after"} < set(panels)
     away = panels["measured − before"].images[0].get_array()
-    assert float(away.max()) * 1e-6 == pytest.approx(np.max(found.wear_map.measured - found.wear_map.before))
+    assert float(away.max()) * 1e-6 == pytest.approx(np.max(diagnosis.wear_map.measured - diagnosis.wear_map.before))
     with pytest.raises(InputError, match="nothing to draw as 'wear'"):
         cases.named("imposed-displacement").plot("wear")
 

@@ -13,8 +13,8 @@ MADE = "_made"  # written when the site is built, which checks them
 
 @pytest.mark.parametrize("page", [page for page in PAGES if MADE not in page.parts], ids=lambda page: page.stem)
 def test_links_lead_to_files(page):
-    found = re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
-    links = [link for link in found if "://" not in link and MADE not in link]
+    targets = re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+    links = [link for link in targets if "://" not in link and MADE not in link]
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 

@@ -69,26 +69,26 @@ def workers(request):
 
 def outcomes(function, arguments, workers):
     """Return value or error of each call, in the order of the arguments."""
-    found = {outcome.index: outcome for outcome in run_ensemble(function, arguments, workers)}
-    assert sorted(found) == list(range(len(arguments)))
-    return [found[k].value if found[k].error is None else found[k].error for k in range(len(arguments))]
+    by_index = {outcome.index: outcome for outcome in run_ensemble(function, arguments, workers)}
+    assert sorted(by_index) == list(range(len(arguments)))
+    return [by_index[k].value if by_index[k].error is None else by_index[k].error for k in range(len(arguments))]
 
 
 def test_each_value_and_each_error_comes_back_in_its_place(workers):
-    found = outcomes(math.sqrt, [4.0, -1.0, 9.0, "x"], workers)
-    assert found[0] == 2.0
-    assert isinstance(found[1], ValueError)
-    assert found[2] == 3.0
-    assert isinstance(found[3], TypeError)
+    values = outcomes(math.sqrt, [4.0, -1.0, 9.0, "x"], workers)
+    assert values[0] == 2.0
+    assert isinstance(values[1], ValueError)
+    assert values[2] == 3.0
+    assert isinstance(values[3], TypeError)
 
 
 def test_a_process_that_dies_harms_its_own_call_only(workers):
-    found = outcomes(operator.call, [os.getpid, os.abort, os.getppid, os.getpid], workers)
-    assert isinstance(found[1], PlatformError)
-    assert "process" in str(found[1])
-    others = [found[k] for k in (0, 2, 3)]
+    values = outcomes(operator.call, [os.getpid, os.abort, os.getppid, os.getpid], workers)
+    assert isinstance(values[1], PlatformError)
+    assert "process" in str(values[1])
+    others = [values[k] for k in (0, 2, 3)]
     assert all(isinstance(pid, int) for pid in others)
-    assert os.getpid() not in (found[0], found[3])
+    assert os.getpid() not in (values[0], values[3])
 
 
 def test_errors_keep_what_they_carry_and_stubborn_ones_their_words(workers, calls):

@@ -136,15 +136,16 @@ ABSURD = [
 
 @pytest.mark.parametrize(("path", "value", "words"), ABSURD, ids=[row[0] for row in ABSURD])
 def test_what_no_joint_has_is_named_once(path, value, words):
-    (found,) = warnings(changed(path, value))
-    assert found.startswith(words)
-    assert "check the number and its unit" in found
+    (warning,) = warnings(changed(path, value))
+    assert warning.startswith(words)
+    assert "check the number and its unit" in warning
 
 
 def test_a_pressure_that_no_solid_bears_is_named():
     """60 kN and not 60 N on a square millimetre ran without a word."""
-    (found,) = warnings(changed("test.normal_load", "60 kN"))
-    assert found.startswith("test.normal_load on the square of specimen.contact_width is 60 GPa, beyond what any solid")
+    (warning,) = warnings(changed("test.normal_load", "60 kN"))
+    assert warning.startswith(
+        "test.normal_load on the square of specimen.contact_width is 60 GPa, beyond what any solid")
 
 
 def test_a_penalty_that_is_none_and_damping_without_effect_are_named():

@@ -46,13 +46,14 @@ def test_what_is_read_is_what_was_run(run, exact, tmp_path, noise):
     assert recording.rig == run.case.rig
     assert recording.wear.worn_volume == pytest.approx(2e-12, rel=1e-12)
     assert recording.wear_depth.channels["depth"].tolist() == pytest.approx([0.0, 0.0, 0.0, 8e-6])
-    (found,), _ = read_sets(recording, recording.test.normal_load)
-    assert found.loops.displacement_of.distance == run.case.specimen.upper.observation_distance
-    assert found.loops.repeats.tolist() == [3 if noise else 1] * 2
+    (loop_set,), _ = read_sets(recording, recording.test.normal_load)
+    assert loop_set.loops.displacement_of.distance == run.case.specimen.upper.observation_distance
+    assert loop_set.loops.repeats.tolist() == [3 if noise else 1] * 2
     for name in ("friction_coefficient", "tangential_stiffness", "dissipated_energy", "peak_to_peak"):
-        reading, wanted = getattr(found.readings, name), [exact(mu)[name] for mu in MU.values()]
+        reading, wanted = getattr(loop_set.readings, name), [exact(mu)[name] for mu in MU.values()]
         assert np.all(np.abs(reading.value - wanted) < 4.0 * reading.sd + 5e-3 * np.array(wanted)), name
-    scatter = np.std(found.loops.force - found.loops.force.mean(axis=1, keepdims=True), axis=(1, 2)) * np.sqrt(3 / 2)
+    force = loop_set.loops.force
+    scatter = np.std(force - force.mean(axis=1, keepdims=True), axis=(1, 2)) * np.sqrt(3 / 2)
     assert scatter == pytest.approx([noise * mu * 60.0 for mu in MU.values()], rel=0.1)
 
 
@@ -77,8 +78,8 @@ def test_a_run_that_cannot_be_one_is_refused(run, tmp_path, capsys, monkeypatch)
     monkeypatch.chdir(tmp_path)
     assert cli.execute(["export", "nothing"]) == 2
     assert "holds no run" in capsys.readouterr().err
-    found = RunResults({}, run.case, tmp_path)
-    monkeypatch.setattr(RunResults, "of", lambda home: found)
+    results = RunResults({}, run.case, tmp_path)
+    monkeypatch.setattr(RunResults, "of", lambda home: results)
     monkeypatch.setattr(RunResults, "periods", run.periods)
     assert cli.execute(["export", "run", "--to", "given"]) == 0
     assert "`fretflow diagnose given` explains it" in capsys.readouterr().out

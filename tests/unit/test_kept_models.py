@@ -45,7 +45,7 @@ def test_a_cache_that_is_full_is_named_with_the_way_out(tmp_path, monkeypatch):
         raise StoreError("mesh: no space left; choose another --out")
 
     monkeypatch.setattr(Runner, "run", full)
-    with pytest.raises(StoreError, match="XDG_CACHE_HOME") as found:
+    with pytest.raises(StoreError, match="XDG_CACHE_HOME") as caught:
         reduced_problem(validate_case(CASE), tmp_path)
-    assert str(tmp_path) in str(found.value)
-    assert "--out" not in str(found.value)
+    assert str(tmp_path) in str(caught.value)
+    assert "--out" not in str(caught.value)

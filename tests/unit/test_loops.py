@@ -159,5 +159,5 @@ def test_play_at_zero_force_does_not_hide_the_sliding(samples, read):
         slider = float(np.clip(slider, at - reach, at + reach))
         free = at - slider
         force.append(stiffness * np.sign(free) * max(0.0, abs(free) - 0.5 * play))
-    found = read(HysteresisLoop(displacement=x[-samples:], force=np.array(force[-samples:])))
-    assert found.sliding_distance == pytest.approx(2.0 * stroke - 2.0 * limit / stiffness - play, rel=5e-3)
+    readings = read(HysteresisLoop(displacement=x[-samples:], force=np.array(force[-samples:])))
+    assert readings.sliding_distance == pytest.approx(2.0 * stroke - 2.0 * limit / stiffness - play, rel=5e-3)

@@ -70,9 +70,9 @@ def test_a_mesh_that_counts_in_millimetres_is_used_in_metres(tmp_path):
     write_block(tmp_path / "metres.msh")
     own = read_block(tmp_path / "metres.msh")
     write_block(tmp_path / "own.msh", unit=1.0)
-    found = read_block(tmp_path / "own.msh", mesh=MESH.model_copy(update={"unit": 1e-3}))
-    np.testing.assert_allclose(found.contact_nodes, own.contact_nodes, atol=1e-15)
-    assert found.min_jacobian == pytest.approx(own.min_jacobian, rel=1e-9)
+    block = read_block(tmp_path / "own.msh", mesh=MESH.model_copy(update={"unit": 1e-3}))
+    np.testing.assert_allclose(block.contact_nodes, own.contact_nodes, atol=1e-15)
+    assert block.min_jacobian == pytest.approx(own.min_jacobian, rel=1e-9)
     np.testing.assert_allclose(read_mesh(tmp_path / "used.msh").points.max(axis=0), [5e-4, 5e-4, 2e-3], rtol=1e-12)
 
 

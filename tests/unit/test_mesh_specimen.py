@@ -47,10 +47,10 @@ def test_square_specimen_has_its_exact_volume_and_areas(tmp_path, degree, side):
     path = tmp_path / "a.msh"
     summary = build_specimen(specimen(body_width=5.0, body_height=4.0, contact_width=0.8, ridge_height=0.7),
                              config.Mesh(contact_elements=3, degree=degree), side, path)
-    found = measures(path)
-    assert found["body"] == pytest.approx(5.0 * 5.0 * 4.0 + 0.8 * 0.7 * 5.0, rel=1e-11)
-    assert found["contact"] == pytest.approx(0.8**2, rel=1e-11)
-    assert found["clamped"] == pytest.approx(5.0**2, rel=1e-11)
+    measured = measures(path)
+    assert measured["body"] == pytest.approx(5.0 * 5.0 * 4.0 + 0.8 * 0.7 * 5.0, rel=1e-11)
+    assert measured["contact"] == pytest.approx(0.8**2, rel=1e-11)
+    assert measured["clamped"] == pytest.approx(5.0**2, rel=1e-11)
     assert summary.degree == degree
     assert len(summary.contact_nodes) == (3 * degree + 1) ** 2
     # Three layers divide the ridge; the smallest cells are those over the contact.
@@ -148,9 +148,9 @@ def test_scaled_jacobian_of_a_sheared_box():
     hexahedra = specimen_mesh(specimen(), config.Mesh(contact_elements=2))
     sheared = hexahedra.points.copy()
     sheared[:, 0] += sheared[:, 2]  # 45 degrees in the plane x, z: sin 45 of the scaled Jacobian is left
-    found = measure(replace(hexahedra, points=sheared))
-    np.testing.assert_allclose(found.scaled_jacobian, np.sqrt(0.5), rtol=1e-9)
-    np.testing.assert_allclose(found.jacobian, measure(hexahedra).jacobian, rtol=1e-9)
+    quality = measure(replace(hexahedra, points=sheared))
+    np.testing.assert_allclose(quality.scaled_jacobian, np.sqrt(0.5), rtol=1e-9)
+    np.testing.assert_allclose(quality.jacobian, measure(hexahedra).jacobian, rtol=1e-9)
 
 
 def test_observation_points_lie_on_the_flanks(tmp_path):

@@ -20,13 +20,13 @@ CASE = dump_case(validate_case({
 
 
 @pytest.fixture
-def found():
+def diagnosis():
     estimate = Estimate(name="contact.friction_coefficient", value=0.83451234, low=0.8321, high=0.837, unit="1")
     return replace(report_cases.empty(), parameters=(estimate,), case_file=CASE)
 
 
-def test_it_bears_the_recording_s_name_and_tells_what_was_fitted(found):
-    text = runnable(found, "my recording/of May")
+def test_it_bears_the_recording_s_name_and_tells_what_was_fitted(diagnosis):
+    text = runnable(diagnosis, "my recording/of May")
     case = validate_case(tomllib.loads(text))
     assert case.name == "my-recording-of-May"
     assert "# contact.friction_coefficient = 0.8345 (0.8321 to 0.8370)" in text
@@ -38,11 +38,11 @@ def test_it_bears_the_recording_s_name_and_tells_what_was_fitted(found):
 
 
 @pytest.mark.parametrize("text", ["", "[effects.viscous]\ndamping = \"300 N*s/m\"\n", "# only = words\n", "= 5"])
-def test_what_run_refuses_is_not_offered(found, text):
-    assert runnable(replace(found, case_file=text), "a") == ""
+def test_what_run_refuses_is_not_offered(diagnosis, text):
+    assert runnable(replace(diagnosis, case_file=text), "a") == ""
 
 
-def test_stages_are_timed_and_told(found, monkeypatch):
+def test_stages_are_timed_and_told(diagnosis, monkeypatch):
     """Each lasts until the next is told; one that comes again goes on."""
     now, told = [10.0], []
     monkeypatch.setattr("fretflow.pipeline.diagnose.monotonic", lambda: now[0])
@@ -52,7 +52,7 @@ def test_stages_are_timed_and_told(found, monkeypatch):
         now[0] += seconds
     assert stages.ended() == {"reading": 1.5, "fitting": 4.0}
     assert told == ["reading", "fitting", "reading"]
-    made = replace(found, seconds=5.5, stages=stages.ended(), memory=(1.24e9, 0.3e9))
+    made = replace(diagnosis, seconds=5.5, stages=stages.ended(), memory=(1.24e9, 0.3e9))
     assert cost(made) == ("5.5 s; reading 1.5 s, fitting 4.0 s; 1.2 GB of memory, and up to 0.3 GB in each process")
     content = made.to_json()
     assert content["stages"] == {"reading": 1.5, "fitting": 4.0}
@@ -80,9 +80,10 @@ def test_a_doubt_is_told_at_once_and_names_no_stage(monkeypatch):
     assert list(stages.ended()) == ["specimens on two meshes"]
 
 
-def test_the_json_has_every_warning_of_the_terminal_once(found):
+def test_the_json_has_every_warning_of_the_terminal_once(diagnosis):
     """Those of joints that a motion drives and of wear series had been missing."""
-    said = replace(found, warnings=("play stands at its bound",), notes=("play stands at its bound", "no time axis"))
+    said = replace(diagnosis, warnings=("play stands at its bound",),
+                   notes=("play stands at its bound", "no time axis"))
     assert said.to_json()["warnings"] == ["play stands at its bound", "no time axis"]
 
 

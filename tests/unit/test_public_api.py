@@ -37,11 +37,11 @@ period = ff.solve_periodic(problem)
 limit: float | None = ff.read_loop(period.hysteresis("tip"), normal_load=60).friction_limit
 curve = ff.continue_response(problem, 20, 400)
 wear = ff.march_wear(problem, ff.Archard(1.1e-14), cycles=1_900_000)
-found = ff.diagnose(ff.read_recording("rec/"), fast=True)
-found.to_html("report.html")
-names: tuple[str, ...] = found.effects
+diagnosis = ff.diagnose(ff.read_recording("rec/"), fast=True)
+diagnosis.to_html("report.html")
+names: tuple[str, ...] = diagnosis.effects
 run = ff.run("case.toml", out="runs", until="wear")
-print(run.loops, run.summary["wear volume"].value, found.verdict, limit)
+print(run.loops, run.summary["wear volume"].value, diagnosis.verdict, limit)
 try:
     ff.load_case("case.toml")
 except ff.NonConvergenceError as error:
@@ -110,8 +110,8 @@ def test_no_file_is_imported_by_one_that_it_imports():
 def test_examples_in_docstrings_hold(room, monkeypatch):
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("FRETFLOW_EFFECTS", "")
-    found = doctest.testmod(importlib.import_module(room), optionflags=doctest.ELLIPSIS)
-    assert found.failed == 0
+    outcome = doctest.testmod(importlib.import_module(room), optionflags=doctest.ELLIPSIS)
+    assert outcome.failed == 0
 
 
 def test_a_user_s_file_passes_strict_type_checks(tmp_path):
@@ -147,10 +147,10 @@ def test_a_recording_that_is_not_there_is_named():
 
 
 def test_results_of_a_stage_that_was_not_run_are_refused_with_the_way_out(tmp_path):
-    found = ff.RunResults({}, ff.load_case(ROOT / "examples" / "quick.toml"), tmp_path)
+    results = ff.RunResults({}, ff.load_case(ROOT / "examples" / "quick.toml"), tmp_path)
     with pytest.raises(ff.InputError, match="stage wear was not run; run the case until wear or further"):
-        found.wear  # noqa: B018
+        results.wear  # noqa: B018
     with pytest.raises(ff.InputError, match="stage reduce was not run"):
-        found.loops  # noqa: B018
-    assert found.curves == {}
-    assert found.summary == {}
+        results.loops  # noqa: B018
+    assert results.curves == {}
+    assert results.summary == {}

@@ -42,11 +42,11 @@ def loop_set(spring_slider, cycles=1, repeats=1, noise=(0.0, 0.0), gain=0.0, rng
 
 def coverage(seen, exact):
     """Return the share of readings whose 90 % interval holds the exact one, by quantity."""
-    found = {}
+    shares = {}
     for name, value in exact.items():
         inside = [np.abs(getattr(s, name).value - value) <= NORMAL_90 * getattr(s, name).sd for s in seen]
-        found[name] = float(np.mean(np.concatenate(inside)))
-    return found
+        shares[name] = float(np.mean(np.concatenate(inside)))
+    return shares
 
 
 def read(loops, **options):
@@ -154,16 +154,16 @@ def test_repeats_tell_noise_gain_and_offset_apart(spring_slider):
     size = np.where(np.cos(2.0 * np.pi * TURNS) > 0.0, 0.6, 0.2)
     values = (force * (1.0 + 0.02 * rng.standard_normal((60, 4, 1))) + 0.5 * rng.standard_normal((60, 4, 1))
               + size * rng.standard_normal((60, 4, 160)))
-    found = repeatability(values)
-    assert found.noise_sd[size > 0.4].mean() == pytest.approx(0.6, rel=0.03)
-    assert found.noise_sd[size < 0.4].mean() == pytest.approx(0.2, rel=0.03)
-    assert found.gain_sd == pytest.approx(0.02, rel=0.15)
-    assert found.offset_sd == pytest.approx(0.5, rel=0.15)
+    scatter = repeatability(values)
+    assert scatter.noise_sd[size > 0.4].mean() == pytest.approx(0.6, rel=0.03)
+    assert scatter.noise_sd[size < 0.4].mean() == pytest.approx(0.2, rel=0.03)
+    assert scatter.gain_sd == pytest.approx(0.02, rel=0.15)
+    assert scatter.offset_sd == pytest.approx(0.5, rel=0.15)
     # The covariance of a mean of four is what repeating the whole test shows.
     loop = force - force.mean()
     truth = (np.diag(size**2) + 0.02**2 * np.outer(loop, loop) + 0.5**2) / 4.0
-    assert np.trace(found.covariance(0)) == pytest.approx(np.trace(truth), rel=0.15)
-    assert found.repeat_sd**2 == pytest.approx(4.0 * np.diag(truth), rel=0.6)
+    assert np.trace(scatter.covariance(0)) == pytest.approx(np.trace(truth), rel=0.15)
+    assert scatter.repeat_sd**2 == pytest.approx(4.0 * np.diag(truth), rel=0.6)
 
 
 @pytest.mark.parametrize("repeats", [(5, 2), (8, 3)])
@@ -174,8 +174,8 @@ def test_few_repeats_weigh_no_phase_more_than_another_by_chance(repeats):
     squares = []
     for _ in range(200):
         noise = 0.2 * rng.standard_normal((*repeats, 25))
-        found = repeatability(loop + noise)
-        squares.append(np.mean(noise.mean(axis=1)**2 / (found.noise_sd**2 / found.repeats[:, None])))
+        scatter = repeatability(loop + noise)
+        squares.append(np.mean(noise.mean(axis=1)**2 / (scatter.noise_sd**2 / scatter.repeats[:, None])))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.1)  # 25 phases tell their own scatter to a sixth
 
 
@@ -184,9 +184,9 @@ def test_moderated_variances_are_those_that_the_prior_makes_probable():
     rng = np.random.default_rng(9)
     true = 3.0 * 6.0 / rng.chisquare(6.0, 4000)
     sample = true * rng.chisquare(5.0, 4000) / 5.0
-    found = moderated(sample, 5)
-    assert np.mean(found / true) == pytest.approx(1.0, abs=0.03)
-    assert np.std(np.log(found / true)) < 0.75 * np.std(np.log(sample / true))
+    variances = moderated(sample, 5)
+    assert np.mean(variances / true) == pytest.approx(1.0, abs=0.03)
+    assert np.std(np.log(variances / true)) < 0.75 * np.std(np.log(sample / true))
     assert moderated(np.array([0.0, 1.0]), 5) == pytest.approx([0.0, 1.0])  # what never differs tells no scale
 
 
@@ -207,18 +207,18 @@ def test_the_colour_of_noise_is_told_by_its_first_harmonics():
 def test_noise_alone_is_no_gain(spring_slider):
     rng = np.random.default_rng(7)
     force = spring_slider(TURNS)[1]
-    found = [repeatability(force + 0.5 * rng.standard_normal((8, 3, 160))) for _ in range(40)]
+    scatters = [repeatability(force + 0.5 * rng.standard_normal((8, 3, 160))) for _ in range(40)]
     # Noise feigns a gain of 0.5 / sqrt(160) / rms of the loop, 0.13 %; half of that is left at most.
-    assert np.sqrt(np.mean([f.gain_sd**2 for f in found])) < 0.7e-3
+    assert np.sqrt(np.mean([f.gain_sd**2 for f in scatters])) < 0.7e-3
 
 
 def test_absent_repeats_do_not_count(spring_slider):
     rng = np.random.default_rng(10)
     values = spring_slider(TURNS)[1] + 0.4 * rng.standard_normal((30, 3, 160))
     values[::2, 2] = np.nan
-    found = repeatability(values)
-    assert found.repeats.tolist() == [2, 3] * 15
-    assert found.noise_sd.mean() == pytest.approx(0.4, rel=0.05)
+    scatter = repeatability(values)
+    assert scatter.repeats.tolist() == [2, 3] * 15
+    assert scatter.noise_sd.mean() == pytest.approx(0.4, rel=0.05)
     with pytest.raises(UnreliableRecordingError, match="no cycle count has two repeats"):
         repeatability(values[:, :1])
 
@@ -251,6 +251,6 @@ def test_cycles_in_which_nothing_slides_scatter_by_nothing():
     """Dividing by no sliding was a warning of numpy on the terminal."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = readings._scatter_of_neighbours(
+        scatter = readings._scatter_of_neighbours(
             np.arange(3), {"peak_to_peak": np.ones(3), "sliding_distance": np.zeros(3)})
-    assert not found["sliding_distance"].any()
+    assert not scatter["sliding_distance"].any()

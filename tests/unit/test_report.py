@@ -82,9 +82,9 @@ def curves(cases, text, description):
 
 
 def test_curves_lie_where_the_numbers_say(cases):
-    found = cases.named()
-    text = render_report(found)
-    one = found.comparisons[3]
+    diagnosis = cases.named()
+    text = render_report(diagnosis)
+    one = diagnosis.comparisons[3]
     drawn = curves(cases, text, f"{one.label}: friction force over")
     for name, x, force in (("measured", one.displacement, one.force),
                            ("before", one.before_displacement, one.before_force),
@@ -96,9 +96,9 @@ def test_curves_lie_where_the_numbers_say(cases):
 
 
 def test_differences_are_measured_minus_predicted(cases):
-    found = cases.named()
-    one = found.comparisons[0]
-    drawn = curves(cases, render_report(found),
+    diagnosis = cases.named()
+    one = diagnosis.comparisons[0]
+    drawn = curves(cases, render_report(diagnosis),
                    "friction force, measured − predicted (N), over the share of the period")
     assert drawn["before"][1] == pytest.approx(one.force - one.before_force, abs=1e-5)
     assert drawn["after"][1] == pytest.approx(one.force - one.after_force, abs=1e-5)
@@ -106,9 +106,9 @@ def test_differences_are_measured_minus_predicted(cases):
 
 
 def test_missing_samples_leave_gaps_in_their_places(cases):
-    found = cases.odd()
-    drawn = curves(cases, render_report(found), "friction force, measured − predicted (N)")
-    assert np.array_equal(np.isnan(drawn["before"][1]), np.isnan(found.comparisons[0].force))
+    diagnosis = cases.odd()
+    drawn = curves(cases, render_report(diagnosis), "friction force, measured − predicted (N)")
+    assert np.array_equal(np.isnan(drawn["before"][1]), np.isnan(diagnosis.comparisons[0].force))
 
 
 def test_a_channel_that_is_given_has_no_difference(cases):
@@ -122,11 +122,11 @@ def test_a_channel_that_is_given_has_no_difference(cases):
 
 def test_a_long_record_is_thinned_to_its_extremes(cases):
     """Every fifth sample of a ringing of five samples would be a line that stays where it is."""
-    found = cases.named("lumped")
-    one = found.comparisons[0]
+    diagnosis = cases.named("lumped")
+    one = diagnosis.comparisons[0]
     ringing = one.displacement + 2e-3 * np.sin(0.4 * np.pi * np.arange(len(one.time)))
-    found = replace(found, comparisons=(replace(one, displacement=ringing), *found.comparisons[1:]))
-    drawn = curves(cases, render_report(found), "displacement over time")["measured"]
+    diagnosis = replace(diagnosis, comparisons=(replace(one, displacement=ringing), *diagnosis.comparisons[1:]))
+    drawn = curves(cases, render_report(diagnosis), "displacement over time")["measured"]
     assert drawn.shape[1] <= 600
     assert np.all(np.diff(drawn[0]) >= 0.0)
     for begin in np.arange(0.5, 5.0, 0.5):
@@ -136,12 +136,12 @@ def test_a_long_record_is_thinned_to_its_extremes(cases):
 
 
 def test_samples_stand_beside_the_harmonics_that_are_compared(cases):
-    found = cases.named()
-    assert '"every sample"' not in render_report(found).partition("<main>")[2].partition("<script>")[0]
-    one = found.comparisons[0]
+    diagnosis = cases.named()
+    assert '"every sample"' not in render_report(diagnosis).partition("<main>")[2].partition("<script>")[0]
+    one = diagnosis.comparisons[0]
     ringing = one.force + 30.0 * np.sin(20.0 * np.pi * np.arange(cases.SAMPLES) / cases.SAMPLES)
-    text = render_report(replace(found, comparisons=(
-        replace(one, raw_displacement=one.displacement, raw_force=ringing), *found.comparisons[1:])))
+    text = render_report(replace(diagnosis, comparisons=(
+        replace(one, raw_displacement=one.displacement, raw_force=ringing), *diagnosis.comparisons[1:])))
     raw = curves(cases, text, f"{one.label}: friction force over")["every sample"][1]
     assert raw[:-1] == pytest.approx(ringing, rel=1e-6)
     assert "every sample" in Page(text).text
@@ -150,39 +150,39 @@ def test_samples_stand_beside_the_harmonics_that_are_compared(cases):
 @pytest.mark.parametrize("maker", ["named", "none"])
 def test_the_map_says_what_is_left(maker, cases):
     """A coloured map stood under "no missing physics" without a word of how much it was."""
-    found = replace(getattr(cases, maker)(), remainder=Remainder(share=0.05, times_noise=5.84, where=""))
-    text = render_report(found)
+    diagnosis = replace(getattr(cases, maker)(), remainder=Remainder(share=0.05, times_noise=5.84, where=""))
+    text = render_report(diagnosis)
     assert "What the model of the verdict leaves is 5.84 times the noise and errors of calibration and simul" in text
     assert "far from 1, a pattern is none of them; near 1, a faint pattern that loops share may be such an" in text
 
 
 def test_loops_that_are_compared_and_not_drawn_are_told(cases):
-    found = cases.named()
-    assert "loops are drawn, all" not in render_report(found)
-    few = replace(found, comparisons=found.comparisons[:4])
-    assert (f"4 of {len(found.comparisons)} loops are drawn, all that are held out among them; all are "
+    diagnosis = cases.named()
+    assert "loops are drawn, all" not in render_report(diagnosis)
+    few = replace(diagnosis, comparisons=diagnosis.comparisons[:4])
+    assert (f"4 of {len(diagnosis.comparisons)} loops are drawn, all that are held out among them; all are "
             "compared") in render_report(few)
 
 
 def test_differences_before_and_after_have_one_unit(cases):
     """They stood as 0.15 µm and 80 nm in one sentence."""
-    found = cases.named()
+    diagnosis = cases.named()
     for before, after, told in ((1.5e-7, 8e-8, "0.150 µm before, 0.0800 µm after"),
                                 (8e-8, 5e-8, "80.0 nm before, 50.0 nm after")):
-        first = replace(found.comparisons[0], before_displacement=found.comparisons[0].displacement + before,
-                        after_displacement=found.comparisons[0].displacement + after)
-        text = page_of(replace(found, comparisons=(first,))).text.replace("\xa0", " ")
+        first = replace(diagnosis.comparisons[0], before_displacement=diagnosis.comparisons[0].displacement + before,
+                        after_displacement=diagnosis.comparisons[0].displacement + after)
+        text = page_of(replace(diagnosis, comparisons=(first,))).text.replace("\xa0", " ")
         assert f"relative displacement {told}" in text
 
 
 def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):
-    found = cases.named()
-    page = page_of(found)
-    largest = np.quantile(np.abs(np.concatenate([m.before.ravel() for m in found.residual_maps])), 0.99)
+    diagnosis = cases.named()
+    page = page_of(diagnosis)
+    largest = np.quantile(np.abs(np.concatenate([m.before.ravel() for m in diagnosis.residual_maps])), 0.99)
     limit = style.round_scale(largest)[0]
     assert f"full from {limit:g} standard deviations on" in page.text
-    text = render_report(found)
-    for one in found.residual_maps:
+    text = render_report(diagnosis)
+    for one in diagnosis.residual_maps:
         for when, values in (("before", one.before), ("after", one.after)):
             rows = next(v for v in cases.drawn(text, f"{one.channel} {when}: difference").values() if "image" in v)
             assert np.vstack(rows["image"]) == pytest.approx(values, rel=1e-6)
@@ -196,9 +196,10 @@ def test_maps_share_one_scale_of_colours_and_keep_their_values(cases):
 
 
 def test_wear_maps_keep_depth_and_orientation(cases):
-    found = cases.named()
-    wear = replace(found.wear_map, measured=1e-6 * (1.0 + found.wear_map.y / 1e-3 + 0.5 * found.wear_map.x / 1e-3))
-    (picture,) = cases.drawn(render_report(replace(found, wear_map=wear)), "wear depth measured")[None]["image"]
+    diagnosis = cases.named()
+    wear = diagnosis.wear_map
+    wear = replace(wear, measured=1e-6 * (1.0 + wear.y / 1e-3 + 0.5 * wear.x / 1e-3))
+    (picture,) = cases.drawn(render_report(replace(diagnosis, wear_map=wear)), "wear depth measured")[None]["image"]
     read = picture[::-1]
     assert read[0, 0] == pytest.approx(1.0 + 0.5 - 0.25, abs=0.02), "first row is on top, first column on the left"
     assert read[-1, -1] == pytest.approx(1.0 - 0.5 + 0.25, abs=0.02)
@@ -206,11 +207,11 @@ def test_wear_maps_keep_depth_and_orientation(cases):
 
 
 def test_even_wear_is_drawn_on_colours_that_begin_above_zero(cases):
-    found = cases.named()
-    assert "The colours begin" not in page_of(found).text
-    even = [9.3e-6 + 0.9e-6 * np.abs(found.wear_map.x) / 0.5e-3 * share for share in (1.0, 0.8, 0.9)]
-    wear = replace(found.wear_map, measured=even[0], before=even[1], after=even[2])
-    text = render_report(replace(found, wear_map=wear))
+    diagnosis = cases.named()
+    assert "The colours begin" not in page_of(diagnosis).text
+    even = [9.3e-6 + 0.9e-6 * np.abs(diagnosis.wear_map.x) / 0.5e-3 * share for share in (1.0, 0.8, 0.9)]
+    wear = replace(diagnosis.wear_map, measured=even[0], before=even[1], after=even[2])
+    text = render_report(replace(diagnosis, wear_map=wear))
     assert "The colours begin at 9.30 µm, not at zero" in Page(text).text
     assert {*re.findall(r"sliding direction \(([^)]*)\)", text)} == {"mm"}  # of maps and profiles alike
     (picture,) = cases.drawn(text, "wear depth measured")[None]["image"]
@@ -218,11 +219,11 @@ def test_even_wear_is_drawn_on_colours_that_begin_above_zero(cases):
 
 
 def test_where_nothing_is_missing_no_ranking_and_no_place_by_chance_is_shown(cases):
-    found = cases.none()
+    diagnosis = cases.none()
     likely, rare = (Place(cut="phase", where=where, share=0.8, p_value=p)
                     for where, p in (("knee", 1.0), ("far", 0.01)))
-    page = page_of(replace(found, ranking=(replace(cases.RANKING[0], effects=()),),
-                           location=replace(found.location, places=(likely, rare))))
+    page = page_of(replace(diagnosis, ranking=(replace(cases.RANKING[0], effects=()),),
+                           location=replace(diagnosis.location, places=(likely, rare))))
     assert "No ranking: explanations are compared only when something is missing" in page.text
     assert "nothing added (baseline)" not in page.text
     assert "knee" not in page.text
@@ -232,14 +233,14 @@ def test_where_nothing_is_missing_no_ranking_and_no_place_by_chance_is_shown(cas
 @pytest.mark.parametrize(("p", "told"), [(1e-15, True), (0.5, False)])
 def test_nothing_missing_beside_a_small_p_value_is_explained(cases, p, told):
     """Its null knows the errors of measurement alone, as of a motion that was smoothed."""
-    found = cases.none()
-    page = page_of(replace(found, detection=replace(found.detection, p_value=p)))
+    diagnosis = cases.none()
+    page = page_of(replace(diagnosis, detection=replace(diagnosis.detection, p_value=p)))
     assert ("errors of the model itself" in page.text) == told
 
 
 def test_values_of_a_model_that_explains_little_are_no_parameters(cases):
-    found = replace(cases.unknown(), parameters=cases.named().parameters)
-    assert "of a model that does not explain the recording" in page_of(found).text
+    diagnosis = replace(cases.unknown(), parameters=cases.named().parameters)
+    assert "of a model that does not explain the recording" in page_of(diagnosis).text
     assert "of a model that does not explain the recording" not in page_of(cases.named()).text
 
 
@@ -253,9 +254,9 @@ def test_a_length_has_the_range_of_a_rig_on_pages_of_rigs_alone(cases, kind, tol
 
 def test_the_page_says_whose_a_plausible_range_is(cases, monkeypatch):
     monkeypatch.setenv("FRETFLOW_EFFECTS", str(Path(__file__).parents[2] / "examples" / "own_effects"))
-    found = [Estimate(name=name, value=0.3, low=0.2, high=0.4, unit="") for name in (
+    estimates = [Estimate(name=name, value=0.3, low=0.2, high=0.4, unit="") for name in (
         "friction-bump.height", "directional-friction.difference")]
-    text = page_of(replace(cases.named(), parameters=tuple(found))).text
+    text = page_of(replace(cases.named(), parameters=tuple(estimates))).text
     assert "stated in friction_bump.py (friction-bump.height)" in text
     assert "1 mm², 100 Hz (directional-friction.difference)" in text
 
@@ -278,13 +279,13 @@ def test_empty_sections_are_left_out_and_links_lead_somewhere(maker, there, abse
 @pytest.mark.parametrize("kind", ["fretting-rig", "imposed-displacement", "lumped"])
 @pytest.mark.parametrize("maker", ["named", "none", "ambiguous", "unknown"])
 def test_each_verdict_and_kind_says_what_it_is(maker, kind, cases):
-    found = getattr(cases, maker)(kind)
-    page = page_of(found)
-    assert found.sentence in page.text
-    assert all(name in page.text for name in found.effects)
+    diagnosis = getattr(cases, maker)(kind)
+    page = page_of(diagnosis)
+    assert diagnosis.sentence in page.text
+    assert all(name in page.text for name in diagnosis.effects)
     assert all(chart["aria-label"] for chart in page.charts(""))
     assert page.text.count("How to read it") >= 3
-    held_out = sum(one.held_out for one in found.comparisons)
+    held_out = sum(one.held_out for one in diagnosis.comparisons)
     assert page.text.count("held out") >= 2 * held_out
 
 
@@ -316,14 +317,14 @@ def test_a_number_is_not_parted_from_its_unit_and_commands_are_set_as_such(cases
 
 
 def test_a_channel_that_was_given_has_no_map(cases):
-    found = cases.named()
-    given = replace(found.residual_maps[0], channel="excitation", before=0.0 * found.residual_maps[0].before)
-    assert "excitation</h3>" not in render_report(replace(found, residual_maps=(*found.residual_maps, given)))
+    diagnosis = cases.named()
+    given = replace(diagnosis.residual_maps[0], channel="excitation", before=0.0 * diagnosis.residual_maps[0].before)
+    assert "excitation</h3>" not in render_report(replace(diagnosis, residual_maps=(*diagnosis.residual_maps, given)))
 
 
 def test_text_is_escaped_and_what_is_not_known_is_no_number(cases):
-    found = cases.odd()
-    text = render_report(found)
+    diagnosis = cases.odd()
+    text = render_report(diagnosis)
     page = Page(text)
     assert "<b>" not in text.partition("<style>")[2].partition("</style>")[2].partition(charts.script())[0]
     assert text.count("</script>") == text.count("<script")
@@ -377,8 +378,8 @@ def test_the_file_is_of_reasonable_size(cases, tmp_path):
 def test_what_after_was_predicted_with_can_be_said(cases):
     assert "after: baseline + friction-run-in" in page_of(cases.named()).text
     assert "after: baseline + sensor-inertia, one of the set" in page_of(cases.ambiguous()).text
-    found = replace(cases.unknown(), after_model="baseline + the law from the data")
-    assert "after: baseline + the law from the data" in page_of(found).text
+    diagnosis = replace(cases.unknown(), after_model="baseline + the law from the data")
+    assert "after: baseline + the law from the data" in page_of(diagnosis).text
     assert "after:" not in page_of(replace(cases.none(), verdict=Verdict.NONE)).text
 
 

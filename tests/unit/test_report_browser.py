@@ -108,13 +108,13 @@ def visit(tmp_path):
     ("named", "fretting-rig"), ("none", "imposed-displacement"), ("ambiguous", "fretting-rig"), ("unknown", "lumped"),
 ])
 def test_each_verdict_is_shown_without_an_error(maker, kind, cases, visit):
-    found = getattr(cases, maker)(kind)
-    document, console = visit(render_report(found))
+    diagnosis = getattr(cases, maker)(kind)
+    document, console = visit(render_report(diagnosis))
     assert console == []
     assert '<html lang="en" class="live">' in document
-    assert found.sentence in document.replace("&nbsp;", " ")  # between a number and its unit
+    assert diagnosis.sentence in document.replace("&nbsp;", " ")  # between a number and its unit
     assert document.count('class="exports"') > 1, "the script has drawn the charts"
-    assert 'class="exports"' not in render_report(found)
+    assert 'class="exports"' not in render_report(diagnosis)
 
 
 def test_odd_values_and_text_do_no_harm(cases, visit):
@@ -137,10 +137,11 @@ save();
 
 @pytest.mark.parametrize("chart", ["#where", "#law"])
 def test_no_text_is_taken_for_a_formula(chart, cases, visit):
-    found = cases.unknown()
+    diagnosis = cases.unknown()
     formula = "$$x^2$$"
-    maps = tuple(replace(one, rows=(formula, *one.rows[1:])) for one in found.residual_maps)
-    text = render_report(replace(found, residual_maps=maps, residual_law=replace(found.residual_law, state=formula)))
+    maps = tuple(replace(one, rows=(formula, *one.rows[1:])) for one in diagnosis.residual_maps)
+    law = replace(diagnosis.residual_law, state=formula)
+    text = render_report(replace(diagnosis, residual_maps=maps, residual_law=law))
     document, console = visit(with_script(text, SAVE.replace("CHART", chart)))
     assert console == []
     assert re.search(r"<text[^>]*>[^<]*\$\$x\^2\$\$", document.partition("<body>")[2])
@@ -153,13 +154,13 @@ def said(document):
 
 @pytest.mark.parametrize("width", [1200, 500])
 def test_the_controls_do_what_they_say(width, cases, visit):
-    found = cases.named()
-    document, console = visit(with_script(render_report(found), VISIT), width)
+    diagnosis = cases.named()
+    document, console = visit(with_script(render_report(diagnosis), VISIT), width)
     assert console == []
     told = said(document)
     assert [value for name, value in told if name == "shown"] == ["loop-0", "loop-3"]
     answers = dict(told)
-    number, one = r"(-?[\d.e-]+)", found.comparisons[0]
+    number, one = r"(-?[\d.e-]+)", diagnosis.comparisons[0]
     share, *gaps = (float(v) for v in re.fullmatch(
         rf" ?before share of the period: {number} measured − predicted \(N\): {number} ?; ?after share of the period: "
         rf"[\d.]+ measured − predicted \(N\): {number} ?", answers["difference"]).groups())
@@ -168,13 +169,13 @@ def test_the_controls_do_what_they_say(width, cases, visit):
                                  abs=1e-3)
     row, share, value = re.fullmatch(rf" ?(.*) share of the period: {number} \(measured − predicted\) / standard "
                                      rf"deviation: {number} ?", answers["map"]).groups()
-    one = found.residual_maps[0]
+    one = diagnosis.residual_maps[0]
     near = one.before[one.rows.index(row), int(float(share) * cases.SAMPLES) + np.array([-1, 0, 1])]
     assert np.min(np.abs(near - float(value))) < 1e-3
     assert {value for name, value in told if name == "saved"} == {"image/svg+xml, true", "image/png, true"}
     assert answers["before"] == "false"
     assert answers["after"] == "true"
-    assert answers["rows"] == f"8 {len(found.ranking)}"
+    assert answers["rows"] == f"8 {len(diagnosis.ranking)}"
     assert answers["wide"] == "true", "the page is no wider than the window"
 
 

@@ -58,31 +58,31 @@ def calls(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("maker", MAKERS)
 def test_every_verdict_ends_well_with_its_files(maker, cases, calls, tmp_path, capsys):
-    found = getattr(cases, maker)()
-    seen = calls(found)
+    diagnosis = getattr(cases, maker)()
+    seen = calls(diagnosis)
     assert cli.execute(["diagnose", "my rig"]) == 0
     home = Path("runs/diagnosis/my rig")
     assert seen == [(Path("my rig"), False)]
-    assert json.loads((home / "diagnosis.json").read_text())["verdict"] == found.verdict.value
+    assert json.loads((home / "diagnosis.json").read_text())["verdict"] == diagnosis.verdict.value
     assert "</html>" in (home / "report.html").read_text(encoding="utf-8")
     with (home / "places.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["cut"] for row in rows] == [place.cut for place in found.location.places]
-    assert (home / "case.toml").exists() == found.case_file.startswith("format")
+    assert [row["cut"] for row in rows] == [place.cut for place in diagnosis.location.places]
+    assert (home / "case.toml").exists() == diagnosis.case_file.startswith("format")
     shown = " ".join(capsys.readouterr().out.split())
-    assert found.sentence in shown
+    assert diagnosis.sentence in shown
     assert all(str(home / name) in shown for name in ("report.html", "diagnosis.json", "places.csv"))
 
 
 def test_what_is_printed_in_short(cases, calls, capsys):
-    found = cases.named()
-    calls(found)
+    diagnosis = cases.named()
+    calls(diagnosis)
     assert cli.execute(["diagnose", "my rig", "--fast"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for text in ("Missing physics named.", "friction-run-in 96 % 97 % fully",
-                 "contact-stiffness-evolution < 0.1 % 31 % given up early", found.location.text,
-                 "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after", found.notes[0],
-                 found.separating_measurement, "p < 10⁻¹⁵"):
+                 "contact-stiffness-evolution < 0.1 % 31 % given up early", diagnosis.location.text,
+                 "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after", diagnosis.notes[0],
+                 diagnosis.separating_measurement, "p < 10⁻¹⁵"):
         assert text in shown
     assert "velocity-dependent-friction" not in shown, "only five are shown"
     assert "step" not in shown, "the bar is for terminals"

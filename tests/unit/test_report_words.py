@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 
 def plain(text):
     """Read a printed number back."""
-    found = re.fullmatch(r"([−\d.,]+)(?:·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", text)
-    power = (found[2] or "⁰").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
-    return float(found[1].replace("−", "-").replace(",", "")) * 10.0 ** int(power)
+    parts = re.fullmatch(r"([−\d.,]+)(?:·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", text)
+    power = (parts[2] or "⁰").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    return float(parts[1].replace("−", "-").replace(",", "")) * 10.0 ** int(power)
 
 
 @given(st.floats(1e-15, 1e12), st.booleans())
@@ -50,8 +50,8 @@ def test_an_interval_is_rounded_to_a_small_part_of_itself(value, share, unit):
 ])
 def test_an_estimate_in_units_that_engineers_use(estimate, shown):
     value, low, high, unit = estimate
-    found = words.interval(Estimate(name="a.b", value=value, low=low, high=high, unit=unit))
-    assert (found.value, found.low, found.high, found.unit) == shown
+    interval = words.interval(Estimate(name="a.b", value=value, low=low, high=high, unit=unit))
+    assert (interval.value, interval.low, interval.high, interval.unit) == shown
 
 
 @pytest.mark.parametrize(("share", "text"), [

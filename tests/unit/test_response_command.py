@@ -84,9 +84,9 @@ def test_the_command_makes_curves_and_reads_them_off(home, capsys):
         block = kept.first_harmonic.sel(channels="block")
         assert block.dims == ("point",)
         assert block.values.tolist() == curves["unworn"].curve.first_harmonic[:, 0].tolist()
-    found = {(row["state"], row["direction"]): row for row in rows(folder / "peaks.csv")}
-    assert set(found) == {(state, way) for state in ("unworn", "worn") for way in ("up", "down")}
-    for (state, way), row in found.items():
+    peaks = {(row["state"], row["direction"]): row for row in rows(folder / "peaks.csv")}
+    assert set(peaks) == {(state, way) for state in ("unworn", "worn") for way in ("up", "down")}
+    for (state, way), row in peaks.items():
         peak = read_peak(curves[state].curve, "block", SweepDirection[way.upper()])
         assert float(row["frequency_Hz"]) == pytest.approx(peak.frequency)
         assert float(row["amplitude_m"]) == pytest.approx(peak.amplitude, abs=0.0)
@@ -119,10 +119,10 @@ def test_python_has_the_curves_asked_for_last_as_labelled_arrays(home, capsys):
     assert RunResults.of(home).response_curves == {}
     assert cli.execute(["response", str(home), "--excitation", "60 N", "--start", "38 Hz", "--stop", "40 Hz"]) == 0
     assert cli.execute(["response", str(home), "--stop", "52 Hz"]) == 0
-    found = RunResults.of(home).response_curves
-    assert list(found) == ["unworn, 75 N", "worn, 75 N"]
+    curves = RunResults.of(home).response_curves
+    assert list(curves) == ["unworn, 75 N", "worn, 75 N"]
     peaks = {(row["state"], row["direction"]): row for row in rows(home / stage.FOLDER / "peaks.csv")}
-    for name, curve in found.items():
+    for name, curve in curves.items():
         up = curve.sel(channel="block").isel(point=curve.direction.values == 1)
         read = peaks[name.split(",")[0], "up"]
         top = int(np.argmax(up.amplitude.data))

@@ -76,20 +76,20 @@ def respond(solver):
 
 def test_the_response_is_that_of_the_oscillator():
     solver = Oscillator()
-    found = respond(solver)
-    assert np.all(np.diff(found.frequency) > 0)
-    assert (found.frequency[0], found.frequency[-1]) == pytest.approx((50.0, 400.0))
-    exact = amplitude(found.frequency)
-    np.testing.assert_allclose(found.amplitude, np.abs(exact), rtol=1e-12)
-    np.testing.assert_allclose(found.phase, -np.angle(exact), rtol=1e-9)  # behind the force, 0 to pi
-    assert found.cycles == 7
-    assert found.excitation == 53.0
+    curve = respond(solver)
+    assert np.all(np.diff(curve.frequency) > 0)
+    assert (curve.frequency[0], curve.frequency[-1]) == pytest.approx((50.0, 400.0))
+    exact = amplitude(curve.frequency)
+    np.testing.assert_allclose(curve.amplitude, np.abs(exact), rtol=1e-12)
+    np.testing.assert_allclose(curve.phase, -np.angle(exact), rtol=1e-9)  # behind the force, 0 to pi
+    assert curve.cycles == 7
+    assert curve.excitation == 53.0
 
 
 def test_points_gather_at_the_peak_so_that_the_resonance_is_found_between_the_asked_ones():
-    found = respond(Oscillator())
+    curve = respond(Oscillator())
     true_peak = RESONANCE * np.sqrt(1.0 - 2.0 * DAMPING**2)
-    assert found.resonance == pytest.approx(true_peak, rel=2e-3)
+    assert curve.resonance == pytest.approx(true_peak, rel=2e-3)
     asked = np.geomspace(50.0, 400.0, 15)
     assert (
         np.abs(asked - true_peak).min() / true_peak > 0.02
@@ -97,20 +97,20 @@ def test_points_gather_at_the_peak_so_that_the_resonance_is_found_between_the_as
 
 
 def test_a_response_is_checked_over_its_range_and_the_worst_is_stated():
-    found = respond(Oscillator())
-    true = check_response(Oscillator(), PROBLEM, found)
+    curve = respond(Oscillator())
+    true = check_response(Oscillator(), PROBLEM, curve)
     assert true.error == pytest.approx(np.zeros(5), abs=1e-12)
     assert true.checked[[0, -1]] == pytest.approx([50.0, 400.0])
-    assert found.frequency[np.argmax(found.amplitude)] in true.checked
+    assert curve.frequency[np.argmax(curve.amplitude)] in true.checked
     apart = np.diff(np.log(true.checked))  # midway in octaves, as far as the asked points allow
     assert apart[0] == pytest.approx(apart[1], abs=2 * np.log(8.0) / 14)
-    off = replace(found, amplitude=found.amplitude * np.where(found.frequency < 60.0, 1.11, 1.0))
+    off = replace(curve, amplitude=curve.amplitude * np.where(curve.frequency < 60.0, 1.11, 1.0))
     checked = check_response(Oscillator(), PROBLEM, off)
     assert checked.worst == (pytest.approx(0.11, rel=1e-9), pytest.approx(50.0))
     assert stated_error([true, checked]) == (
         "of 5 amplitudes of each curve the worst is 11.0 % off the full solution, at 50 Hz")
-    lost = check_response(Oscillator(fails=lambda frequency, start: frequency > 100.0), PROBLEM, off)
-    assert lost.checked.tolist() == [f for f in checked.checked if f <= 100.0]
+    unfinished = check_response(Oscillator(fails=lambda frequency, start: frequency > 100.0), PROBLEM, off)
+    assert unfinished.checked.tolist() == [f for f in checked.checked if f <= 100.0]
 
 
 def test_each_solution_starts_from_its_nearest_neighbour():
@@ -137,8 +137,8 @@ def test_a_frequency_that_cannot_be_solved_is_named():
 
 def test_a_peak_at_the_end_of_the_range_is_given_as_it_is():
     case = replace_range(start="200 Hz", stop="400 Hz")
-    found = forced_response(case, Oscillator(), PROBLEM, 0, lambda share: None)
-    assert found.resonance == pytest.approx(200.0)
+    curve = forced_response(case, Oscillator(), PROBLEM, 0, lambda share: None)
+    assert curve.resonance == pytest.approx(200.0)
 
 
 def replace_range(**values):
@@ -161,16 +161,16 @@ def test_what_a_backbone_does_not_know_is_followed_by_continuation(monkeypatch):
         with pytest.raises(InputError, match="backbone does not know a normal load that depends on the motion"):
             BackboneSolver.of(other, 7, 64).solve(other)
     shares = []
-    found = response._respond(case, problem, 3, shares.append)
-    assert not len(found.checked)  # it is the full solution itself
-    assert found.cycles == 3
-    assert np.all(np.diff(found.frequency) > 0.0)
-    assert found.frequency[[0, -1]] == pytest.approx([95.0, 115.0])
+    curve = response._respond(case, problem, 3, shares.append)
+    assert not len(curve.checked)  # it is the full solution itself
+    assert curve.cycles == 3
+    assert np.all(np.diff(curve.frequency) > 0.0)
+    assert curve.frequency[[0, -1]] == pytest.approx([95.0, 115.0])
     assert max(shares) == pytest.approx(1.0)
     settings = Solver(harmonics=7, samples=32, estimate_error=False)
     full = QuasiStaticSolver(settings).solve(problem.vary(frequency=95.0))
-    assert found.amplitude[0] == pytest.approx(abs(first_harmonic(full)), rel=1e-3, abs=0.0)
-    assert found.phase[0] == pytest.approx(-np.angle(first_harmonic(full)) % (2 * np.pi), rel=1e-3)
+    assert curve.amplitude[0] == pytest.approx(abs(first_harmonic(full)), rel=1e-3, abs=0.0)
+    assert curve.phase[0] == pytest.approx(-np.angle(first_harmonic(full)) % (2 * np.pi), rel=1e-3)
 
 
 def test_the_first_harmonic_is_that_of_the_moving_mass():

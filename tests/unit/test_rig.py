@@ -46,10 +46,10 @@ def test_impedance_is_that_of_harmonic_motion():
 def test_modes_of_the_rig_with_faces_apart_are_those_it_is_made_of():
     rig = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
     joint = QuasiStaticJoint.from_stiffness(np.eye(3) * 1e7, rig)
-    found = RigModes.of(joint.massless_boundary())
-    assert found.apart_frequency == pytest.approx([40.0, 2500.0], rel=3e-3)
-    assert found.apart_shape[0] == pytest.approx([1.0, 1.0], abs=1e-3)  # in phase
-    assert found.apart_shape[1] == pytest.approx([-0.5 / 10.0, 1.0], abs=1e-3)  # about the centre of mass
+    modes = RigModes.of(joint.massless_boundary())
+    assert modes.apart_frequency == pytest.approx([40.0, 2500.0], rel=3e-3)
+    assert modes.apart_shape[0] == pytest.approx([1.0, 1.0], abs=1e-3)  # in phase
+    assert modes.apart_shape[1] == pytest.approx([-0.5 / 10.0, 1.0], abs=1e-3)  # about the centre of mass
 
 
 def test_stuck_faces_are_a_spring_on_the_arm_and_rigid_ones_hold_it():
@@ -58,9 +58,9 @@ def test_stuck_faces_are_a_spring_on_the_arm_and_rigid_ones_hold_it():
     ground, hinge = rig.ground_stiffness, rig.hinge_stiffness
     for contact in (3e7, 1e14):
         boundary = QuasiStaticJoint.from_stiffness(np.eye(3) * contact, rig).massless_boundary()
-        found = RigModes.of(boundary)
-        squares = (2.0 * np.pi * found.stuck_frequency) ** 2
+        modes = RigModes.of(boundary)
+        squares = (2.0 * np.pi * modes.stuck_frequency) ** 2
         expected = ((ground + hinge) * (hinge + contact) - hinge**2) / (rig.moving_mass * rig.arm_mass)
         assert squares.prod() == pytest.approx(expected, rel=1e-6)
     assert squares[0] == pytest.approx((ground + hinge) / rig.moving_mass, rel=1e-5)
-    assert abs(found.stuck_shape[0, 1]) < 1e-5
+    assert abs(modes.stuck_shape[0, 1]) < 1e-5

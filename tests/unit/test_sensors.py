@@ -11,8 +11,8 @@ def test_what_lies_above_the_harmonics_is_left_out():
         return 3.0 + 2.0 * np.cos(turn) - 0.5 * np.sin(4.0 * turn)
 
     fine, nine = 2.0 * np.pi * np.arange(200) / 200, 2.0 * np.pi * np.arange(9) / 9
-    found = band_limited(np.stack([low(fine), low(fine) + 5.0 * np.cos(25.0 * fine)]), 4)
-    np.testing.assert_allclose(found, [low(nine), low(nine)], atol=1e-12)
+    limited = band_limited(np.stack([low(fine), low(fine) + 5.0 * np.cos(25.0 * fine)]), 4)
+    np.testing.assert_allclose(limited, [low(nine), low(nine)], atol=1e-12)
 
 
 def test_noise_keeps_its_density():

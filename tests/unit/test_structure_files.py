@@ -26,16 +26,16 @@ def held():
 TIP = np.eye(SIZE)[7]
 
 
-def check(found, held):
+def check(structure, held):
     def full(values):
         return values.toarray() if sparse.issparse(values) else values
 
-    assert full(found.stiffness) == pytest.approx(held["K"])
-    assert full(found.contact_map) == pytest.approx(held["contact_map"])
-    assert found.points == pytest.approx(held["points"])
-    assert found.preload == pytest.approx(held["preload"])
-    assert found.modal_damping == 0.01
-    assert found.outputs["tip"] == pytest.approx(TIP)
+    assert full(structure.stiffness) == pytest.approx(held["K"])
+    assert full(structure.contact_map) == pytest.approx(held["contact_map"])
+    assert structure.points == pytest.approx(held["points"])
+    assert structure.preload == pytest.approx(held["preload"])
+    assert structure.modal_damping == 0.01
+    assert structure.outputs["tip"] == pytest.approx(TIP)
 
 
 def test_npz(held, tmp_path):
@@ -64,9 +64,9 @@ def test_hdf5_with_units_and_sparse_groups(held, tmp_path):
         group["data"][...] = rows.data * 1e3
         file["outputs/tip"] = TIP
         file["points"].attrs["unit"] = "mm"
-    found = read_structure(tmp_path / "a.h5")
-    assert found.points == pytest.approx(held["points"] * 1e-3)
-    check(found, {**held, "points": held["points"] * 1e-3})
+    structure = read_structure(tmp_path / "a.h5")
+    assert structure.points == pytest.approx(held["points"] * 1e-3)
+    check(structure, {**held, "points": held["points"] * 1e-3})
 
 
 def test_matlab_5_and_matrix_market(held, tmp_path):

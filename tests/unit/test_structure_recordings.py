@@ -71,10 +71,10 @@ def folder(tmp_path, structures):
 
 
 def test_every_block_is_read_in_si(folder):
-    found = read_structure_recording(folder())
-    assert found.known == {"friction_coefficient": 0.6}
-    assert found.unknown == {"bolt_load": (2e3, 2e4), "modal_damping": (1e-4, 1e-2)}
-    backbone, (response,), ring = found.backbone, found.responses, found.ring_down
+    recording = read_structure_recording(folder())
+    assert recording.known == {"friction_coefficient": 0.6}
+    assert recording.unknown == {"bolt_load": (2e3, 2e4), "modal_damping": (1e-4, 1e-2)}
+    backbone, (response,), ring = recording.backbone, recording.responses, recording.ring_down
     assert backbone.amplitude_unit == "m/s^2"
     assert backbone.damping == pytest.approx([1e-3, 2e-3, 4e-3])
     assert (backbone.frequency_sd, backbone.damping_sd, backbone.calibration_sd) == (0.01, None, 0.02)
@@ -85,22 +85,23 @@ def test_every_block_is_read_in_si(folder):
     assert response.phase == pytest.approx(np.deg2rad([10, 90, 170]))
     assert ring.time == pytest.approx([0.0, 1e-3, 2e-3])
     assert ring.units == {"tip": "m/s^2"}
-    assert set(found.matrices.outputs) == {"tip", "end"}
+    assert set(recording.matrices.outputs) == {"tip", "end"}
 
 
 @pytest.mark.parametrize("unit", ["m*kg^0.5", "mm*kg^0.5", ""])
 def test_a_modal_amplitude_is_mass_normalised(folder, unit):
-    found = read_structure_recording(folder(of="modal", unit=unit))
-    assert found.backbone.amplitude == pytest.approx(np.array([1.0, 2.0, 3.0]) * (1e-3 if unit[:2] == "mm" else 1.0))
+    recording = read_structure_recording(folder(of="modal", unit=unit))
+    scale = 1e-3 if unit[:2] == "mm" else 1.0
+    assert recording.backbone.amplitude == pytest.approx(np.array([1.0, 2.0, 3.0]) * scale)
 
 
 def test_damping_in_the_matrices_is_known_and_what_nothing_is_said_of_is_noted(folder):
     text = TOML.format(of="tip", unit="m/s^2").replace('bolt_load = ["2 kN", "20 kN"]', "").replace(
         'modal_damping = { low = 1e-4, high = "1 %" }', "")
-    found = read_structure_recording(folder(text, modal_damping=0.002))
-    assert found.known["modal_damping"] == 0.002
-    assert set(found.unknown) == {"bolt_load"}
-    assert any("bolt_load is neither known nor given a range" in str(note) for note in found.notes)
+    recording = read_structure_recording(folder(text, modal_damping=0.002))
+    assert recording.known["modal_damping"] == 0.002
+    assert set(recording.unknown) == {"bolt_load"}
+    assert any("bolt_load is neither known nor given a range" in str(note) for note in recording.notes)
 
 
 def test_a_damping_matrix_tells_the_ratio_of_the_recorded_mode(folder):
@@ -145,15 +146,15 @@ def test_damping_in_per_cent_without_its_unit_is_told(folder):
 
 
 def test_less_damping_than_that_without_the_joint_is_noted(folder):
-    found = read_structure_recording(folder(backbone="a,f,zeta\n1,80,0.001\n2,79.9,0.2\n3,79.8,0.4\n"))
-    assert any("to which friction adds" in str(note) for note in found.notes)
+    recording = read_structure_recording(folder(backbone="a,f,zeta\n1,80,0.001\n2,79.9,0.2\n3,79.8,0.4\n"))
+    assert any("to which friction adds" in str(note) for note in recording.notes)
 
 
 def test_an_angular_frequency_is_read_in_hz(folder):
     text = TOML.format(of="tip", unit="m/s^2").replace(
         'column = "f", unit = "Hz", sd = "0.01 Hz"', 'column = "f", unit = "rad/s"')
-    found = read_structure_recording(folder(text)).backbone
-    assert found.frequency == pytest.approx(np.array([80.0, 79.9, 79.8]) / (2.0 * np.pi))
+    backbone = read_structure_recording(folder(text)).backbone
+    assert backbone.frequency == pytest.approx(np.array([80.0, 79.9, 79.8]) / (2.0 * np.pi))
 
 
 def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
@@ -214,8 +215,8 @@ def test_discrepancies_have_a_size_where_steps_of_load_change_nothing(folder):
 
 
 def test_amplitudes_that_repeat_are_one_point(folder):
-    found = read_structure_recording(folder(backbone="a,f,zeta\n1,80,0.1\n2,79.9,0.2\n2,79.7,0.2\n3,79.8,0.4\n"))
-    points = BackbonePoints.of(found.backbone)
+    recording = read_structure_recording(folder(backbone="a,f,zeta\n1,80,0.1\n2,79.9,0.2\n2,79.7,0.2\n3,79.8,0.4\n"))
+    points = BackbonePoints.of(recording.backbone)
     assert points.amplitude == pytest.approx([1.0, 2.0, 3.0])
     assert points.frequency == pytest.approx([80.0, 79.8, 79.8])
 

@@ -129,8 +129,8 @@ def test_corners_are_read_off_between_the_nodes():
 def test_corners_first_then_even_and_no_deeper(early, late, met):
     """Mainly means more than half: twelve times as deep, the corners hold a third of the wear."""
     test = corner_history(early, late)
-    found = [judged(name, test).met for name in ("corner-share", "corner-depth-ratio", "corner-depth-growth")]
-    assert tuple(found) == met
+    verdicts = [judged(name, test).met for name in ("corner-share", "corner-depth-ratio", "corner-depth-growth")]
+    assert tuple(verdicts) == met
 
 
 def test_a_short_or_wearless_history_cannot_tell():

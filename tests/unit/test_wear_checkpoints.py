@@ -78,9 +78,9 @@ def settings(scheme, **changes):
     return WearSettings(**{**given, **changes})
 
 
-def assert_same(found, expected):
+def assert_same(history, expected):
     for f in fields(WearHistory):
-        one, other = getattr(found, f.name), getattr(expected, f.name)
+        one, other = getattr(history, f.name), getattr(expected, f.name)
         if f.name == "memory":
             assert list(one) == list(other)
             one, other = (np.concatenate([np.zeros(0), *map(np.ravel, part.values())]) for part in (one, other))
@@ -125,11 +125,11 @@ def test_a_run_broken_again_and_again_goes_on_to_the_same_bits(tmp_path, monkeyp
     for _ in range(len(expected.cycles)):
         break_at(monkeypatch, 4)
         try:
-            found = run_history(Joint(), settings(scheme), tmp_path)
+            history = run_history(Joint(), settings(scheme), tmp_path)
         except StoreError:
             continue
         break
-    assert_same(found, expected)
+    assert_same(history, expected)
 
 
 def test_states_at_asked_counts_are_kept_and_no_others(tmp_path):

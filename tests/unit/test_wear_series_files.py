@@ -73,12 +73,12 @@ def test_roles_go_by_dimension_and_then_by_name():
 
 
 def test_numbers_are_in_si(table):
-    found = read_wear_series(table([["a", "100", "50", "2", "20000", "400", "0.012"]] * 6))
-    assert found.volume == pytest.approx(np.full(6, 0.012e-9), abs=0.0)
-    assert found.energy == pytest.approx(np.full(6, 400.0))
-    assert {name: values[0] for name, values in found.states.items()} == pytest.approx(
+    series = read_wear_series(table([["a", "100", "50", "2", "20000", "400", "0.012"]] * 6))
+    assert series.volume == pytest.approx(np.full(6, 0.012e-9), abs=0.0)
+    assert series.energy == pytest.approx(np.full(6, 400.0))
+    assert {name: values[0] for name, values in series.states.items()} == pytest.approx(
         {"pressure": 1e8, "amplitude": 50e-6, "frequency": 2.0, "cycles": 2e4}, rel=1e-12, abs=0.0)
-    assert [str(note) for note in found.notes] == ["tests.csv, test: holds text and is left out"]
+    assert [str(note) for note in series.notes] == ["tests.csv, test: holds text and is left out"]
 
 
 def test_a_recording_names_the_table_and_its_columns(table, tmp_path):
@@ -88,10 +88,10 @@ def test_a_recording_names_the_table_and_its_columns(table, tmp_path):
                                              'amplitude = { column = 2, unit = "um" }\n')
     assert kind_at(tmp_path) is WEAR_SERIES
     assert kind_at(tmp_path / "recording.toml") is WEAR_SERIES
-    found = read_wear_series(tmp_path)
-    assert found.title == "Pins"
-    assert found.states["pressure"].min() > 4e7
-    assert found.states["amplitude"].max() < 1e-4
+    series = read_wear_series(tmp_path)
+    assert series.title == "Pins"
+    assert series.states["pressure"].min() > 4e7
+    assert series.states["amplitude"].max() < 1e-4
     with pytest.raises(ConfigError, match=r"test\.kind"):
         read_joint_recording(tmp_path)
 
@@ -114,20 +114,20 @@ def test_energy_that_is_not_given_is_worked_out_and_said(table):
     for k in (2, 3):
         cells[k][5], cells[k][7] = "", "3"
     cells[7][5] = ""
-    found = read_wear_series(table(cells, (*HEADINGS, "alpha_1e-5_mm3_per_J")))
-    said = [str(note) for note in found.notes]
+    series = read_wear_series(table(cells, (*HEADINGS, "alpha_1e-5_mm3_per_J")))
+    said = [str(note) for note in series.notes]
     assert "tests.csv, energy, rows 3-4: is taken as volume over coefficient" in said
     assert "tests.csv, energy, row 8: is taken in proportion to load or pressure times sliding" in said
-    assert found.energy[2] == pytest.approx(found.volume[2] / 3e-14)
-    assert found.energy[7] == pytest.approx(float(rows()[7][5]), rel=0.05)
+    assert series.energy[2] == pytest.approx(series.volume[2] / 3e-14)
+    assert series.energy[7] == pytest.approx(float(rows()[7][5]), rel=0.05)
 
 
 def test_rows_without_a_number_are_named(table):
     cells = rows()
     cells[3][6], cells[4][6], cells[5][1], cells[8][6] = "", "nan", "", "-0.01"
-    found = read_wear_series(table(cells))
-    assert list(found.rows) == [1, 2, 3, 7, 8, 10, 11, 12]
-    said = [str(note) for note in found.notes]
+    series = read_wear_series(table(cells))
+    assert list(series.rows) == [1, 2, 3, 7, 8, 10, 11, 12]
+    said = [str(note) for note in series.notes]
     assert "tests.csv, worn volume, rows 4-5: has no number: the test is left out" in said
     assert "tests.csv, pressure, row 6: has no number: the test is left out" in said
     assert "tests.csv, worn volume, row 9: is not above zero: the test is left out" in said
@@ -136,10 +136,10 @@ def test_rows_without_a_number_are_named(table):
 def test_a_table_that_is_cut_off_says_so(table):
     path = table(rows())
     path.write_text(path.read_text()[:-12])
-    found = read_wear_series(path)
+    series = read_wear_series(path)
     assert any("row 12: the file is cut off within this row" in str(note) or "row 12" in str(note)
-               for note in found.notes)
-    assert len(found.rows) == 11
+               for note in series.notes)
+    assert len(series.rows) == 11
 
 
 def without(column):

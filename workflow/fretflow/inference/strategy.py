@@ -225,15 +225,17 @@ def to_rest(search: Search, size: int) -> None:
     """Fit the leading sets of a size on until they have come to rest.
 
     Of single effects the first few whatever their distance, unless one explains all: how probable one is shows at rest
-    only. Pairs that are worse than one effect alone are hopeless.
+    only, and the foremost are fitted first. Pairs that are worse than one effect alone are hopeless.
     """
-    for _ in range(2):
+    def moving() -> list[Names]:
         sets = may_hold(search, search.best(1)) if size == 1 else search.promising(
             [*search.best(1)[:1], *search.promising(search.best(size))])[1:]
-        open_ = [names for names in sets[:2 * search.effort.bases] if not search.fits[names].converged]
-        if not open_:
-            break
-        search.continue_fits(open_, search.effort.last_steps // 2)
+        return [names for names in sets[:2 * search.effort.bases] if not search.fits[names].converged]
+
+    for _ in range(2):
+        foremost = moving()[:search.effort.bases]
+        search.continue_fits(foremost, search.effort.last_steps // 2)
+        search.continue_fits([names for names in moving() if names not in foremost], search.effort.last_steps // 2)
 
 
 def exchange_laws(search: Search, size: int) -> None:
