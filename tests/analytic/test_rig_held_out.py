@@ -58,3 +58,24 @@ def test_what_is_held_out_does_not_move_its_own_prediction(model):
     assert np.abs(plain.before - true)[rows].max() < 0.1 * np.abs(fit.predicted - true)[rows].max()
     assert plain.error.before < 1.1
     assert shifted.error.before > 5.0
+
+
+def test_beside_a_jump_of_the_motion_nothing_is_judged(model):
+    """A refit that shows a loop as a motion a tenth as large predicts nothing of it; one of six tenths is wrong."""
+    start = model.simulate(Hypothesis())
+    true = model.predict(start)
+    experiment = RigExperiment(replace(model, observation=replace(model.observation, values=true)),
+                               np.zeros(len(true)), np.zeros((len(true), 0)))
+    fitter = Fitter(experiment, experiment.measurement.covariance())
+    fit = fitter.at(Point(experiment.parameters(()), np.zeros(len(BASELINE))), None)
+    moved = model.observation.rows(label="condition 1") & model.observation.rows(channel="displacement")
+
+    def judged(size):
+        refit = replace(fit, prediction=replace(fit.prediction, values=np.where(moved, size * fit.predicted,
+                                                                                fit.predicted)))
+        search = Search(experiment, lambda function, arguments: [refit for _ in arguments], FAST, {frozenset(): fit})
+        return held_out(search, experiment, frozenset())
+
+    assert judged(0.6).error.before > 10.0
+    assert judged(0.1).error is None
+    assert judged(0.1).labels == {"condition 1"}

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from fretflow.experiments.rig.experiment import RigExperiment
-from fretflow.experiments.rig.observation import Array, Observation
+from fretflow.experiments.rig.observation import Array, Observation, is_other_motion
 from fretflow.experiments.rig.views import held_out_error
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.least_squares import Fit, Fitter
@@ -23,10 +23,11 @@ from fretflow.inference.verdict import FALSE_ALARMS, Detection, HeldOut
 class HeldOutPrediction:
     """The loops that are held out, and predictions (M,) that are of refits without them there.
 
-    Everywhere else they are of the fits to all loops.
+    Everywhere else they are of the fits to all loops. Beside a jump of the motion the error is that of the other loops.
     """
 
     labels: frozenset[str]
+    judged: frozenset[str]  # of them, those that the error is of
     error: HeldOut | None  # None where there are too few loops to hold any out
     before: Array
     after: Array
@@ -45,7 +46,7 @@ def held_out(search: Search, experiment: RigExperiment, names: Names) -> HeldOut
     observation, fits = experiment.rig.observation, (search.baseline, search.fits[names])
     labels = held_out_labels(observation)
     if not labels:
-        return HeldOutPrediction(labels, None, fits[0].predicted, fits[1].predicted)
+        return HeldOutPrediction(labels, labels, None, fits[0].predicted, fits[1].predicted)
     out = np.zeros(len(observation.values), dtype=bool)
     for piece in observation.pieces:
         out[piece.place] = piece.label in labels
@@ -55,16 +56,34 @@ def held_out(search: Search, experiment: RigExperiment, names: Names) -> HeldOut
     refits = search.pool(fit_task, [
         Task(Fitter(search.fitter_of(one).experiment, hidden), search.fits[one].prediction.point,
              search.fits[one].prediction, 1) for one in sets])  # a step: they stand near where all rows put them
-    predicted = [fit.predicted if own is None else own.predicted
-                 for fit, own in zip([search.fits[one] for one in sets], refits, strict=True)]
+    fitted = [search.fits[one] for one in sets]
+    predicted = [fit.predicted if own is None else own.predicted for fit, own in zip(fitted, refits, strict=True)]
     shared = experiment.measurement.covariance()
     seen = Covariance(hidden.variance, np.where(out[:, None], 0.0, shared.modes))
     sensed = [one + shared.modes @ seen.shared(observation.values - one) for one in (predicted[0], predicted[-1])]
-    sizes = [held_out_error(observation, one, out) for one in sensed]
-    order = [label for label in dict.fromkeys(piece.label for piece in observation.pieces) if label in labels]
     shown = [np.where(out, own, fit.predicted) for own, fit in zip(sensed, fits, strict=True)]
-    return HeldOutPrediction(labels, HeldOut(what=f"{len(labels)} of the loops: {'; '.join(order)}", before=sizes[0],
-                                  after=sizes[1], floor=1.0), shown[0], shown[1])
+    jumping = frozenset[str]().union(*(jumps(observation, fit.predicted, own)
+                                       for fit, own in zip(fitted, predicted, strict=True)))
+    judged, beside = labels - jumping, labels & jumping
+    if not judged:
+        return HeldOutPrediction(labels, judged, None, *shown)
+    rows = np.logical_or.reduce([observation.rows(label=label) for label in judged])
+    before, after = (held_out_error(observation, one, rows) for one in sensed)
+    order = list(dict.fromkeys(piece.label for piece in observation.pieces))
+    what = f"{len(judged)} of the loops: {'; '.join(label for label in order if label in judged)}"
+    if beside:
+        what += f" (beside a jump of the motion, and not judged: {'; '.join(one for one in order if one in beside)})"
+    return HeldOutPrediction(labels, judged, HeldOut(what=what, before=before, after=after, floor=1.0), *shown)
+
+
+def jumps(observation: Observation, one: Array, other: Array) -> frozenset[str]:
+    """Return the labels of the loops that are other motions in two predictions (M,), of fits with and without a loop.
+
+    Where a motion jumps between parameters that differ by no more than a fit without a loop does, which of the motions
+    that coexist there that loop shows cannot be predicted.
+    """
+    return frozenset(piece.label for piece in observation.pieces if piece.channel == "displacement" and is_other_motion(
+        *(observation.fundamental(values[piece.place]) for values in (one, other))))
 
 
 def detect(observation: Observation, base: Fit) -> Detection:

@@ -122,7 +122,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Ri
     progress(0.85, "held-out loops")
     unseen = held_out(search, experiment, decision.after)
     # what models leave is smooth over a loop: each channel of a loop is one error, whatever its samples
-    judging = [piece for piece in experiment.rig.observation.pieces if piece.label in unseen.labels]
+    judging = [piece for piece in experiment.rig.observation.pieces if piece.label in unseen.judged]
     decision = held_to(decision, unseen.error, len(judging))
     return _told(recording, case, experiment, search, decision, before, detection, unseen, doubted, tools, fast,
                  progress)
