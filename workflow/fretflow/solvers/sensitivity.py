@@ -30,11 +30,11 @@ from fretflow.solvers.quasi_static.internal import InternalBalance, InternalEqua
 from fretflow.solvers.quasi_static.march import Surroundings
 from fretflow.solvers.quasi_static.sample import Array, ContactSystem, PeriodHistory, plain
 from fretflow.solvers.quasi_static.sensitivity import (
+    ContactColumns,
     ContactDerivative,
     Direction,
     LinearOutputs,
     SolvedContact,
-    differentiate_contact,
     strains,
 )
 from fretflow.structure.structure import NORMAL_LOAD
@@ -84,23 +84,57 @@ def sensitivities(problem: PeriodicProblem, solution: PeriodicSolution, directio
     InputError
         If the solution is not of that kind, or a direction's data do not fit it.
     """
-    for direction in directions:
-        direction.validate(*solution.state.shape)
-    equations = InternalEquations.of(problem, harmonics, len(solution.state))
-    _check(solution, equations)
-    # b as it was found: where it was an unknown beside a, it need not follow from a alone
-    balance = equations.beside_balance(*(equations.coefficients(solution.internal[:, part])
-                                         for part in (equations.seen, equations.other)))
-    rig = _RigChange.build(problem, equations, balance, solution, directions)
-    in_contact = [i for i, direction in enumerate(directions) if direction.acts_in_contact]
-    columns = _march(problem, solution, equations, [directions[i] for i in in_contact])
-    size = len(equations.load)
-    weights = np.zeros((columns.energy.shape[0], len(directions)))
-    weights[size + np.arange(len(in_contact)), in_contact] = 1.0
-    pushed = equations.coefficients(columns.outputs[:, :len(equations.seen)])  # dPhi by all columns
-    jacobian = balance.linear.jacobian - pushed[:, :size]
-    weights[:size] = np.linalg.solve(jacobian, rig.seen + pushed @ weights)
-    return _collect(problem, solution, directions, equations, rig, weights[:size], columns.combined(weights))
+    return DifferentiatedPeriod(problem, solution, directions, harmonics).first
+
+
+class DifferentiatedPeriod:
+    """A period that the quasi-static solver found, with its derivatives by some directions; see `sensitivities`.
+
+    Those `by` further ones cost little: the motions are marched once.
+    """
+
+    def __init__(self, problem: PeriodicProblem, solution: PeriodicSolution, directions: Sequence[Direction],
+                 harmonics: int) -> None:
+        self.problem, self.solution = problem, solution
+        in_contact = self._in_contact(directions)
+        self.equations = equations = InternalEquations.of(problem, harmonics, len(solution.state))
+        _check(solution, equations)
+        # b as it was found: where it was an unknown beside a, it need not follow from a alone
+        self.balance = equations.beside_balance(*(equations.coefficients(solution.internal[:, part])
+                                                  for part in (equations.seen, equations.other)))
+        self.columns = _columns(problem, solution, equations, in_contact)
+        self.first = self._derivatives(directions, self.columns.closed())
+
+    def by(self, directions: Sequence[Direction]) -> PeriodSensitivity:
+        """Return the derivatives by P further directions; raises as `sensitivities`."""
+        return self._derivatives(directions, self.columns.by(self._in_contact(directions)))
+
+    def _in_contact(self, directions: Sequence[Direction]) -> list[Direction]:
+        for direction in directions:
+            direction.validate(*self.solution.state.shape)
+        return [direction for direction in directions if direction.acts_in_contact]
+
+    def _derivatives(self, directions: Sequence[Direction], columns: ContactDerivative) -> PeriodSensitivity:
+        """Return all by directions, of a contact's columns by motions and by those of them that act there."""
+        equations, size = self.equations, len(self.equations.load)
+        rig = _RigChange.build(self.problem, equations, self.balance, self.solution, directions)
+        in_contact = [i for i, direction in enumerate(directions) if direction.acts_in_contact]
+        self._strain(columns, [directions[i] for i in in_contact])
+        weights = np.zeros((columns.energy.shape[0], len(directions)))
+        weights[size + np.arange(len(in_contact)), in_contact] = 1.0
+        pushed = equations.coefficients(columns.outputs[:, :len(equations.seen)])  # dPhi by all columns
+        jacobian = self.balance.linear.jacobian - pushed[:, :size]
+        weights[:size] = np.linalg.solve(jacobian, rig.seen + pushed @ weights)
+        return _collect(self.problem, self.solution, directions, equations, rig, weights[:size],
+                        columns.combined(weights))
+
+    def _strain(self, columns: ContactDerivative, directions: Sequence[Direction]) -> None:
+        """Take in that directions strain what is in series with the free coordinates."""
+        b = self.problem.boundary
+        lever = np.linalg.solve(b.free.T @ b.bare_stiffness @ b.free, b.free.T @ b.bare_stiffness)
+        for row_of_output, row in enumerate(lever, start=len(self.equations.seen) + 1):
+            columns.outputs[:, row_of_output, len(self.equations.load):] -= strains(
+                self.columns.solved.period, directions, row)
 
 
 def _check(solution: PeriodicSolution, equations: InternalEquations) -> None:
@@ -139,9 +173,9 @@ class _RigChange:
         return cls(on_seen + linear.carried @ on_other, linear.other_by_load @ on_other, linear.other_by_seen)
 
 
-def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: InternalEquations,
-           directions: Sequence[Direction]) -> ContactDerivative:
-    """Differentiate the contact. Outputs: force on a, mean u_x, x force, free coordinates, outputs' forces in turn."""
+def _columns(problem: PeriodicProblem, solution: PeriodicSolution, equations: InternalEquations,
+             directions: Sequence[Direction]) -> ContactColumns:
+    """March the contact. Outputs: force on a, mean u_x, x force, free coordinates, outputs' forces in turn."""
     b, samples = problem.boundary, len(solution.state)
     u, f = (plain(a.reshape(samples, -1)) for a in (solution.displacement, solution.force))
     period = PeriodHistory(plain(solution.internal[:, equations.seen]), u, f,
@@ -159,12 +193,7 @@ def _march(problem: PeriodicProblem, solution: PeriodicSolution, equations: Inte
     moved = system.moved(period.position, directions_of_seen)
     solved = SolvedContact(loaded, period, factor, np.concatenate([moved, still], axis=1),
                            around.factor_slope(factor, directions_of_seen))
-    derivative = differentiate_contact(solved, directions, _outputs(problem, system, loaded))
-    lever = np.linalg.solve(b.free.T @ b.bare_stiffness @ b.free, b.free.T @ b.bare_stiffness)
-    first = directions_of_seen.shape[2]
-    for row_of_output, row in enumerate(lever, start=len(equations.seen) + 1):
-        derivative.outputs[:, row_of_output, first:first + len(directions)] -= strains(period, directions, row)
-    return derivative
+    return ContactColumns(solved, _outputs(problem, system, loaded), directions)
 
 
 def _outputs(problem: PeriodicProblem, system: ContactSystem, loaded: ContactSystem) -> LinearOutputs:

@@ -29,7 +29,7 @@ from fretflow.recordings.schema import MeasuredAt
 from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.sensitivity import Direction
-from fretflow.solvers.sensitivity import PeriodSensitivity, sensitivities
+from fretflow.solvers.sensitivity import DifferentiatedPeriod, PeriodSensitivity
 from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals, band_limited
 from fretflow.structure.two_mass_rig.joint import rig_of
@@ -87,14 +87,17 @@ def _changes(rig: RigModel, simulation: Simulation, hypotheses: Sequence[Hypothe
     chosen = [one for one in beside if one is not None]
     if not chosen:
         return columns
-    moved = _Moved.of(simulation, chosen)
+    periods = {key: _Differentiated.of(period, [one.problems[key] for one in chosen])
+               for key, period in _periods(simulation).items()}
+    moved = _Moved.of(simulation, chosen, {key: one.first for key, one in periods.items()})
     if not all(np.isfinite(worn).all() for worn in moved.worn.values()):
         return columns
     shown = _shown(rig, simulation, chosen, moved)
     evolving = [v for v, one in enumerate(chosen) if one.model.over_cycles]
     if evolving:
         again = [_evolved(simulation, chosen[v], moved, v) for v in evolving]
-        shown[:, evolving] = _shown(rig, simulation, again, _Moved.of(simulation, again))
+        shown[:, evolving] = _shown(rig, simulation, again, _Moved.of(simulation, again, {
+            key: one.to([own.problems[key] for own in again]) for key, one in periods.items()}))
     columns[:, usable] = shown
     return columns
 
@@ -107,13 +110,42 @@ class _Moved:
     worn: dict[int, Array]  # (nodes, V), m, by the recorded cycle counts
 
     @classmethod
-    def of(cls, simulation: Simulation, chosen: Sequence[_Neighbour]) -> _Moved:
-        """Return what neighbours change, by what they remember."""
-        periods = _periods(simulation)
-        changes = {key: _carried(period, directions_to(
-            [one.problems[key] for one in chosen], period.problem, period.solution)) for key, period in periods.items()}
+    def of(cls, simulation: Simulation, chosen: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]) -> _Moved:
+        """Return what neighbours change, by their periods' `changes` and what they remember."""
         worn = _wear(simulation, chosen, {p.step.cycles: changes[id(p)] for p in simulation.loops})
-        return cls({key: _with_gap(changes[key], worn[p.step.cycles]) for key, p in periods.items()}, worn)
+        return cls({key: _with_gap(changes[key], worn[p.step.cycles]) for key, p in _periods(simulation).items()}, worn)
+
+
+@dataclass(frozen=True)
+class _Differentiated:
+    """A period with its sensitivities to the changes to some problems and, after them, to the gap of every node."""
+
+    period: Period
+    known: DifferentiatedPeriod
+
+    @property
+    def first(self) -> PeriodSensitivity:
+        """Return the sensitivities that it was marched with."""
+        return self.known.first
+
+    @classmethod
+    def of(cls, period: Period, problems: Sequence[PeriodicProblem]) -> _Differentiated:
+        """Return a period, differentiated."""
+        worn = [Direction(name=f"gap of node {m}", gap=row)
+                for m, row in enumerate(np.eye(period.problem.interface.size))]
+        return cls(period, DifferentiatedPeriod(
+            period.problem, period.solution, [*directions_to(problems, period.problem, period.solution), *worn],
+            harmonics_of(len(period.solution.state))))
+
+    def to(self, problems: Sequence[PeriodicProblem]) -> PeriodSensitivity:
+        """Return the same for other problems."""
+        own = self.known.by(directions_to(problems, self.period.problem, self.period.solution))
+        gaps = slice(len(self.first.names) - self.period.problem.interface.size, None)
+        both: dict[str, Any] = {one.name: np.concatenate([getattr(own, one.name), getattr(self.first, one.name)[gaps]])
+                                for one in fields(PeriodSensitivity) if one.name not in ("names", "outputs")}
+        outputs = {name: np.concatenate([values, self.first.outputs[name][gaps]])
+                   for name, values in own.outputs.items()}
+        return PeriodSensitivity(names=(*own.names, *self.first.names[gaps]), outputs=outputs, **both)
 
 
 def _periods(simulation: Simulation) -> dict[int, Period]:
@@ -220,14 +252,6 @@ def _problem_of(model: EffectModel, known: dict[int, SlowState], simulation: Sim
     problem = replace(model, baseline=own).problem(slow)
     face, opened = problem.interface, slow.depth - period.step.depth  # which `_with_gap` adds
     return replace(problem, interface=replace(face, gap=face.gap - opened)) if opened.any() else problem
-
-
-def _carried(period: Period, directions: Sequence[Direction]) -> PeriodSensitivity:
-    """Return the sensitivities to some directions and, after them, to the gap of every node."""
-    worn = [Direction(name=f"gap of node {m}", gap=row)
-            for m, row in enumerate(np.eye(period.problem.interface.size))]
-    return sensitivities(period.problem, period.solution, [*directions, *worn],
-                         harmonics_of(len(period.solution.state)))
 
 
 def _wear(simulation: Simulation, beside: Sequence[_Neighbour], changes: dict[int, PeriodSensitivity]

@@ -8,7 +8,7 @@ with the opening w = gap + u_z in the place of u_z, f = K (u(w) - strain) - R q 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -103,21 +103,55 @@ class ContactDerivative:
         return ContactDerivative(**{f.name: getattr(self, f.name) @ weights for f in fields(self)})
 
 
-def differentiate_contact(solved: SolvedContact, directions: Sequence[Direction], outputs: LinearOutputs
-                          ) -> ContactDerivative:
-    """March a period once for a motions of the coordinates, the first columns, and parameters, the others."""
-    system, period, motions = solved.system, solved.period, solved.motion.shape[2]
-    way = _ways(period)
-    first, memory = _memory(period, way)
-    acting, given = _acting(solved, directions), motions + len(directions)
-    shape = (len(period.state), system.size, solved.motion.shape[1])
-    kept = empty_sums(shape, len(outputs.by_force), given + memory.shape[1], len(directions))
-    end = march_columns(system.data, empty_factor(system.size), period, acting, _weights(solved, way, outputs), first,
-                        _start(period, motions, directions, memory), kept)
-    closing = memory.T @ end
-    # a position that the period does not determine keeps its value
-    remembered = np.linalg.lstsq(np.eye(memory.shape[1]) - closing[:, given:], closing[:, :given], rcond=PERSISTS)[0]
-    return _derivative(system, motions, kept).combined(np.vstack([np.eye(given), remembered]))
+class ContactColumns:
+    """A solved contact marched by a motions of the coordinates, some parameters and what it remembers.
+
+    Further parameters need a march of their own columns only.
+    """
+
+    def __init__(self, solved: SolvedContact, outputs: LinearOutputs, directions: Sequence[Direction]) -> None:
+        self.solved, self.outputs, self.way = solved, outputs, _ways(solved.period)
+        self.motions, self.given = solved.motion.shape[2], solved.motion.shape[2] + len(directions)
+        self.first, self.memory = _memory(solved.period, self.way)
+        self.columns, self.closing = self._march(solved, directions, self.memory)
+
+    def closed(self) -> ContactDerivative:
+        """Return the derivative by the motions, the first columns, and by the parameters marched with them."""
+        return self._closed(self.columns, self.closing, list(range(self.given)))
+
+    def by(self, directions: Sequence[Direction]) -> ContactDerivative:
+        """Return the derivative by the motions, the first columns, and by further parameters, the others."""
+        if not directions:
+            return self._closed(self.columns, self.closing, list(range(self.motions)))
+        alone = replace(self.solved, motion=self.solved.motion[:, :, :0], factor_slope=self.solved.factor_slope[:, :0])
+        columns, closing = self._march(alone, directions, self.memory[:, :0])
+        both = ContactDerivative(**{f.name: np.concatenate([getattr(one, f.name) for one in (self.columns, columns)],
+                                                           axis=-1) for f in fields(ContactDerivative)})
+        whole = self.closing.shape[1]
+        return self._closed(both, np.hstack([self.closing, closing]),
+                            [*range(self.motions), *range(whole, whole + len(directions))])
+
+    def _closed(self, columns: ContactDerivative, closing: Array, chosen: list[int]) -> ContactDerivative:
+        """Return chosen columns with what makes the period close."""
+        count = self.memory.shape[1]
+        kept = self.given + np.arange(count)
+        weights = np.zeros((closing.shape[1], len(chosen)))
+        weights[chosen, np.arange(len(chosen))] = 1.0
+        # a position that the period does not determine keeps its value
+        weights[kept] = np.linalg.lstsq(np.eye(count) - closing[:, kept], closing[:, chosen], rcond=PERSISTS)[0]
+        return columns.combined(weights)
+
+    def _march(self, solved: SolvedContact, directions: Sequence[Direction], memory: Array
+               ) -> tuple[ContactDerivative, Array]:
+        """Return the columns of motions, parameters and memory, and what the memory is after the period (m, p)."""
+        system, period, motions = solved.system, solved.period, solved.motion.shape[2]
+        acting, count = _acting(solved, directions), motions + len(directions) + memory.shape[1]
+        shape = (len(period.state), system.size, solved.motion.shape[1])
+        kept = empty_sums(shape, len(self.outputs.by_force), count, len(directions))
+        end = march_columns(system.data, empty_factor(system.size), period, acting,
+                            _weights(solved, self.way, self.outputs), self.first,
+                            _start(period, motions, directions, memory), kept)
+        return _derivative(system, motions, kept), self.memory.T @ end
 
 
 def strains(period: PeriodHistory, directions: Sequence[Direction], weights: Array) -> Array:
