@@ -254,3 +254,22 @@ def test_a_finer_mesh_may_take_the_periods_of_its_nodes(monkeypatch):
     with pytest.raises(NonConvergenceError, match=f"more than {most} periods"):
         fine.simulate(deep)
     assert coarse.finer(fine.problem).simulate(deep).steps[-1].solves > most
+
+
+def test_a_load_that_is_raised_is_never_tried_twice_from_the_same_start():
+    """From a half on, a step of one and a step of a half both end at the whole load."""
+    tried = []
+
+    class Failing(quasi_static.QuasiStaticSolver):
+        """A solver that finds nothing beyond six tenths."""
+
+        def _find(self, problem, samples, start, marched=False, settling=True):
+            tried.append((start, problem))
+            if problem > 0.6:
+                raise NonConvergenceError("beyond")
+            return problem
+
+    with pytest.raises(NonConvergenceError):
+        Failing(None)._raised(lambda share: share, 64, None, 0.5)
+    assert tried[:2] == [(None, 0.5), (0.5, 1.0)]
+    assert len(set(tried)) == len(tried)

@@ -254,7 +254,7 @@ class RigModel:
             try:
                 solution = solver.solve(replace(cycle.model, baseline=between).problem(end.step.slow), solution)
             except NonConvergenceError:
-                step *= 0.5
+                step = 0.5 * (target - share)
                 if step < SMALLEST_SHARE:
                     raise
                 continue

@@ -216,7 +216,7 @@ def _raise_load(equations: DlftEquations, tolerance: float, max_iterations: int)
             root = solve_newton(replace(equations, load=load), unknowns, equations.scale, tolerance,
                                 max_iterations)
         except NonConvergenceError as error:
-            step *= 0.5
+            step = 0.5 * (target - share)
             if step < SMALLEST_LOAD_STEP:
                 raise NonConvergenceError(f"DLFT: no solution beyond {share:.1%} of the excitation; try a "
                                           f"smaller penalty or more harmonics ({error})",

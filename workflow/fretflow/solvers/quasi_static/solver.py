@@ -162,7 +162,7 @@ class QuasiStaticSolver:
             try:
                 solution = self._find(at(target), samples, solution, settling=False)
             except NonConvergenceError:
-                step *= 0.5
+                step = 0.5 * (target - share)
                 if step < SMALLEST_SHARE:
                     raise
                 continue
