@@ -391,3 +391,19 @@ def test_what_bent_parameters_leave_to_a_new_effect_is_what_the_whole_density_te
     gain = log_gain(columns, values - others @ at, others, at)
     assert gain == pytest.approx(density(np.hstack([others, columns])) - density(others), abs=1e-8)
     assert (gain > 10.0) is (bend > 0.0)
+
+
+def test_an_effect_without_which_there_is_no_solution_shows_by_what_the_others_explain() -> None:
+    """It showed nothing, and a pair of which either half explained too little was no pair."""
+    names, alone = frozenset({"backlash", "viscous"}), frozenset({"backlash"})
+    fits = {one: SimpleNamespace(prediction=SimpleNamespace(point=Point(Parameters((), {}), np.zeros(0))),
+                                 predicted=np.full(3, size)) for one, size in ((names, 5.0), (alone, 2.0))}
+    search: Any = SimpleNamespace(fits=fits, _signatures={}, fitter_of=lambda names: None,
+                                  pool=lambda function, tasks: [np.full(3, 4.0) if "viscous" not in task.point.neutral
+                                                                else None for task in tasks])
+    Search.sign(search, [names])
+    assert np.array_equal(search._signatures[names][1], np.column_stack([np.full(3, 1.0), np.full(3, 3.0)]))
+    del fits[alone]
+    search._signatures = {}
+    Search.sign(search, [names])
+    assert np.array_equal(search._signatures[names][1][:, 1], np.zeros(3))

@@ -253,16 +253,19 @@ class Search:
         return own if of is None else own[:, [place for place, one in enumerate(sorted(names)) if one in of]]
 
     def sign(self, sets: Iterable[Names]) -> None:
-        """Predict some sets with each of their effects out of work."""
+        """Predict some sets with each of their effects out of work.
+
+        Where that has no solution, what the others explain alone takes its place, if they were fitted.
+        """
         asked = [(names, one) for names in dict.fromkeys(sets) if names and (
             names not in self._signatures or self._signatures[names][0] is not self.fits[names])
             for one in sorted(names)]
         tasks = [Task(self.fitter_of(names), replace(self.fits[names].prediction.point, neutral=frozenset({one})),
                       self.fits[names].prediction, 0) for names, one in asked]
         changes: dict[Names, list[Array]] = {}
-        for (names, _), values in zip(asked, self.pool(predict_task, tasks), strict=True):
-            predicted = self.fits[names].predicted
-            changes.setdefault(names, []).append(np.zeros(len(predicted)) if values is None else predicted - values)
+        for (names, one), values in zip(asked, self.pool(predict_task, tasks), strict=True):
+            others = self.fits.get(names - {one}, self.fits[names]).predicted if values is None else values
+            changes.setdefault(names, []).append(self.fits[names].predicted - others)
         for names, columns in changes.items():
             self._signatures[names] = (self.fits[names], np.column_stack(columns))
 
