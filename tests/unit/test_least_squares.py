@@ -116,6 +116,15 @@ def test_a_step_is_the_best_of_those_that_lead_nothing_too_far() -> None:
     assert held > 50
 
 
+def test_a_step_along_slopes_that_are_alike_and_large_is_the_least_one() -> None:
+    """Products of slopes of 1e9 leave nothing of a prior of one: the difference of two alike stays where it is."""
+    slopes = 1e9 * np.outer(np.random.default_rng(3).standard_normal(40), [1.0, 1.0])
+    z = np.array([0.5, -0.5])
+    now: Any = SimpleNamespace(z=z, whitened_jacobian=slopes, residual=slopes @ [0.2, 0.2],
+                               information=np.eye(2) + slopes.T @ slopes)
+    assert _step(now) == pytest.approx(np.array([0.2, 0.2]) - z, abs=1e-3)
+
+
 def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     """The Gauss-Newton step of a straight valley ends where its promise was."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)

@@ -172,10 +172,10 @@ def _step(now: Fit, damping: float = 0.0) -> Array:
     step shortened as a whole would wait for the one that goes farthest (P. B. Stark, R. L. Parker, Comput. Stat. 10
     (1995) 129-141).
     """
-    curved = now.information * (1.0 + damping * np.eye(len(now.z)))
-    slope = now.whitened_jacobian.T @ now.residual - now.z
-    if not len(slope):
-        return slope
+    if not len(now.z):
+        return now.z
     bounds = np.clip(now.z - HALF, -FARTHEST, FARTHEST) - now.z, np.clip(now.z + HALF, -FARTHEST, FARTHEST) - now.z
-    root = np.linalg.cholesky(curved).T
-    return np.asarray(lsq_linear(root, np.linalg.solve(root.T, slope), bounds, method="bvls").x)
+    damped = np.diag(np.sqrt(damping * np.diag(now.information)))
+    turned, root = np.linalg.qr(np.vstack([now.whitened_jacobian, np.eye(len(now.z)), damped]))
+    aimed = turned.T @ np.concatenate([now.residual, -now.z, np.zeros(len(now.z))])
+    return np.asarray(lsq_linear(root, aimed, bounds, method="bvls").x)
