@@ -177,7 +177,7 @@ def test_a_folder_that_is_none_is_refused(tmp_path):
 
 
 def test_where_no_folder_is_no_space_is_blamed(tmp_path):
-    with pytest.raises(StoreError, match=r"\(No such file or directory\); name a folder that is there"):
+    with pytest.raises(StoreError, match=r"\(No such file or directory\); choose another --out, a folder"):
         write_whole(tmp_path / "none" / "a.json", b"{}")
 
 

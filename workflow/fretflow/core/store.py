@@ -148,7 +148,8 @@ def write_whole(path: Path, content: bytes) -> None:
     except OSError as error:
         with suppress(OSError):
             temporary.unlink()
-        advice = "name a folder that is there" if isinstance(error, FileNotFoundError | NotADirectoryError) else (
+        absent = isinstance(error, FileNotFoundError | NotADirectoryError)
+        advice = "choose another --out, a folder that is there" if absent else (
             "complete results are kept: free some space or choose another --out, then run again")
         raise StoreError(f"{path}: cannot be written ({error.strerror}); {advice}") from error
 

@@ -23,7 +23,9 @@ from fretflow.inference.parameters import FARTHEST, HALF, Array, Parameters
 # Fall of the objective that is not worth another prediction: a factor e in probability, "not worth more than a bare
 # mention" (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795).
 ENOUGH = 2.0
-TOLD = 0.75  # of a fall: what told as much is right about there (R. Fletcher, Practical Methods of Optimization (1980))
+# Of a fall: what told as much is right about there, a quarter is too little (R. Fletcher, Practical Methods of
+# Optimization (1980), 5.1)
+TOLD = 0.75
 # Of a step, tried in turn by Marquardt's factor of ten until one improves the fit: from one that leaves the step as it
 # is to one that leaves a hundredth of it.
 DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)
@@ -136,20 +138,33 @@ class Fitter:
         return Fit(prediction, residual, by_z, self.covariance.whiten(by_z), False)
 
     def _improved(self, now: Fit) -> tuple[Fit, int]:
-        """Return the first better fit by the dampings from its own on, and that one's place; `now` if none is."""
-        place = now.damping
+        """Return a better fit by the dampings from its own on, and that one's place; `now` if none is.
+
+        It is the first that falls by a quarter of what it told, as less is of a place too far off, else the best.
+        """
+        place, best, least, taken = now.damping, None, now.objective, len(DAMPINGS)
         while place < len(DAMPINGS):
-            z = np.clip(now.z + _step(now, DAMPINGS[place]), -FARTHEST, FARTHEST)
+            step = _step(now, DAMPINGS[place])
+            z = np.clip(now.z + step, -FARTHEST, FARTHEST)
             try:
                 prediction = self.experiment.predict(Point(now.parameters, z), now.prediction)
             except NonConvergenceError:  # half of the way may have a solution, and nearly all of it has none either
                 place = max(place + 1, DAMPINGS.index(1.0))
                 continue
             residual = self.covariance.whiten(self.experiment.measurement.values - prediction.values)
-            if float(residual @ residual + z @ z) < now.objective:
-                return self._carried(now, replace(prediction, point=prediction.point.turned())), place
+            objective = float(residual @ residual + z @ z)
+            if objective < least:
+                best, least, taken = prediction, objective, place
+            elif best is not None:
+                break  # shorter steps are worse again
+            told = now.residual - now.whitened_jacobian @ step
+            if best is not None and now.objective - objective >= (1.0 - TOLD) * (
+                    now.objective - float(told @ told + z @ z)):
+                break
             place += 1
-        return now, len(DAMPINGS)
+        if best is None:
+            return now, taken
+        return self._carried(now, replace(best, point=best.point.turned())), taken
 
     def _carried(self, now: Fit, prediction: Prediction) -> Fit:
         """Return a better prediction with derivatives: by a secant where those before told what it would bring."""
@@ -174,8 +189,9 @@ def _step(now: Fit, damping: float = 0.0) -> Array:
     """
     if not len(now.z):
         return now.z
-    bounds = np.clip(now.z - HALF, -FARTHEST, FARTHEST) - now.z, np.clip(now.z + HALF, -FARTHEST, FARTHEST) - now.z
+    least, most = (np.clip(np.clip(now.z, -FARTHEST, FARTHEST) + way * HALF, -FARTHEST, FARTHEST) - now.z
+                   for way in (-1.0, 1.0))
     damped = np.diag(np.sqrt(damping * np.diag(now.information)))
     turned, root = np.linalg.qr(np.vstack([now.whitened_jacobian, np.eye(len(now.z)), damped]))
     aimed = turned.T @ np.concatenate([now.residual, -now.z, np.zeros(len(now.z))])
-    return np.asarray(lsq_linear(root, aimed, bounds, method="bvls").x)
+    return np.asarray(lsq_linear(root, aimed, (least, most), method="bvls").x)

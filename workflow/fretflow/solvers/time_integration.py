@@ -126,14 +126,12 @@ def settle(problem: PeriodicProblem, start: PeriodicSolution | None, periods: tu
             return history
 
 
-def march_periods(problem: PeriodicProblem, now: AtInstant, steps: int, parts: int = PARTS
-                  ) -> Iterator[tuple[Array, SampleState]]:
+def march_periods(problem: PeriodicProblem, now: AtInstant, steps: int) -> Iterator[tuple[Array, SampleState]]:
     """Yield of each period from `now`, an instant of phase 0, the internal coordinates (steps, d) in m, phase 0 first.
 
-    With them comes the contact at the period's end. A step in which the faces turn is made in so many parts. Raises as
-    `integrate`.
+    With them comes the contact at the period's end. Raises as `integrate`.
     """
-    march = _March(problem, now, steps, parts)
+    march = _March(problem, now, steps)
     while True:
         internal = march.period().internal
         yield np.roll(internal, 1, axis=0), march.now.contact
@@ -164,8 +162,8 @@ def _history(problem: PeriodicProblem, steps: int, marched: list[_Rows]) -> Time
 class _March:
     """The structure on its way, period after period."""
 
-    def __init__(self, problem: PeriodicProblem, now: AtInstant, steps: int, parts: int = PARTS) -> None:
-        self.problem, self.steps, self.parts, self.now = problem, steps, parts, now
+    def __init__(self, problem: PeriodicProblem, now: AtInstant, steps: int) -> None:
+        self.problem, self.steps, self.now = problem, steps, now
         size = 1.0 / (problem.frequency * steps)
         self.whole, self.small = _Step(problem, size), _Step(problem, size / PARTS)
         self.loads = self._loads_at(np.arange(1.0, steps + 1))
@@ -191,7 +189,7 @@ class _March:
         with suppress(NonConvergenceError):  # too far for one step
             after = self.whole.advance(self.now, self.loads[j])
             turns = (sliding @ self.now.motion[1]) * (sliding @ after.motion[1]) <= 0.0
-            if self.parts == 1 or not turns or np.all(self.now.contact.state == STICK):
+            if not turns or np.all(self.now.contact.state == STICK):
                 return after
         after = self.now
         for load in self._loads_at(j + np.arange(1.0, PARTS + 1) / PARTS):

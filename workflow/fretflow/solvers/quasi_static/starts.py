@@ -25,7 +25,7 @@ from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.newton import InitialGuess, InternalNewton
 from fretflow.solvers.quasi_static.patches import Patches
 from fretflow.solvers.quasi_static.sample import Array, SampleState
-from fretflow.solvers.time_integration import PARTS, AtInstant, begin, march_periods
+from fretflow.solvers.time_integration import AtInstant, begin, march_periods
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with further forces
@@ -62,11 +62,9 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
         If the contact of a time step is not found.
     """
     now = _stuck_motion(problem, equations, march) if near is None else near
-    # nodes that stick all along stay where this leaves them: of any structure the faces turn as they should
-    parts = PARTS if ringing else 1
     last, analysis = None, analysis_matrix(min(len(equations.analysis) // 2, (STEPS - 1) // 2), STEPS)
     ranges: list[float] = []
-    for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS, parts), start=1):
+    for count, (internal, contact) in enumerate(march_periods(problem, now, STEPS), start=1):
         change = np.inf if last is None else float(np.abs(internal - last).max() / np.ptp(internal, axis=0).max())
         if count in SETTLING and (change < REPEATING or (ringing and count >= UNSETTLED)):
             coefficients = np.zeros((len(equations.analysis), internal.shape[1]))
