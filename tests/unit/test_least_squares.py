@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -114,6 +114,35 @@ def test_a_step_is_the_best_of_those_that_lead_nothing_too_far() -> None:
         assert np.all(slope[at_most] < 1e-6)
         held += np.count_nonzero(at_least | at_most)
     assert held > 50
+
+
+@dataclass(frozen=True)
+class Bent(Valley):
+    """A saturating response of which nothing was measured, so that a whole step from one end leads to the other."""
+
+    @property
+    def measurement(self) -> Any:
+        """Return nothing."""
+        return SimpleNamespace(values=np.zeros(2))
+
+    def smooth(self, z: np.ndarray) -> np.ndarray:
+        """Return the exact model's values (2,)."""
+        return np.array([np.tanh(3.0 * z[0]), z[1]])
+
+
+def test_a_step_that_brings_less_than_a_quarter_of_what_it_told_is_tried_shorter() -> None:
+    """Newton's step on tanh tells a fall to nothing, and from 1.08 ends nearly as high on the other side."""
+    covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    fitter = Fitter(cast(Any, Bent()), covariance)
+    start = fitter.at(Point(plane, np.array([0.36, 0.0])), None)
+
+    def left(z: np.ndarray) -> float:
+        return fitter.at(Point(plane, z), None).objective / start.objective
+
+    assert start.promise < 1e-3 * start.objective
+    assert 0.75 < left(start.z + _step(start)) < 1.0
+    assert left(fitter.fit(start.prediction.point, None, 1).z) < 0.75
 
 
 def test_a_step_along_slopes_that_are_alike_and_large_is_the_least_one() -> None:

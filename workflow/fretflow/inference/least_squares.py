@@ -155,12 +155,11 @@ class Fitter:
             objective = float(residual @ residual + z @ z)
             if objective < least:
                 best, least, taken = prediction, objective, place
+                told = now.residual - now.whitened_jacobian @ step
+                if now.objective - objective >= (1.0 - TOLD) * (now.objective - float(told @ told + z @ z)):
+                    break
             elif best is not None:
                 break  # shorter steps are worse again
-            told = now.residual - now.whitened_jacobian @ step
-            if best is not None and now.objective - objective >= (1.0 - TOLD) * (
-                    now.objective - float(told @ told + z @ z)):
-                break
             place += 1
         if best is None:
             return now, taken

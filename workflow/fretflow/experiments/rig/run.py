@@ -156,6 +156,8 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
     warnings += words.at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:
         warnings.append(words.not_repeated())
+    if unseen.labels and not unseen.judged:
+        warnings.append(words.not_judged())
     notes = list(warnings)
     if not fast and observation.has_loops:
         progress(0.9, "confirming on the full mesh")

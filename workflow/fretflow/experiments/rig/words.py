@@ -137,6 +137,13 @@ def not_repeated() -> str:
             "as it does in every model here; record some consecutive periods to see what it follows")
 
 
+def not_judged() -> str:
+    """Return the warning of loops that are held out beside jumps of the motion, all of them."""
+    return ("nothing judges what was held out: the motion of those loops jumps between fits with and without them, "
+            "so that which of the motions that coexist there they show cannot be predicted; record conditions farther "
+            "from the jump")
+
+
 def next_measurement(law: ResidualLaw) -> str:
     """Return what to measure where nothing of the catalogue fits."""
     return (f"Loops at other amplitudes, normal loads and frequencies, to see whether what is left still follows the "
