@@ -117,6 +117,27 @@ def test_each_verdict_is_shown_without_an_error(maker, kind, cases, visit):
     assert 'class="exports"' not in render_report(diagnosis)
 
 
+# The whole page is laid out in a frame as wide as a phone: a window of Chromium's is never narrower than 500.
+PHONE = """
+const frame = document.createElement("iframe");
+frame.style.cssText = "width:420px;height:900px;border:0";
+frame.onload = () => setTimeout(() => {
+  const root = frame.contentDocument.documentElement;
+  root.style.scrollbarWidth = "none";
+  document.body.innerHTML = `<ul id="said"><li>wide ${root.scrollWidth} of ${root.clientWidth}</li></ul>`;
+}, 1000);
+frame.srcdoc = document.documentElement.outerHTML.replace(/<script[^]*?<\\/script>/g, "");
+document.body.replaceChildren(frame);
+"""
+
+
+@pytest.mark.parametrize("maker", ["named", "none"])
+def test_no_page_is_wider_than_a_phone(maker, cases, visit):
+    """A label at the end of a bar stood out of the page where the model errs no more than repeats do."""
+    document, _ = visit(with_script(render_report(getattr(cases, maker)()), PHONE))
+    assert said(document) == [("wide", "420 of 420")]
+
+
 def test_odd_values_and_text_do_no_harm(cases, visit):
     document, console = visit(render_report(cases.odd()))
     assert console == []
