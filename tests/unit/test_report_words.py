@@ -82,6 +82,7 @@ def test_duration(seconds, text):
 def test_equations_are_printed_and_cannot_inject():
     assert words.equation("mu_inf - (mu_inf - mu_0) exp(-E / E_0)") == (
         "μ<sub>∞</sub> − (μ<sub>∞</sub> − μ<sub>0</sub>) exp(−E / E<sub>0</sub>)")
+    assert words.equation("k (1 -+ r), 1 +- s") == "k (1 ∓ r), 1 ± s"
     assert words.equation("(p / p_0)^-b < <i>") == "(p / p<sub>0</sub>)<sup>−b</sup> &lt; &lt;i&gt;"
 
 

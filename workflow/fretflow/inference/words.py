@@ -143,7 +143,7 @@ def equation(text: str) -> Markup:
     printed = re.sub(r"_inf\b", "_∞", printed)
     printed = re.sub(r"(?<!\w)(\w{1,2})_([A-Za-z0-9∞]+)", r"\1<sub>\2</sub>", printed)
     printed = re.sub(r"\^(-?[A-Za-z0-9]+)", lambda m: f"<sup>{_signed(m[1])}</sup>", printed)
-    return Markup(re.sub(r"(?<![A-Za-z])-", "−", printed))
+    return Markup(re.sub(r"(?<![A-Za-z])-", "−", printed.replace("+-", "±").replace("-+", "∓")))
 
 
 def together(effects: tuple[str, ...]) -> str:
