@@ -145,7 +145,7 @@ def test_readable_units(value, unit, text):
 
 @pytest.mark.parametrize(("value", "unit", "text"), [
     (14.2e-6, "m", "14.2 µm"), (1.1e-14, "m^2/N", "1.1e-14 m²/N"), (2.8e7, "N/m", "28 N/µm"),
-    (300.0, "N*s/m", "300 N·s/m")])
+    (2e15, "N/m^3", "2 MN/mm³"), (300.0, "N*s/m", "300 N·s/m")])
 def test_what_is_printed_reads_back_too(value, unit, text):
     assert pretty_quantity(value, unit) == text
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-12)

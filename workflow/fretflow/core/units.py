@@ -38,7 +38,7 @@ _READABLE = {
     "m/s": (("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6)),
     "m/N": (("mm/N", 1e-3), ("um/N", 1e-6), ("nm/N", 1e-9)),
     "W/m^2": (("W/mm^2", 1e6), ("kW/m^2", 1e3), ("W/m^2", 1.0)),
-    "N/m^3": (("N/mm^3", 1e9), ("N/m^3", 1.0)),
+    "N/m^3": (("MN/mm^3", 1e15), ("kN/mm^3", 1e12), ("N/mm^3", 1e9), ("N/m^3", 1.0)),
 }
 
 # Of any quantity in SI; squares and products of such numbers still fit into a float.
