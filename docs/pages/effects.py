@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from pages.markdown import MADE, ROOT, escape, printed, prose, table, write
+from pages.markdown import MADE, ROOT, escape, printed, prose, table, unbroken, write
 
 
 def write_effects() -> None:
@@ -60,10 +60,10 @@ def parameter_table(kind: Any) -> str:
     for entry in entries(kind()):
         prior = priors.get(entry.key)
         ends = () if prior is None else (prior.low, prior.high)
-        span = " to ".join((pretty_quantity(end, entry.unit, 3) if entry.unit else pretty_number(end, 3)).replace(
-            " ", "\u00a0") for end in ends)
+        span = " to ".join(unbroken(pretty_quantity(end, entry.unit, 3) if entry.unit else pretty_number(end, 3))
+                           for end in ends)
         default = pretty_number(entry.value) if isinstance(entry.value, float) and not entry.unit else entry.readable
-        rows.append((f"`{entry.key}`", escape(default), span, printed(entry.meaning)))
+        rows.append((f"`{entry.key}`", unbroken(escape(default)), span, printed(entry.meaning)))
         if prior is not None:
             sources.setdefault(prior.source, []).append(f"`{entry.key}`")
     ranges = "; ".join(f"{escape(source)}{f' ({chr(44).join(keys)})' if len(sources) > 1 else ''}"

@@ -33,6 +33,11 @@ def escape(text: str, marks: str = "\\`*_[]<>$#~") -> str:
     return re.sub(f"([{re.escape(marks)}])", r"\\\1", text)
 
 
+def unbroken(quantity: str) -> str:
+    """Return a number with its unit on one line, which a browser else breaks at a space and at a slash."""
+    return f'<span class="unbroken">{quantity}</span>'
+
+
 def printed(text: str) -> str:
     """Return plain text with formulas as Markdown that shows these as they are printed, ``h_0`` with an index."""
     from fretflow.inference.words import equation

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ast
 import json
-import shutil
+import re
 from collections.abc import Iterator
 from inspect import cleandoc
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
-from pages.markdown import ROOT, escape, prose, table
+from pages.markdown import ROOT, escape, prose, table, unbroken
 
 ROOMS = {"analytic": "Closed forms, balances and other integrators", "convergence": "Convergence under refinement",
          "regression": "Peers, published matrices and recorded results", "mpi": "Any number of ranks"}
@@ -53,8 +53,8 @@ and is refused since meshes of one's own are read in a process of their own."""
 
 
 def spoken(test: ast.FunctionDef) -> str:
-    """Return a test's name as a sentence."""
-    return escape(test.name.removeprefix("test_").replace("_", " "))
+    """Return a test's name as a sentence; a single `s` is a genitive's."""
+    return escape(re.sub(r"_s(?=_|$)", "'s", test.name.removeprefix("test_")).replace("_", " "))
 
 
 def literal_blocks(text: str) -> str:
@@ -81,7 +81,7 @@ def bounds(test: ast.FunctionDef) -> Iterator[str]:
                     value = number(right)
                     if isinstance(sign, ast.Lt | ast.LtE) and value is not None and 0.0 < value < 1.0:
                         texts[f"below {value:.3g}"] = None
-    yield from list(texts)[:MOST_BOUNDS]
+    yield from (unbroken(re.sub("e-0", "e-", text)) for text in list(texts)[:MOST_BOUNDS])
 
 
 def number(node: ast.expr) -> float | None:
@@ -126,12 +126,22 @@ seen; scores of all sizes are here, those of strong effects alone in the pages b
 with earlier verdicts; [diagnosis](../diagnosis.md#the-verdict) tells what became of later recordings."""
 
 
+STYLE = re.compile(r"(?s)<style>.*?</style>")
+
+
+def dressed(page: str) -> str:
+    """Return a trial's page as it came out, in the look of today's, which small screens show too."""
+    template = (ROOT / "trial" / "fretflow_trial" / "page.html.j2").read_text(encoding="utf-8")
+    style = STYLE.search(template)[0]
+    return STYLE.sub(lambda _: style, page, count=1)
+
+
 def copy_trials(app: Sphinx, error: Exception | None) -> None:
-    """Copy the trials' own pages into the site."""
+    """Put the trials' own pages into the site."""
     if error is None and app.builder.format == "html":
         for name in TRIALS:
             page = ROOT / "benchmarks" / name / "trial.html"
             if page.is_file():
                 target = Path(app.outdir) / "_made" / "trials" / f"{name}.html"
                 target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(page, target)
+                target.write_text(dressed(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,5 +1,6 @@
 """The pages that are read without building the site: their links lead somewhere, and README stays short."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 PROJECT = Path(__file__).parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
+TRIALS = sorted((PROJECT / "benchmarks").glob("*/trial.html"))
 TWO_SCREENS = 80  # lines
 MADE = "_made"  # written when the site is built, which checks them
 
@@ -20,6 +22,14 @@ def test_links_lead_to_files(page):
 
 def test_readme_is_two_screens():
     assert len((PROJECT / "README.md").read_text(encoding="utf-8").splitlines()) <= TWO_SCREENS
+
+
+def test_readme_names_every_command():
+    from fretflow.cli import app
+
+    rows = [row for row in (PROJECT / "README.md").read_text(encoding="utf-8").splitlines() if row.startswith("| `")]
+    named = {word for row in rows for word in re.findall(r"`([a-z]+)", row.split("|")[1])}
+    assert {name for name in app if not name.startswith("-")} <= named
 
 
 def test_every_effect_says_on_its_page_what_would_confirm_it(monkeypatch):
@@ -54,6 +64,44 @@ def test_prose_has_micrometres_and_cubes_as_they_are_printed():
     for page in PAGES:
         prose = re.sub(r"(?s)```.*?```|`[^`]*`|(?m:^    .*?$)", "", page.read_text(encoding="utf-8"))
         assert re.findall(r"\d um\b|\bm[23]/", prose) == [], page
+
+
+def test_numbers_of_tables_keep_their_units(monkeypatch):
+    """A browser breaks lines at a space, at a slash and at the minus of a power."""
+    monkeypatch.syspath_prepend(PROJECT / "docs")
+    pytest.importorskip("sphinx")
+    from fretflow.effects.catalogue import catalogue
+    from pages.effects import parameter_table
+    from pages.verification import verification
+
+    rows = parameter_table(catalogue()["contact-stiffness"]).splitlines()
+    default, low, high = (f'<span class="unbroken">{size} N/µm</span>' for size in (60, 15, 150))
+    assert rows[2].split(" | ")[1:3] == [default, f"{low} to {high}"]
+    bounds = [row.split(" | ")[1].removesuffix(" |") for row in verification().splitlines() if row.startswith("| ")]
+    assert '<span class="unbroken">1e-9 relative</span>' in bounds
+    assert [bound for bound in bounds if re.search(r"e-0|^\d", bound)] == []
+
+
+def test_names_of_tests_are_told_with_their_genitives(monkeypatch):
+    monkeypatch.syspath_prepend(PROJECT / "docs")
+    pytest.importorskip("sphinx")
+    from pages.verification import spoken
+
+    test = ast.parse("def test_volume_is_the_energy_s_and_the_user_s(): pass").body[0]
+    assert spoken(test) == "volume is the energy's and the user's"
+
+
+@pytest.mark.parametrize("page", TRIALS, ids=lambda page: page.parent.name)
+def test_trials_stay_as_they_came_out_but_for_their_looks(monkeypatch, page):
+    """On phones the tables of earlier trials showed names without figures."""
+    monkeypatch.syspath_prepend(PROJECT / "docs")
+    pytest.importorskip("sphinx")
+    from pages.verification import dressed
+
+    before = page.read_text(encoding="utf-8")
+    after = dressed(before)
+    assert "@media(max-width" in after.partition("</style>")[0]
+    assert after.partition("</style>")[2] == before.partition("</style>")[2]
 
 
 def test_tables_of_keys_tell_what_a_key_takes(monkeypatch):
