@@ -60,10 +60,10 @@ def test_what_an_effect_changes_a_little_is_drawn_beneath(monkeypatch, tmp_path)
         assert (tmp_path / f"{name}.svg").read_text(encoding="utf-8").count('id="axes_') == panels
 
 
-def test_prose_has_micrometres_and_cubes_as_they_are_printed():
+def test_prose_has_units_and_large_numbers_as_they_are_printed():
     for page in PAGES:
         prose = re.sub(r"(?s)```.*?```|`[^`]*`|(?m:^    .*?$)", "", page.read_text(encoding="utf-8"))
-        assert re.findall(r"\d um\b|\bm[23]/", prose) == [], page
+        assert re.findall(r"\d um\b|\bm[23]/|[\d)]e\d|\d_\d", prose) == [], page
 
 
 def test_numbers_of_tables_keep_their_units(monkeypatch):
