@@ -201,6 +201,16 @@ def test_a_damaged_result_is_refused_by_name_and_computed_again(pipeline, damage
     Manifest.read(folder)
 
 
+@pytest.mark.parametrize("content", ["[]", "5", '{"files": []}', None])
+def test_a_manifest_of_other_kinds_is_damaged(pipeline, content):
+    manifest = pipeline.run(a_case())["solve"].folder / "manifest.json"
+    manifest.write_text(content or json.dumps({**json.loads(manifest.read_text()), "files": []}))
+    with pytest.raises(StoreError, match=r"manifest\.json: (missing or )?damaged.*; run again"):
+        Manifest.read(manifest.parent)
+    pipeline.run(a_case())
+    assert pipeline.calls == ["solve"]
+
+
 def test_results_of_another_run_in_a_stage_s_folder_are_not_used(pipeline):
     other = pipeline.run(a_case(mu=0.5))["solve"].folder
     folder = pipeline.run(a_case())["solve"].folder
