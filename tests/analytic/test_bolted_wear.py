@@ -11,7 +11,7 @@ import fretflow as ff
 import numpy as np
 import pytest
 from fretflow.effects.bolted_cycle import BoltedCycle
-from fretflow.wear.asymptotic import find_asymptotic_shape
+from fretflow.wear.asymptotic import solve_asymptotic_shape
 
 K_W, MU = 1e-14, 0.5
 
@@ -53,7 +53,7 @@ def test_a_plate_under_a_force_wears_to_one_rate():
     cycle = BoltedCycle(plate(springs, areas, 60.0), 1e-8, mode=2)  # along x, 100 N, of which friction takes 30
     before = cycle.cycle(cycle.initial(), None)[0].mean_pressure
     assert np.ptp(before) > 0.5 * before.mean()
-    asymptotic = find_asymptotic_shape(cycle, K_W, 1e-9)
+    asymptotic = solve_asymptotic_shape(cycle, K_W, 1e-9)
     pressed = cycle.cycle(cycle.initial().after(1.0, asymptotic.depth, 0.0), None)[0].mean_pressure
     assert pressed == pytest.approx(60.0 / areas.sum(), rel=1e-3)
     assert areas @ asymptotic.depth == pytest.approx(1e-9, rel=1e-6)
@@ -66,6 +66,6 @@ def test_nodes_on_springs_wear_until_these_have_relaxed(structures):
     springs, limits = np.array([1e4, 2e4, 4e4]), np.array([1.0, 3.0, 2.0])  # each N at a friction of 1
     reduced = ff.reduce_structure(structures.sliders(springs, limits))
     joint = ff.BoltedJoint(structure=reduced, law=ff.Coulomb(1.0), bolt_load=1.0)
-    ended = find_asymptotic_shape(BoltedCycle(joint, 1e-2), K_W, 1.0)
+    ended = solve_asymptotic_shape(BoltedCycle(joint, 1e-2), K_W, 1.0)
     assert ended.rate == 0.0
     assert ended.depth == pytest.approx(limits / springs, rel=1e-6)

@@ -26,7 +26,7 @@ from fretflow.solvers.quasi_static.march import press_frictionless
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
-from fretflow.wear.asymptotic import find_asymptotic_shape
+from fretflow.wear.asymptotic import solve_asymptotic_shape
 from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
@@ -205,7 +205,7 @@ def test_the_uniformly_worn_face_is_the_closed_form():
     rate = K_W * Dragged.path * LOAD / (np.pi * b**2)
     errors = []
     for count in (6, 12):
-        face = find_asymptotic_shape(Dragged(count, 1.2 * b / count), K_W, volume)
+        face = solve_asymptotic_shape(Dragged(count, 1.2 * b / count), K_W, volume)
         errors.append(np.abs([face.depth.max() / middle - 1, face.rate / rate - 1]))
     assert np.all(errors[0] < [0.01, 0.02])
     assert np.all(errors[1] < 0.5 * errors[0])
@@ -216,7 +216,7 @@ def test_marching_tends_to_the_uniformly_worn_face():
     model = Dragged(6, CONTACT / 2)
     history = run_history(model, WearSettings(coefficient=K_W, cycles=12_000, scheme=WearScheme.IMPLICIT))
     area = [model.areas @ (rate > 0.0) for rate in history.rate]
-    distance = [find_asymptotic_shape(model, K_W, float(history.volume[k])).distance(history.depth[k])
+    distance = [solve_asymptotic_shape(model, K_W, float(history.volume[k])).distance(history.depth[k])
                 for k in (len(area) // 4, len(area) // 2, -1)]
     assert area[-1] > 4.0 * area[0]
     assert history.volume[-1] == pytest.approx(K_W * LOAD * model.path * 12_000, rel=1e-9, abs=0.0)

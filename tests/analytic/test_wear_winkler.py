@@ -12,7 +12,7 @@ from fretflow.case.config import WearScheme
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.wear.archard import split_between_faces, wear_rate
-from fretflow.wear.asymptotic import find_asymptotic_shape
+from fretflow.wear.asymptotic import solve_asymptotic_shape
 from fretflow.wear.cycle import CycleResponse, WearAlone, summarise_cycle
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearSettings
@@ -208,7 +208,7 @@ def test_split_between_faces_adds_up():
 
 def test_asymptotic_face_levels_the_gap():
     volume = 5e-13
-    face = find_asymptotic_shape(Winkler(), K_W, volume)
+    face = solve_asymptotic_shape(Winkler(), K_W, volume)
     level = volume / AREAS.sum() + WEIGHTS @ WAVE
     np.testing.assert_allclose(face.depth, level - WAVE, atol=1e-15)
     assert face.rate == pytest.approx(K_W * PATH * MEAN_PRESSURE, rel=1e-9, abs=0.0)
@@ -216,7 +216,7 @@ def test_asymptotic_face_levels_the_gap():
 
 def test_asymptotic_face_wears_nodes_apart_in_proportion_to_their_path():
     path = PATH * np.array([1.0, 2.0, 1.5, 1.0, 0.5, 1.0, 3.0])
-    face = find_asymptotic_shape(Winkler(path=path), K_W, 5e-12)
+    face = solve_asymptotic_shape(Winkler(path=path), K_W, 5e-12)
     pressure = LOAD / path / (AREAS @ (1.0 / path))  # uniform p s under the load
     shape = -WAVE - pressure / FOUNDATION
     np.testing.assert_allclose(face.depth - WEIGHTS @ face.depth, shape - WEIGHTS @ shape, atol=1e-13)
@@ -224,7 +224,7 @@ def test_asymptotic_face_wears_nodes_apart_in_proportion_to_their_path():
 
 def test_little_wear_leaves_the_valleys_unworn():
     deep = 100.0 * WAVE
-    face = find_asymptotic_shape(Winkler(gap=deep), K_W, 1e-12)
+    face = solve_asymptotic_shape(Winkler(gap=deep), K_W, 1e-12)
     worn = face.depth > 0.0
     assert worn.sum() == 3
     assert face.solves <= 3
@@ -239,7 +239,7 @@ def test_wear_beside_sticking_nodes_ends_when_they_carry_the_load():
     path = np.where(np.arange(7) < 3, 0.0, PATH)
     gap = np.zeros(7)
     touching = LOAD / FOUNDATION / AREAS[:3].sum()
-    face = find_asymptotic_shape(Winkler(gap=gap, path=path), K_W, 1.0)
+    face = solve_asymptotic_shape(Winkler(gap=gap, path=path), K_W, 1.0)
     np.testing.assert_allclose(face.depth, np.where(path > 0.0, touching, 0.0), rtol=1e-9)
     assert face.rate == 0.0
     settings = WearSettings(coefficient=K_W, cycles=10**9, scheme=WearScheme.IMPLICIT, vanishing_rate=1e-6)
@@ -263,9 +263,9 @@ def test_wear_ends_where_its_rate_has_fallen_as_far_as_asked(scheme, least):
 
 def test_asymptotic_face_needs_sliding_and_a_volume():
     with pytest.raises(InputError, match="nothing slides"):
-        find_asymptotic_shape(Winkler(path=0.0), K_W, 1e-12)
+        solve_asymptotic_shape(Winkler(path=0.0), K_W, 1e-12)
     with pytest.raises(InputError, match="volume must be positive"):
-        find_asymptotic_shape(Winkler(), K_W, 0.0)
+        solve_asymptotic_shape(Winkler(), K_W, 0.0)
 
 
 def test_without_sliding_the_history_ends_at_once():

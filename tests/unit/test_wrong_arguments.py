@@ -59,6 +59,7 @@ def right(tmp_path_factory):
                             "excitation": force},
         "StructureMatrices": bolted, "add_effects": {"folder": absent}, "catalogue": {},
         "continue_response": {"problem": problem, "start": 18.0, "stop": 19.0}, "diagnose": {"recording": absent},
+        "find_asymptotic_shape": {"problem": problem, "law": ff.Archard(1e-14), "volume": 1e-12},
         "follow_mode": {**backbone, "harmonics": 1}, "load_case": {"path": absent},
         "march_wear": {"problem": problem, "law": ff.Archard(1e-14), "cycles": 10},
         "parameter": {"default": 1.0, "meaning": "m: mass", "low": 0.5, "high": 2.0},

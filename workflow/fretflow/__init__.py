@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from fretflow.effects.bolted_cycle import BoltedCycle as BoltedCycle
     from fretflow.effects.catalogue import add_effects as add_effects
     from fretflow.effects.catalogue import catalogue as catalogue
+    from fretflow.effects.cycle import find_asymptotic_shape as find_asymptotic_shape
     from fretflow.effects.cycle import march_wear as march_wear
     from fretflow.effects.effect import ALL_KINDS as ALL_KINDS
     from fretflow.effects.effect import Block as Block

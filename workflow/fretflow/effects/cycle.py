@@ -21,7 +21,9 @@ from fretflow.solvers.fourier import time_derivative
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
 from fretflow.structure.internal_forces import force_beside_friction
 from fretflow.structure.sensors import Signals
+from fretflow.structure.structure import NORMAL_LOAD
 from fretflow.wear.archard import Archard
+from fretflow.wear.asymptotic import AsymptoticShape, solve_asymptotic_shape
 from fretflow.wear.cycle import CycleModel, CycleResponse, summarise_cycle
 from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
@@ -38,7 +40,6 @@ class PeriodicCycle:
     """
 
     state_type = PeriodicSolution
-    load_held = True
 
     def __init__(self, solver: PeriodicSolver, problem: PeriodicProblem, effects: Iterable[Effect] = ()) -> None:
         self.solver = solver
@@ -46,12 +47,18 @@ class PeriodicCycle:
         self.areas: NDArray[np.float64] = problem.interface.areas
         self.has_laws = any(_acts_over_cycles(effect) for effect in self.model.effects)
 
+    @cached_property
+    def load_held(self) -> bool:
+        """Return whether the normal load acts where nothing else holds the faces, as on the rig's arm."""
+        boundary = self.model.baseline.boundary
+        return bool(boundary.input_free[:, boundary.inputs.index(NORMAL_LOAD)].any())
+
     def initial(self) -> SlowState:
         """Return the start of the test."""
         return self.model.initial()
 
     def normal_flexibility(self, slow: SlowState) -> NDArray[np.float64]:
-        """Return the static normal flexibility of the faces, back faces held, (nodes, nodes), m/N."""
+        """Return the static normal flexibility of the faces, free coordinates held, (nodes, nodes), m/N."""
         problem, bare = self.model.problem(slow), self.model.baseline
         return self._bare_flexibility if problem.structure is bare.structure else _normal_flexibility(problem)
 
@@ -130,21 +137,76 @@ def march_wear(problem: PeriodicProblem | CycleModel[Any], law: Archard, cycles:
     >>> worn = ff.march_wear(problem, ff.Archard(1.1e-14), cycles=1_900_000)  # doctest: +SKIP
     >>> worn.arrays.volume.isel(cycles=-1)  # m^3  # doctest: +SKIP
     """
-    from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-
     known = sorted({one.name for one in fields(WearSettings)} - {"coefficient", "upper_share", "cycles"})
     for name in set(settings).difference(known):
         raise InputError(f"march_wear: there is no setting {name}; there are {', '.join(known)}"
                          f"{did_you_mean(name, known)}")
     asked = WearSettings(coefficient=law.coefficient, upper_share=law.upper_share, cycles=cycles,
                          **{"scheme": Wear().scheme, **settings})
-    model: CycleModel[Any] = problem if not isinstance(problem, PeriodicProblem) else PeriodicCycle(
-        solver or QuasiStaticSolver(Solver(estimate_error=False)), problem, effects)
-    return run_history(model, asked, None if folder is None else Path(folder), progress)
+    return run_history(_cycle_of(problem, effects, solver), asked, None if folder is None else Path(folder), progress)
+
+
+def find_asymptotic_shape(problem: PeriodicProblem | CycleModel[Any], law: Archard, volume: float, *,
+                          effects: Iterable[Effect] = (), solver: PeriodicSolver | None = None,
+                          tolerance: float = 1e-6) -> AsymptoticShape:
+    """Find the face that the contact of a joint wears to, without marching there.
+
+    Parameters
+    ----------
+    problem : PeriodicProblem or CycleModel
+        The unworn joint; a `BoltedCycle` is a bolted structure's.
+    law : Archard
+        Wear coefficient in m^2/N.
+    volume : float
+        Worn volume in m^3 at which to give the face; where wear ends before, the face is that at its end.
+    effects : iterable of Effect, optional
+        Physics beyond the baseline, none of which may follow laws over cycles.
+    solver : PeriodicSolver, optional
+        By default the quasi-static one.
+    tolerance : float
+        Largest accepted deviation of the rate from uniform, relative.
+
+    Returns
+    -------
+    AsymptoticShape
+        Depth in m at each node, rate in m a cycle, volume in m^3; ``distance`` tells how far a march is from it.
+
+    Raises
+    ------
+    InputError
+        If the volume is not positive, nothing slides, or laws over cycles act.
+    NonConvergenceError
+        If the rate does not become uniform, as where gross slip turns into partial slip on the way.
+
+    Notes
+    -----
+    All nodes that wear sink at one rate in the end, or carry nothing; see `fretflow.wear.asymptotic`.
+
+    Examples
+    --------
+    >>> import fretflow as ff
+    >>> worn = ff.march_wear(problem, ff.Archard(1.1e-14), cycles=1_900_000)  # doctest: +SKIP
+    >>> shape = ff.find_asymptotic_shape(problem, ff.Archard(1.1e-14), worn.volume[-1])  # doctest: +SKIP
+    >>> shape.distance(worn.depth[-1])  # doctest: +SKIP
+    """
+    return solve_asymptotic_shape(_cycle_of(problem, effects, solver), law.coefficient, volume, tolerance)
+
+
+def _cycle_of(problem: PeriodicProblem | CycleModel[Any], effects: Iterable[Effect], solver: PeriodicSolver | None
+              ) -> CycleModel[Any]:
+    from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+
+    if not isinstance(problem, PeriodicProblem):
+        return problem
+    return PeriodicCycle(solver or QuasiStaticSolver(Solver(estimate_error=False)), problem, effects)
 
 
 def _normal_flexibility(problem: PeriodicProblem) -> NDArray[np.float64]:
-    return problem.boundary.flexibility[2::3, 2::3]
+    boundary = problem.boundary
+    held, motion = boundary.flexibility[2::3, 2::3], boundary.motion[2::3]
+    if not motion.any():  # internal coordinates give way along the faces alone, as the rig's
+        return held
+    return np.asarray(held + motion @ np.linalg.solve(boundary.internal.stiffness, boundary.transfer[:, 2::3]))
 
 
 def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:

@@ -41,7 +41,7 @@ class AsymptoticShape:
         return float(np.abs(depth - self.depth).max() / self.depth.max())
 
 
-def find_asymptotic_shape(model: CycleModel[S], coefficient: float, volume: float, tolerance: float = 1e-6,
+def solve_asymptotic_shape(model: CycleModel[S], coefficient: float, volume: float, tolerance: float = 1e-6,
                           max_rounds: int = 60) -> AsymptoticShape:
     """Find the face that `model` wears to.
 

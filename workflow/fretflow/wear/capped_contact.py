@@ -73,6 +73,7 @@ def solve_capped_contact(contact: CappedContact, volume: float, worn: NDArray[np
     """
     wearable = np.isfinite(contact.cap)
     cap = np.where(wearable, contact.cap, 0.0)
+    worn, closed = worn & wearable, closed | (worn & ~wearable)
     ended = False
     for _ in range(MAX_SET_CHANGES):
         force, overlap, rate = _hold_sets(contact, cap, np.inf if ended else volume, worn, closed)
