@@ -86,6 +86,10 @@ class World:
         (self.clone / "fretflow").chmod(0o755)
         (self.clone / "pyproject.toml").write_text("[project]\n")
         (self.clone / "constraints.txt").write_text("rich==15\n")
+        commands = self.clone / "workflow" / "fretflow" / "cli"
+        commands.mkdir(parents=True)
+        for file in (PROJECT / "workflow" / "fretflow" / "cli").glob("*.py"):
+            (commands / file.name).write_text(file.read_text())
 
     def system(self, name: str, version: str) -> None:
         (self.root / "os-release").write_text(f'ID={name}\nVERSION_ID="{version}"\n')
@@ -141,22 +145,13 @@ def test_first_call_sets_up_and_hands_over(world):
     assert constraints.splitlines() == ["rich==15", "numpy==1.24.2"]
 
 
-def put_commands(world):
-    """Put the commands' files into the clone of `world`, whose system is none that the program runs on."""
-    room = world.clone / "workflow" / "fretflow" / "cli"
-    room.mkdir(parents=True)
-    for file in (PROJECT / "workflow" / "fretflow" / "cli").glob("*.py"):
-        (room / file.name).write_text(file.read_text())
-    world.system("slackware", "15")
-
-
 @pytest.mark.parametrize(("arguments", "words"), [
     (("run", "--help"), "until\n    last stage to run: mesh, reduce"),
     (("init", "-h"), "recording\n    file of loops, CSV"),
     (("response", "runs/test1", "--help"), "highest frequency"),
     (("test", "--help"), "ARGS go to pytest"), (("docs", "-h"), "ARGS go to sphinx-build")])
 def test_help_on_a_command_sets_nothing_up(world, arguments, words):
-    put_commands(world)
+    world.system("slackware", "15")  # none that the program runs on
     code, out, err = world.run(*arguments)
     assert (code, err, world.journal()) == (0, "", [])
     assert out.startswith(f"Usage: fretflow {arguments[0]} ")
@@ -167,11 +162,19 @@ def test_help_on_a_command_sets_nothing_up(world, arguments, words):
 
 @pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
 def test_help_alone_sets_nothing_up(world, arguments):
-    put_commands(world)
+    world.system("slackware", "15")  # none that the program runs on
     code, out, err = world.run(*arguments)
     assert (code, err, world.journal()) == (0, "", [])
     for name in ("calibrate", "diagnose", "effects", "init and show", "loops", "modes", "run", "trial", "verify"):
         assert f"\n  {name}: " in out
+    assert not (world.clone / ".venv").exists()
+
+
+@pytest.mark.parametrize("arguments", [("diagnoze", "--help"), ("runs/test1",)])
+def test_an_unknown_command_sets_nothing_up(world, arguments):
+    code, out, err = world.run(*arguments)
+    assert (code, out, world.journal()) == (2, "", [])
+    assert err == f'fretflow: Unknown command "{arguments[0]}"; `fretflow --help` tells what there is\n'
     assert not (world.clone / ".venv").exists()
 
 
