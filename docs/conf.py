@@ -1,5 +1,6 @@
 """The site: Sphinx with MyST pages; `pages` makes some of them from the code, sphinx-gallery runs the scripts."""
 
+import logging
 import sys
 import warnings
 from importlib.metadata import version as installed
@@ -53,3 +54,5 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
 }
 warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive", category=UserWarning)
+# A style for code, on its import, lets every library print what it does.
+logging.getLogger("matplotlib").setLevel(logging.WARNING)

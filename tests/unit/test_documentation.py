@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -58,6 +60,15 @@ def test_what_an_effect_changes_a_little_is_drawn_beneath(monkeypatch, tmp_path)
     for name, panels in (("viscous", 2), ("friction-run-in", 1)):
         draw_picture(catalogue()[name], tmp_path / f"{name}.svg")
         assert (tmp_path / f"{name}.svg").read_text(encoding="utf-8").count('id="axes_') == panels
+
+
+def test_the_site_is_built_without_the_notes_of_libraries():
+    """A style for code that the theme asks for opens the log, on its import, to notes as of animations."""
+    pytest.importorskip("a11y_pygments")
+    script = (f"import a11y_pygments, logging, runpy; runpy.run_path({str(PROJECT / 'docs' / 'conf.py')!r}); "
+              "logging.getLogger('matplotlib.animation').info('x')")
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stderr == ""
 
 
 def test_prose_has_units_and_large_numbers_as_they_are_printed():
