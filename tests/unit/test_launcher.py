@@ -282,7 +282,7 @@ def test_neither_root_nor_sudo(world, sudo):
     assert code == 2
     last = err.splitlines()[-1]
     assert "neither root nor allowed to use sudo" in last
-    assert "apt-get install --no-install-recommends ca-certificates" in last
+    assert "run: apt-get update && apt-get install --no-install-recommends ca-certificates" in last
     assert world.journal() == []
 
 
