@@ -7,6 +7,7 @@ import ast
 import doctest
 import importlib
 import inspect
+import os
 import re
 import runpy
 import subprocess
@@ -154,3 +155,15 @@ def test_results_of_a_stage_that_was_not_run_are_refused_with_the_way_out(tmp_pa
         results.loops  # noqa: B018
     assert results.curves == {}
     assert results.summary == {}
+
+
+@pytest.mark.parametrize(("before", "given", "threads"), [
+    ("", {}, "1"), ("", {"OPENBLAS_NUM_THREADS": "2"}, "2"), ("", {"OMP_NUM_THREADS": "2"}, "None"),
+    ("import numpy; ", {}, "None")])
+def test_a_script_solves_with_one_blas_thread_unless_told_otherwise(before, given, threads):
+    """A second thread made `examples/matrices.py` five times as slow on a machine that had other work."""
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    script = f"{before}import fretflow, os; print(os.environ.get('OPENBLAS_NUM_THREADS'))"
+    done = subprocess.run([sys.executable, "-c", script], env=environment | given, capture_output=True, text=True,
+                          check=True, timeout=60)
+    assert done.stdout.strip() == threads

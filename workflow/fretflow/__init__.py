@@ -3,13 +3,21 @@
 ``import fretflow as ff`` gives the names below; each is imported when it is first used, so that the import itself and
 the command line start at once. Everything is in SI. ``docs/architecture.md`` tells how the parts fit together, and
 ``examples/`` shows them at work.
+
+The import gives OpenBLAS one thread, unless the environment says how many or NumPy is there already: the contact's
+matrices have a few hundred rows, where a second thread waits more than it works.
 """
 
 import ast
+import os
+import sys
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
+
+if not {"numpy", "scipy"} & sys.modules.keys() and "OMP_NUM_THREADS" not in os.environ:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from fretflow.case.config import Case as Case
