@@ -32,6 +32,14 @@ def compiled(function: Compiled) -> Compiled:
     return cast(Compiled, made)
 
 
+def is_compiled(made: Any) -> bool:
+    """Tell whether a compiled function's machine code is there, so that its first call need not wait for it."""
+    if not hasattr(made, "_cache"):  # compiling is switched off
+        return True
+    kept = getattr(made._cache, "_cache_file", None)  # None where there is no folder for it
+    return bool(made.signatures or (kept and kept._load_index()))
+
+
 def _take_constants_as_values(made: Any) -> None:
     """Let no constant argument make a version of its own, whose compilation would take as long again."""
     if not hasattr(made, "get_call_template"):  # compiling is switched off

@@ -192,12 +192,15 @@ def _solve_slice(case: Case) -> list[object]:
 
 def _solve(context: StageContext) -> Figures:
     """Write ``solution.h5`` (PeriodicSolution) and ``rig_modes.h5`` (RigModes)."""
+    from fretflow.contact.kernels.march import march
+    from fretflow.core.compiled import is_compiled
     from fretflow.pipeline.problem import make_model
     from fretflow.solvers.quasi_static.solver import sliding_distance
     from fretflow.solvers.solve import make_solver
     from fretflow.structure.two_mass_rig.lumped import RigModes
 
-    context.progress(0.0, "finding the steady period")
+    context.progress(0.0, "finding the steady period" if is_compiled(march) else
+                     "compiling the inner loops, once")
     model = make_model(context.case, context.inputs["reduce"])
     problem = model.problem(model.initial())
     solution = make_solver(context.case.solver, estimate_error=True).solve(problem)
