@@ -299,6 +299,20 @@ def test_faces_on_springs_relax_by_all_that_gives_way():
     assert ended.rate == 0.0
 
 
+def test_a_load_on_a_body_that_nothing_else_holds_is_held():
+    """The lower bar without its spring along z; the flexibility of what strains it is told but for its own motion."""
+    stiffness, mass, rows = matrices()
+    stiffness[-1, -1] -= 1e7
+    joint = Joint.from_matrices(stiffness, mass, contact_map=rows, modal_damping=0.02)
+    given = replace(problem(60.0, 60.0), structure=joint, excitation=Harmonic(60.0, {}))
+    cycle = PeriodicCycle(QuasiStaticSolver(Solver()), given)
+    assert cycle.load_held
+    between = np.eye(FACES)[:-1] - np.eye(FACES)[1:]  # differences of nodes' forces, which move no body
+    exact = rows[2::3] @ np.linalg.pinv(stiffness) @ rows[2::3].T
+    own = cycle.normal_flexibility(cycle.initial())
+    assert between @ own @ between.T == pytest.approx(between @ exact @ between.T, rel=1e-6)
+
+
 def test_nothing_that_moves_is_seen_by_a_contact_of_its_own():
     """Uncoupled DOF were an error of numpy's."""
     joint = Joint.from_matrices(1e6 * np.eye(6), np.diag([1.0] * 3 + [1e-3] * 3), contact=[1], observe={"free": 0})

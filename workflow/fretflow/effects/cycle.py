@@ -29,6 +29,8 @@ from fretflow.wear.history import WearHistory, WearSettings
 from fretflow.wear.march import run_history
 from fretflow.wear.slow import SlowState
 
+ROUND_OFF = 1e-9  # of the largest number: reduced matrices are as exact
+
 
 class PeriodicCycle:
     """A `wear.CycleModel` made of a periodic solver, the unworn problem and effects, in any order.
@@ -51,7 +53,10 @@ class PeriodicCycle:
     def load_held(self) -> bool:
         """Return whether the normal load acts where nothing else holds the faces, as on the rig's arm."""
         boundary = self.model.baseline.boundary
-        return bool(boundary.input_free[:, boundary.inputs.index(NORMAL_LOAD)].any())
+        motion, stiffness = boundary.motion[2::3], boundary.internal.stiffness
+        unstrained = motion - motion @ _inverse(stiffness) @ stiffness if motion.any() else motion
+        return bool(boundary.input_free[:, boundary.inputs.index(NORMAL_LOAD)].any()
+                    or np.any(np.abs(unstrained) > ROUND_OFF * np.abs(motion).max(initial=0.0)))
 
     def initial(self) -> SlowState:
         """Return the start of the test."""
@@ -206,7 +211,12 @@ def _normal_flexibility(problem: PeriodicProblem) -> NDArray[np.float64]:
     held, motion = boundary.flexibility[2::3, 2::3], boundary.motion[2::3]
     if not motion.any():  # internal coordinates give way along the faces alone, as the rig's
         return held
-    return np.asarray(held + motion @ np.linalg.solve(boundary.internal.stiffness, boundary.transfer[:, 2::3]))
+    return np.asarray(held + motion @ _inverse(boundary.internal.stiffness) @ boundary.transfer[:, 2::3])
+
+
+def _inverse(stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse (d, d) of a stiffness on what strains it: a load on the rest is held, and moves it at will."""
+    return np.asarray(np.linalg.pinv(stiffness, rcond=ROUND_OFF, hermitian=True))
 
 
 def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
