@@ -215,7 +215,7 @@ def _normal_flexibility(problem: PeriodicProblem) -> NDArray[np.float64]:
 
 
 def _inverse(stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse (d, d) of a stiffness on what strains it: a load on the rest is held, and moves it at will."""
+    """Return the inverse (d, d) of a stiffness on the motions that strain it; the others no load is known to move."""
     return np.asarray(np.linalg.pinv(stiffness, rcond=ROUND_OFF, hermitian=True))
 
 

@@ -42,7 +42,7 @@ class AsymptoticShape:
 
 
 def solve_asymptotic_shape(model: CycleModel[S], coefficient: float, volume: float, tolerance: float = 1e-6,
-                          max_rounds: int = 60) -> AsymptoticShape:
+                           max_rounds: int = 60) -> AsymptoticShape:
     """Find the face that `model` wears to.
 
     Parameters
