@@ -51,9 +51,5 @@ def execute(arguments: list[str]) -> int:
 
 
 def _limit_threads() -> None:
-    """Give BLAS one thread, unless the user has chosen; before NumPy loads it.
-
-    The contact's matrices have a few hundred rows: a second thread spends ten times what it gains on waiting.
-    """
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
+    """Give libraries one thread, as the import of `fretflow` gave OpenBLAS, unless the user has chosen."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
