@@ -13,6 +13,7 @@ from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.wear.archard import split_between_faces, wear_rate
 from fretflow.wear.asymptotic import solve_asymptotic_shape
+from fretflow.wear.capped_contact import CappedContact, solve_capped_contact
 from fretflow.wear.cycle import CycleResponse, WearAlone, summarise_cycle
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearSettings
@@ -259,6 +260,17 @@ def test_wear_ends_where_its_rate_has_fallen_as_far_as_asked(scheme, least):
     assert history.stopped_by == "vanishing rate"
     assert np.all(share[:-1] > least)
     assert 0.0 < share[-1] <= least
+
+
+def test_nodes_that_have_come_to_stick_wear_no_more():
+    """Three nodes on springs of their own: those that stick, though begun as worn, carry all of their springs' load."""
+    springs, overlap, area, volume = 1e7, 1e-5, 1e-6, 1e-12
+    contact = CappedContact(np.eye(3) / springs, np.full(3, -overlap), np.array([np.inf, 1e13, np.inf]),
+                            np.full(3, area), None)
+    worn = np.array([True, False, True])
+    face = solve_capped_contact(contact, volume, worn, ~worn)
+    np.testing.assert_allclose(face.depth, [0.0, volume / area, 0.0], rtol=1e-9)
+    np.testing.assert_allclose(face.force, springs * (overlap - face.depth), rtol=1e-9)
 
 
 def test_asymptotic_face_needs_sliding_and_a_volume():
