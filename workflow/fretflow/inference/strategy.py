@@ -137,7 +137,8 @@ def allow_for_chance(search: Search) -> None:
     """Fit sets that leave something to chance under that as an error: under others alone, parameters take it up.
 
     They are begun where they are fitted; single effects in the middle of their ranges too, beside the baseline: where
-    they are fitted under other errors they may do nothing, and how probable they are does not show.
+    they are fitted under other errors they may do nothing, and how probable they are does not show. What promises no
+    more there than others reach without chance is hopeless.
     """
     middles = {}
     for names in search.best(1):
@@ -145,13 +146,16 @@ def allow_for_chance(search: Search) -> None:
         there[:len(search.baseline.z)] = search.baseline.z
         if search.by_chance(names).shape[1]:
             middles[names] = Task(search.fitter_of(names), replace(point, z=there), search.fits[names].prediction, 0)
-    for fit in search.pool(fit_task, list(middles.values())):
+    begun = dict(zip(middles, search.pool(fit_task, list(middles.values())), strict=True))
+    for fit in begun.values():
         if fit is not None:
             search.keep_more_probable(fit)
     sets = [names for names in may_hold(search, [*search.best(1), *search.best(2)[:search.effort.bases]])
             if search.by_chance(names).shape[1]]
-    tasks = [replace(search.further(search.fits[names], search.effort.last_steps // 2), slopes=None) for names in sets]
-    tasks += [replace(middles[names], steps=search.effort.last_steps // 2) for names in sets if names in middles]
+    starts = [fit for names in sets for fit in (search.fits[names], begun.get(names)) if fit is not None]
+    reached = min(fit.objective for fit in search.fits.values())
+    tasks = [replace(search.further(fit, search.effort.last_steps // 2), slopes=None) for fit in starts
+             if under_chance(search.maker(fit), fit).promise < reached]
     for fit in search.pool(chance_task, tasks):
         if fit is not None:
             search.keep_more_probable(fit)
@@ -159,16 +163,27 @@ def allow_for_chance(search: Search) -> None:
 
 def chance_task(task: Task) -> Fit | None:
     """Return a fit under what it leaves to chance, which goes with the parameters; None if it has no solution."""
-    fitter, near, known = task.fitter, task.near, task.fitter.covariance
+    fitter, near = task.fitter, task.near
     try:
         near = fitter.experiment.predict(task.point, near)
         for _ in range(2):
-            under = Covariance(known.variance, np.hstack([known.modes, fitter.experiment.by_chance(near)]))
-            fit = replace(fitter, covariance=under).fit(near.point, near, task.steps)
+            fit = allowing_chance(fitter, near).fit(near.point, near, task.steps)
             near = fit.prediction
     except NonConvergenceError:
         return None
     return replace(fitter.linearised(near, fit.jacobian), converged=fit.converged)
+
+
+def under_chance(fitter: Fitter, fit: Fit) -> Fit:
+    """Return a fit as it stands, under what it leaves to chance as well."""
+    return allowing_chance(fitter, fit.prediction).linearised(fit.prediction, fit.jacobian)
+
+
+def allowing_chance(fitter: Fitter, at: Prediction) -> Fitter:
+    """Return a fitter under what a prediction leaves to chance as well."""
+    known = fitter.covariance
+    return replace(fitter, covariance=Covariance(
+        known.variance, np.hstack([known.modes, fitter.experiment.by_chance(at)])))
 
 
 def correct(search: Search, of: Sequence[int]) -> None:
