@@ -17,6 +17,7 @@ from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.search import FAST, Search, log_gain
 from fretflow.inference.strategy import (
+    allow_for_chance,
     begin_all,
     begin_elsewhere,
     beginnings_beside,
@@ -59,6 +60,37 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
     fit = search.fits[frozenset({"viscous"})]
     assert fit.z[1] == pytest.approx(1.3247, abs=0.005)  # the real root of t^3 - t = 1
     assert fit.chi_squared < 0.01 * search.baseline.chi_squared
+
+
+@dataclass(frozen=True)
+class Scattered(Waves):
+    """Waves of which one comes with a ripple whose size is left to chance."""
+
+    def by_chance(self, prediction: Prediction) -> Array:
+        """Return the ripple of a standard deviation, where the wave is."""
+        ripple = 0.3 * np.sin(14.0 * np.pi * self.measurement.phase)[:, None]
+        return ripple if "viscous" in prediction.point.effects else ripple[:, :0]
+
+
+@pytest.mark.parametrize(("made", "fitted"), [("viscous", True), ("support-nonlinearity", False)])
+def test_what_is_left_to_chance_is_fitted_where_it_promises_more_than_others_reach(made: str, fitted: bool) -> None:
+    """Nothing that is listed explains all, so that every set may hold a share."""
+    values = cosine() + wave(made) + 0.4 * np.sin(14.0 * np.pi * measurement().phase) + 0.3 * wave("sensor-inertia")
+    experiment = Scattered(measurement(values), ("viscous", "support-nonlinearity"))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    asked: list[str] = []
+
+    def pool(function: Any, arguments: Sequence[Any]) -> list[Any]:
+        asked.extend(function.__name__ for _ in arguments)
+        return [function(one) for one in arguments]
+
+    search = start_search(experiment, first, FAST, pool)
+    begin_all(search)
+    assert {frozenset({"viscous"}), frozenset({"support-nonlinearity"})} < set(search.fits)
+    assert not strategy.is_explained(search)
+    asked.clear()
+    allow_for_chance(search)
+    assert ("chance_task" in asked) == fitted
 
 
 @pytest.mark.parametrize(("height", "left", "baselines"), [

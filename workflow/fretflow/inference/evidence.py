@@ -100,8 +100,8 @@ class Discrepancy:
         """
         form, sigma, tau = sizes
         common, single = smooth_functions(self.measurement)
-        own = self.measurement.covariance()
-        return Covariance(own.variance, np.hstack([own.modes, sigma * common, tau * single, form * formed, chance]))
+        return self.measurement.covariance().with_modes(
+            np.hstack([sigma * common, tau * single, form * formed, chance]))
 
     def evidence(self, fit: Fit, formed: Array | None = None, chance: Array | None = None) -> Evidence:
         """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change.

@@ -227,6 +227,10 @@ class Covariance:
         """Return the log of the density of no error at all, up to a constant; wide errors make it small."""
         return float(np.sum(np.log1p(-self._shared[1])) - 0.5 * np.sum(np.log(self.variance)))
 
+    def with_modes(self, modes: Array) -> Covariance:
+        """Return the same with further shared `modes` (M, any)."""
+        return Covariance(self.variance, np.hstack([self.modes, modes]))
+
     def hiding(self, rows: NDArray[np.bool_]) -> Covariance:
         """Return the same with errors of some rows (M,) without bound, so that these tell nothing."""
         return Covariance(np.where(rows, np.inf, self.variance), self.modes)

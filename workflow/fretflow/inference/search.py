@@ -187,7 +187,7 @@ class Search:
         """Return what a set leaves under the errors of measurement and code, and what it leaves to chance."""
         own, chance = self.discrepancy.covariance, self.by_chance(names)
         if chance.shape[1]:
-            own = Covariance(own.variance, np.hstack([own.modes, chance]))
+            own = own.with_modes(chance)
         rest = own.whiten(self.experiment.measurement.values - self.fits[names].predicted)
         return float(rest @ rest)
 

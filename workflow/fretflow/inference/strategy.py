@@ -27,7 +27,7 @@ from fretflow.inference.beginnings import (
     weigh_task,
     without,
 )
-from fretflow.inference.experiment import Covariance, Experiment, Prediction
+from fretflow.inference.experiment import Experiment, Prediction
 from fretflow.inference.least_squares import ENOUGH, Fit, Fitter
 from fretflow.inference.parameters import FARTHEST, Array, is_bent
 from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
@@ -181,9 +181,7 @@ def under_chance(fitter: Fitter, fit: Fit) -> Fit:
 
 def allowing_chance(fitter: Fitter, at: Prediction) -> Fitter:
     """Return a fitter under what a prediction leaves to chance as well."""
-    known = fitter.covariance
-    return replace(fitter, covariance=Covariance(
-        known.variance, np.hstack([known.modes, fitter.experiment.by_chance(at)])))
+    return replace(fitter, covariance=fitter.covariance.with_modes(fitter.experiment.by_chance(at)))
 
 
 def correct(search: Search, of: Sequence[int]) -> None:

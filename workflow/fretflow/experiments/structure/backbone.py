@@ -14,7 +14,7 @@ from fretflow.experiments.structure.experiment import THIRDS, StructureExperimen
 from fretflow.experiments.structure.observation import MATRICES
 from fretflow.experiments.structure.responses import response_curves
 from fretflow.inference.decision import Decision
-from fretflow.inference.experiment import Covariance, Prediction
+from fretflow.inference.experiment import Prediction
 from fretflow.inference.search import Names, Search, Task
 from fretflow.inference.strategy import chance_task
 from fretflow.inference.verdict import FALSE_ALARMS, HeldOut, Location, MeasuredCurve, Place, Remainder, Verdict
@@ -53,9 +53,9 @@ def held_out(experiment: StructureExperiment, search: Search, names: Names) -> H
         except NonConvergenceError:
             return None
         # the draw is one at all amplitudes, as other errors in common are: what is fitted tells it
-        shared = np.hstack([own.covariance().modes, model.by_chance(predicted)])
+        known = own.covariance().with_modes(model.by_chance(predicted))
         rest = own.values - predicted.values
-        rest -= shared @ Covariance(own.variance, shared).hiding(last).shared(rest)
+        rest -= known.modes @ known.hiding(last).shared(rest)
         rest = rest[last] / np.sqrt(own.variance[last])
         sizes.append(float(np.sqrt(np.mean(rest**2))))
     above = pretty_quantity(float(experiment.points.amplitude[head - 1]), experiment.recorded.amplitude_unit, 3)
