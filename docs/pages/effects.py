@@ -25,12 +25,10 @@ def write_effects() -> None:
 def effect_page(name: str, kind: Any) -> str:
     """Return the page of one effect."""
     from fretflow.effects.catalogue import catalogue
-    from fretflow.effects.effect import ALL_KINDS
     from fretflow.inference.words import EVERYTHING
 
     known = catalogue()
-    where = "all kinds of recordings" if kind.kinds == ALL_KINDS else "recordings of " + ", ".join(
-        f"`{each}`" for each in sorted(kind.kinds))
+    where = "recordings of " + ", ".join(f"`{each}`" for each in sorted(kind.kinds))
     facts = [f"Changes the **{kind.block}**; known in {where}.",
              *(["Recordings that lack time tell nothing of it."] if kind.needs_time else [])]
     equation = f"$$\n{kind.formula}\n$$" if kind.formula else f"`{kind.equation}`"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import RecordedSize
+from fretflow.effects.effect import STRUCTURE, RecordedSize
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import reduce_structure
@@ -31,6 +31,8 @@ def curve(joint):
 def test_the_effects_that_act_are_those_that_were_asked_for():
     assert set(ACTING) >= {"contact-stiffness", "distributed-micro-slip", "initial-gap", "load-dependent-friction",
                            "joint-damping", "bolt-load-spread", "bending-gap"}
+    assert {name: STRUCTURE in catalogue()[name].kinds for name in ACTING} == dict.fromkeys(ACTING, True)  # as is told
+    assert STRUCTURE not in catalogue()["contact-stiffness-evolution"].kinds
 
 
 @pytest.mark.parametrize("name", ACTING)

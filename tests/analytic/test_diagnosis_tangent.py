@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.effects.contact_stiffness_evolution import ContactStiffnessEvolution
-from fretflow.effects.distributed_micro_slip import DistributedMicroSlip
+from fretflow.effects.distributed_micro_slip import places
 from fretflow.effects.normal_load_coupling import NormalLoadCoupling
 from fretflow.experiments.rig import model as rig_model
 from fretflow.experiments.rig.experiment import BASELINE, RigExperiment, hypothesis
 from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.experiments.rig.tangent import neighbours
-from fretflow.inference.experiment import Point
+from fretflow.inference.experiment import Point, jacobian
 from fretflow.inference.parameters import Parameters
 from fretflow.recordings.schema import SweepCondition
 
@@ -117,33 +117,38 @@ def test_friction_that_runs_in_by_energy_follows_the_energy_of_another_mass(rig)
         assert np.linalg.norm(missed[rows]) < 0.1 * np.linalg.norm(difference[rows]), channel
 
 
-class Shuffled(DistributedMicroSlip):
-    """The same limits on other nodes."""
+def test_what_chance_decides_has_a_coordinate_for_each_place(rig):
+    """Another face with the same limits is this one with every place so many standard deviations off its own.
 
-    def period(self, problem, slow):
-        """Turn the order of the nodes' friction coefficients."""
-        law = super().period(problem, slow).law
-        return replace(problem, law=replace(law, friction_coefficient=np.roll(law.friction_coefficient, 2)))
-
-
-def test_what_chance_decides_is_told_by_what_each_node_may_do(rig):
-    """Another face with the same limits is this one with every node so many standard deviations off its own."""
+    What each place's limit does is told by one march.
+    """
     size = len(rig.observation.values)
     experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)))
-    point = Point(Parameters.of(BASELINE, ["distributed-micro-slip"]), np.r_[np.zeros(len(BASELINE)), -1.3, 0.0])
-    base = experiment.predict(point)
+    space = experiment.parameters(["distributed-micro-slip"])
+    point = Point(space, np.where(space.own("distributed-micro-slip") & ~space.chances, [-1.3], 0.0))
     (even,) = hypothesis(point).effects
-    limits = even.period(rig.problem, None).friction_coefficient
-    off = (np.roll(limits, 2) - limits) / limits.std()
-    told = experiment.by_chance(base) @ off
-    shuffled = replace(hypothesis(point), effects=(Shuffled(spread=even.spread, power=even.power),))
-    simulated = rig.predict(rig.simulate(shuffled)) - base.values
-    for channel in ("displacement", "friction_force"):
-        rows = np.hstack([np.arange(size)[one.place] for one in rig.observation.pieces if one.channel == channel])
-        missed = np.linalg.norm(told[rows] - simulated[rows])
-        assert missed < 0.3 * np.linalg.norm(simulated[rows]), channel  # limits are a seventh apart, and shift pressure
-    without = experiment.predict(Point(Parameters.of(BASELINE, ()), np.zeros(len(BASELINE))))
-    assert experiment.by_chance(without).shape == (size, 0)
+    problem, at = rig.problem, places(rig.problem.interface)
+    limits = even._limits(len(at), 0)[np.argsort(np.argsort(at))]
+    off = np.zeros(even.chances)
+    off[at] = (np.roll(limits, 2) - limits) / limits.std()
+    there = Point(space, point.z.copy())
+    there.z[space.chances] = off
+    (other,) = hypothesis(there).effects
+    friction, areas = np.roll(even.period(problem, None).friction_coefficient, 2), problem.interface.areas
+    friction *= problem.friction_coefficient * areas.sum() / (friction @ areas)
+    np.testing.assert_allclose(other.period(problem, None).friction_coefficient, friction, rtol=1e-9)
+    base = experiment.predict(point)
+    slopes = jacobian(experiment, base)
+    for place in np.flatnonzero(space.chances)[at[:3]]:  # others move less
+        step = 0.2 * np.eye(space.size)[place]
+        more, less = (experiment.predict(Point(space, point.z + way * step), base).values for way in (1.0, -1.0))
+        simulated = (more - less) / 0.4
+        for channel in ("displacement", "friction_force"):
+            rows = np.hstack([np.arange(size)[one.place] for one in rig.observation.pieces if one.channel == channel])
+            missed = np.linalg.norm(slopes[rows, place] - simulated[rows])
+            assert missed < 0.1 * np.linalg.norm(simulated[rows]), channel
+    assert experiment.corrected(base) is None  # on another mesh it would be another face
+    assert not experiment.parameters(()).chances.any()
 
 
 def test_what_sensors_alone_change_is_exact_of_a_prediction_with_finer_wear_steps(rig, monkeypatch):

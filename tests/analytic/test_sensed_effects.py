@@ -5,6 +5,7 @@ with the shifted function, the slope of a leaning loop is read by the reader of 
 nodes is summed by a plain march.
 """
 
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -186,3 +187,18 @@ def test_friction_that_is_spread_over_nodes_is_the_sum_of_their_sliders(bare):
     assert solution.friction_force == pytest.approx(np.array(summed[-128:]), abs=1e-6)
     smooth = QuasiStaticSolver(Solver(harmonics=25, samples=128, estimate_error=False)).solve(bare)
     assert np.abs(solution.friction_force - smooth.friction_force).max() > 2.0
+
+
+def test_the_places_of_a_face_have_the_same_limits_on_every_mesh(bare):
+    """A finer mesh has more nodes in each place, and nodes that lie nowhere follow one another."""
+    effect, found = DistributedMicroSlip(spread=0.7, power=2.0), []
+    for side in (5, 9, 17):
+        x, y = (one.ravel() for one in np.meshgrid(*2 * [np.linspace(0.0, 1e-3, side)], indexing="ij"))
+        face = Interface(nodes=np.column_stack([x, y]), areas=np.full(side**2, 1e-6 / side**2), gap=np.zeros(side**2))
+        problem = effect.period(replace(bare, interface=face), None)
+        at_lattice = problem.friction_coefficient.reshape(side, side)[::(side - 1) // 4, ::(side - 1) // 4]
+        found.append(at_lattice / at_lattice.mean())
+        assert len(np.unique(np.round(problem.friction_coefficient, 12))) == 25
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)
+    np.testing.assert_allclose(found[2], found[0], rtol=1e-12)
+    np.testing.assert_allclose(np.sort(found[0].ravel()), effect.shares((np.arange(25) + 0.5) / 25), rtol=2e-2)

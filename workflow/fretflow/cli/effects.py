@@ -85,9 +85,7 @@ def _show(name: str, kind: type[Effect], out: Path) -> None:
 
 
 def _kinds(kind: type[Effect]) -> str:
-    from fretflow.effects.effect import ALL_KINDS
-
-    return "all kinds" if kind.kinds == ALL_KINDS else ", ".join(sorted(map(str, kind.kinds)))
+    return ", ".join(sorted(map(str, kind.kinds)))
 
 
 def _acts(kind: type[Effect]) -> str:

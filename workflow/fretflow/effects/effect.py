@@ -195,6 +195,7 @@ class Effect(Section):
     over_cycles: ClassVar[bool] = False  # whether `period` follows cycles, energy or memory
     acts_at: ClassVar[int] = 0  # when `period` acts: 1 after those that change gap, load or layers, which it depends on
     first_order: ClassVar[bool] = True  # whether its change of the data tells how the period will change
+    chances: ClassVar[int] = 0  # how many things it leaves to chance within a period: `drawn` takes them
     sensed_at: ClassVar[int] = 0  # where `sense` acts: 0 at the joint, 1 in the force path, 2 in the channels
 
     @classmethod
@@ -238,9 +239,9 @@ class Effect(Section):
         """
         return problem
 
-    def by_chance(self, nodes: int) -> tuple[Self, ...]:
-        """Return the effect with each of what it leaves to chance on so many nodes a standard deviation off."""
-        return ()
+    def drawn(self, deviations: Array) -> Self:
+        """Return the effect with each of the `chances` that it leaves so many standard deviations off."""
+        return self
 
     # In a bolted structure whose modes are recorded over their amplitude
 

@@ -167,7 +167,7 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
                 first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
                 end = norm.isf(0.5 * LEVEL)
                 yield from (Point(space, middle + at * first) for at in np.linspace(-end, end, FINE))
-            for place in np.flatnonzero(space.own(name)):
+            for place in np.flatnonzero(space.own(name) & ~space.chances):
                 for quartile in norm.interval(0.5):
                     yield Point(space, middle + 2.0 * quartile * np.eye(len(middle))[place])
 

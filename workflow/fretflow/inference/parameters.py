@@ -39,13 +39,16 @@ class Coordinate:
     lowest: float = -math.inf
     highest: float = math.inf
     sign: float = 1.0
+    chance: bool = False  # whether it is one of those that an effect leaves to chance, and nobody asks for
 
     @classmethod
-    def within(cls, effect: str, field: str, low: float, high: float, logarithmic: bool, *limits: float) -> Coordinate:
-        """Return a parameter that lies in a range by 90 %; `limits` are lowest, highest and sign."""
+    def within(cls, effect: str, field: str, low: float, high: float, logarithmic: bool, lowest: float = -math.inf,
+               highest: float = math.inf, sign: float = 1.0) -> Coordinate:
+        """Return a parameter that lies in a range by 90 %."""
         if logarithmic:
             low, high = math.log(low), math.log(high)
-        return cls(effect, field, 0.5 * (low + high), (high - low) / (2.0 * HALF), logarithmic, *limits)
+        return cls(effect, field, 0.5 * (low + high), (high - low) / (2.0 * HALF), logarithmic, lowest,
+                   highest, sign)
 
     @property
     def name(self) -> str:
@@ -86,7 +89,7 @@ class Parameters:
 
     @classmethod
     def of(cls, baseline: Sequence[Coordinate], effects: Sequence[str], signs: Mapping[str, float] | None = None,
-           scaled: Scaled | None = None) -> Parameters:
+           scaled: Scaled | None = None, chances: bool = False) -> Parameters:
         """Return the coordinates of a baseline with `effects`.
 
         Parameters
@@ -99,10 +102,14 @@ class Parameters:
             Those of parameters that may have either, by full name; positive where not given.
         scaled
             Ranges of the catalogue, which are a fretting rig's, at the size of what was measured.
+        chances
+            Whether what effects leave to chance within a period has coordinates as well.
         """
         own = list(baseline)
         for name in sorted(effects):
             own += _of_effect(catalogue()[name], signs or {}, scaled)
+            own += [Coordinate(name, str(number), 0.0, 1.0, False, chance=True)
+                    for number in range(catalogue()[name].chances if chances else 0)]
         return cls(tuple(sorted(effects)), tuple(own), dict(signs or {}))
 
     @property
@@ -114,13 +121,20 @@ class Parameters:
         """Return the parameters' values in SI by effect (none: the baseline) and field at coordinates z (size,)."""
         values: dict[str, dict[str, float]] = {name: {} for name in ("", *self.effects)}
         for coordinate, at in zip(self.coordinates, z, strict=True):
-            values[coordinate.effect][coordinate.field] = coordinate.value(float(at))
+            if not coordinate.chance:
+                values[coordinate.effect][coordinate.field] = coordinate.value(float(at))
         return values
 
     def built(self, z: Array) -> tuple[Effect, ...]:
         """Return the effects at coordinates z (size,)."""
         values = self.values(z)
-        return tuple(catalogue()[name]().changed(**values[name]) for name in self.effects)
+        return tuple(catalogue()[name]().changed(**values[name]).drawn(z[self.own(name) & self.chances])
+                     for name in self.effects)
+
+    @property
+    def chances(self) -> NDArray[np.bool_]:
+        """Return which coordinates (size,) are of what effects leave to chance."""
+        return np.array([one.chance for one in self.coordinates], dtype=bool)
 
     def turned(self, z: Array) -> tuple[Parameters, Array]:
         """Return the same values with ranges on the side of zero where the parameters at coordinates z (size,) are."""

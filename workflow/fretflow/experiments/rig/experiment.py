@@ -54,7 +54,7 @@ class RigExperiment(Experiment):
 
     def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
         """Return the coordinates of the baseline (friction, wear coefficient, ...) and of `effects`."""
-        return Parameters.of(BASELINE, effects, signs)
+        return Parameters.of(BASELINE, effects, signs, chances=True)
 
     def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
         """Return what the rig shows of a hypothesis.
@@ -82,15 +82,6 @@ class RigExperiment(Experiment):
         for place, one in alike.items():
             changes[:, place] = self.rig.predict(one) - shown
         return changes
-
-    def by_chance(self, prediction: Prediction) -> Array:
-        """Return what a standard deviation of each thing that a prediction leaves to chance changes, (M, any)."""
-        own, nodes = hypothesis(prediction.point), self.rig.problem.interface.size
-        drawn = [replace(own, effects=(*own.effects[:place], other, *own.effects[place + 1:]))
-                 for place, effect in enumerate(own.effects) for other in effect.by_chance(nodes)]
-        if not drawn:
-            return np.zeros((len(prediction.values), 0))
-        return np.nan_to_num(neighbours(self.rig, simulation_of(prediction), drawn))
 
     def before_jump(self, leading: Prediction) -> Experiment | None:
         """Return the same with the loops before the measured motion jumps alone.
@@ -141,9 +132,10 @@ class RigExperiment(Experiment):
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail.
 
-        Where that is seen in the recording the model has twice the samples: what is left out changes with the fit.
+        Where that is seen in the recording the model has twice the samples: what is left out changes with the fit. On a
+        finer mesh what is left to chance is another draw, which tells nothing of the coarse one's errors.
         """
-        if self.checks is None:
+        if self.checks is None or prediction.point.parameters.chances.any():
             return None
         (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
         observation, simulation = rig.observation, simulation_of(prediction)

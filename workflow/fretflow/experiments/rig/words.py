@@ -119,7 +119,7 @@ def in_doubt(doubted: Sequence[str]) -> str:
 
 def at_bounds(space: Parameters, z: Array) -> list[str]:
     """Return a warning of parameters that stand far outside of their plausible ranges."""
-    own = [one.name for one, far in zip(space.coordinates, is_bent(z), strict=True) if far]
+    own = [one.name for one, far in zip(space.coordinates, is_bent(z) & ~space.chances, strict=True) if far]
     return [f"{listed(own)} {'stand' if len(own) > 1 else 'stands'} far outside of what is held plausible: the fit "
             "may stand for something else, or the range be too narrow"] if own else []
 
@@ -154,7 +154,8 @@ def next_measurement(law: ResidualLaw) -> str:
 def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covariance: Array) -> tuple[Estimate, ...]:
     """Return the baseline's parameters and those of effects, of coordinates with a mean (size,) and covariance."""
     return tuple(_estimate(case, rig, one, float(z), HALF * float(sd), draws) for one, z, sd, draws in zip(
-        space.coordinates, mean, np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
+        space.coordinates, mean, np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True)
+        if not one.chance)
 
 
 def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:
