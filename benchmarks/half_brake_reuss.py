@@ -79,7 +79,7 @@ def joint_of(values):
         limits = {"spread": values["spread"], "power": values.get("power", 1.0)}
         joint = known["distributed-micro-slip"]().changed(**limits).bolted(joint)
     if "hump" in values:
-        joint = known["bending-gap"]().changed(height=-values["hump"]).bolted(joint)
+        joint = known["initial-gap"].neutral().changed(cylinder=values["hump"]).bolted(joint)
     return joint
 
 

@@ -12,6 +12,7 @@ from fretflow.effects.effect import STRUCTURE, RecordedSize
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.nonlinear_modes.quasi_static import quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import reduce_structure
+from pydantic import ValidationError
 
 ACTING = tuple(name for name, kind in catalogue().items() if "bolted" in vars(kind))
 SIZE = RecordedSize(amplitude=5e-5, damping=0.02, least_damping=1e-3)
@@ -90,11 +91,13 @@ def test_unevenly_pulling_bolts_keep_their_sum(joint):
 
 
 def test_an_arch_touches_at_its_ends_and_bolts_close_it(joint):
-    kind = catalogue()["bending-gap"]
-    arch, hump = (kind().changed(height=height).bolted(joint) for height in (2e-5, -2e-5))
+    arch = catalogue()["bending-gap"](height="20 um").bolted(joint)
+    hump = catalogue()["initial-gap"].neutral().changed(cylinder=2e-5).bolted(joint)
     assert arch.clearance[[0, -1]] == pytest.approx(0.0, abs=1e-20)
     assert hump.clearance[12] == pytest.approx(0.0, abs=1e-20)
-    assert arch.clearance[12] == pytest.approx(2e-5)
+    assert [arch.clearance[12], hump.clearance[0]] == pytest.approx([2e-5, 2e-5])
+    with pytest.raises(ValidationError, match="greater than or equal to 0"):  # one form of the faces has one name
+        catalogue()["bending-gap"](height="-20 um")
     pressed = arch.preloaded.force[0, 2::3]
     assert pressed[[0, -1]].sum() > joint.preloaded.force[0, [2, -1]].sum()
     assert pressed.sum() == pytest.approx(joint.preloaded.force[0, 2::3].sum(), rel=1e-9)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import fretflow as ff
 import numpy as np
 import pytest
-from fretflow.effects.bending_gap import BendingGap
+from fretflow.effects.initial_gap import InitialGap
 
 pytestmark = [pytest.mark.fem, pytest.mark.real_data]
 
@@ -58,7 +58,7 @@ def sprung(joint, stiffness):
 
 def humped(joint, height):
     """Return the joint with faces that gape at their ends."""
-    return BendingGap().changed(height=-height).bolted(joint)
+    return InitialGap.neutral().changed(cylinder=height).bolted(joint)
 
 
 def test_plane_rigid_faces_are_too_stiff(beam, measured):

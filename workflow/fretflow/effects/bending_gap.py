@@ -1,4 +1,4 @@
-"""Faces that are bent: they touch at the ends and gape in the middle, or the other way round."""
+"""Faces that are bent: they touch at the ends and gape in the middle."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ FORM = (1e-6, 60e-6)  # m, of milled and ground faces of lap joints of 120 mm
 class BendingGap(Effect):
     """An arch ``h (1 - x^2)`` between the faces before the bolts are tightened, x from -1 to 1 along them.
 
-    Negative h is a hump, open at the ends. Bolts close it as far as they bend the bodies; bending in a vibration opens
-    and closes what is left, so that the frequency may rise with the amplitude.
+    A hump, open at the ends, is the cylinder of ``initial-gap``. Bolts close the arch as far as they bend the bodies;
+    bending in a vibration opens and closes what is left, so that the frequency may rise with the amplitude.
     """
 
     id = "bending-gap"
     title = "faces that are bent along the joint"
     block = Block.GEOMETRY
-    equation = "g_0 = h (1 - x^2), less its smallest value"
+    equation = "g_0 = h (1 - x^2), less its smallest value; h >= 0"
     formula = r"g_0 = h\,(1 - x^2) - \min, \qquad x \in [-1, 1]"
     source = ("M. R. W. Brake (ed.), The Mechanics of Jointed Structures (Springer 2018): form and "
               "pressure of the faces of the Brake-Reuss beam")
@@ -31,7 +31,7 @@ class BendingGap(Effect):
     observables = ("frequency over amplitude that rises again", "contact pressure")
     kinds = STRUCTURES
 
-    height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", *FORM,
+    height: u.SignedLength = parameter(10e-6, "h: of the arch in the middle", *FORM, ge=0.0,
                                        source="milled and ground faces of lap joints of 120 mm: 1 to 60 µm of form",
                                        neutral=0.0)
 
@@ -41,7 +41,7 @@ class BendingGap(Effect):
 
     def _height(self, x: Array) -> Array:
         gap = self.height * (1.0 - x**2)
-        return np.asarray(gap - gap.min())
+        return np.asarray(gap - gap.min())  # points need not reach the ends
 
     def sketch(self) -> Sketch:
         """Return the gap along the faces."""
