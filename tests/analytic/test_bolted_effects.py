@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.contact.coulomb import Coulomb
+from fretflow.effects.bending_gap import FORM
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import STRUCTURE, RecordedSize
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
@@ -69,6 +70,19 @@ def test_faces_gape_by_as_much_as_their_form_and_across_a_row_of_points_by_nothi
         same = kind.neutral().changed(cylinder=1e-6 * (field == "crown")).bolted(joint).clearance
         assert gap == pytest.approx(same, abs=1e-18)
         assert ranges[field] is None
+
+
+def test_faces_gape_no_further_than_the_bolts_close(joint):
+    """A crown as high as its range leaves some points in touch, one ten times as high hardly any."""
+    kind, cylinder = catalogue()["initial-gap"], catalogue()["initial-gap"].priors()["cylinder"]
+    loose, tighter = (replace(joint, bolt_load=share * joint.bolt_load) for share in (1e-3, 1e-2))
+    high, higher = (kind.bolted_range("cylinder", cylinder, one, SIZE).high for one in (loose, tighter))
+    assert higher == pytest.approx(10.0 * high, rel=1e-6)
+    assert kind.bolted_range("cylinder", cylinder, joint, SIZE).high == FORM[1]
+    closed = [kind.neutral().changed(cylinder=share * high).bolted(loose).closed.mean() for share in (0.01, 1.0, 10.0)]
+    assert closed[0] > 0.8
+    assert 0.2 < closed[1] < 0.6
+    assert closed[2] < 0.1
 
 
 @pytest.mark.parametrize("name", ["bolt-load-spread", "initial-gap", "bending-gap", "distributed-micro-slip"])

@@ -67,10 +67,19 @@ class InitialGap(Effect):
 
     @classmethod
     def bolted_range(cls, field: str, prior: Prior, joint: BoltedJoint, recorded: RecordedSize) -> Prior | None:
-        """Return heights as large as the form of bolted faces; of points in a row what is across them does nothing."""
+        """Return heights up to the form of bolted faces, or up to what the bolts close: beyond, few points touch.
+
+        They close a form no further once closing it takes all that they press where it gapes. Of points in a row what
+        is across them does nothing.
+        """
         if field in ("tilt_y", "crown") and not joint.across[:, 1].any():  # there the crown is half a cylinder
             return None
-        return prior if field == "flat" else replace(prior, low=prior.low / prior.high * FORM[1], high=FORM[1])
+        if field == "flat":
+            return prior
+        form = cls.neutral().changed(**{field: 1.0})._height(*joint.across.T)
+        taken = float(form @ joint.structure.stiffness[2::3, 2::3] @ form)
+        high = min(FORM[1], float(form @ joint.preloaded.force[0, 2::3]) / taken) if taken > 0.0 else FORM[1]
+        return replace(prior, low=prior.low / prior.high * high, high=high)
 
     def _height(self, x: Array, y: Array) -> Array:
         """Return the gap at places over half the width, zero where it is smallest."""

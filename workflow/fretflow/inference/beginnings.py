@@ -14,7 +14,7 @@ from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
 from fretflow.inference.experiment import Experiment, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.parameters import HALF, Array, signed_fields
+from fretflow.inference.parameters import HALF, Array, Parameters, signed_fields
 from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved
 from fretflow.recordings.periods import LEVEL
 
@@ -101,7 +101,7 @@ def beginnings_task(asked: tuple[Fitter, Fit, Sequence[str]]) -> dict[tuple[Hash
     beginnings: dict[tuple[Hashable, ...], Beginning] = dict(_best(fitter, origin, told)) if told else {}
     for point in laid:  # of the others nothing is known before they are simulated
         at = point.z[len(origin.z):]
-        if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
+        if not is_told(point, origin) and (not origin.effects or np.sum(np.abs(at) > 0.0) < 2):
             beginnings[*_signed(point), tuple(at)] = Beginning(origin, point)
     return beginnings
 
@@ -152,7 +152,10 @@ def is_told(point: Point, origin: Fit) -> bool:
 
 
 def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterator[Point]:
-    """Return points of the ranges of each further one of some effects: the middle, and beside it by each coordinate."""
+    """Return points of the ranges of each further one of some effects: the middle, the weak end, and beside the middle.
+
+    Where ranges are wide, what an effect does at their middle may have nothing to do with what it does at first.
+    """
     known = dict(zip((one.name for one in origin.parameters.coordinates), origin.z, strict=True))
     for name in effects:
         if name in origin.effects or not experiment.together([*origin.effects, name]):
@@ -163,6 +166,9 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
                 **origin.parameters.signs, **{f"{name}.{one}": sign for one in signed}})
             middle = np.array([known.get(one.name, 0.0) for one in space.coordinates])
             yield Point(space, middle)
+            weakest = _weakest(space, name)
+            if np.isfinite(weakest).any():
+                yield Point(space, np.where(np.isfinite(weakest), weakest, middle))
             if not catalogue()[name].first_order and in_sensors_alone(catalogue()[name]):  # a slope misses a resonance
                 first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
                 end = norm.isf(0.5 * LEVEL)
@@ -170,6 +176,14 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
             for place in np.flatnonzero(space.own(name) & ~space.chances):
                 for quartile in norm.interval(0.5):
                     yield Point(space, middle + 2.0 * quartile * np.eye(len(middle))[place])
+
+
+def _weakest(space: Parameters, effect: str) -> Array:
+    """Return the coordinates (size,) within an effect's ranges that are nearest to doing nothing; nan of all others."""
+    neutral = catalogue()[effect].neutral()
+    return np.array([np.clip(one.place(getattr(neutral, one.field)), -HALF, HALF)
+                     if one.effect == effect and one.field in neutral.model_fields_set else np.nan
+                     for one in space.coordinates])
 
 
 def started(search: Search, origin: Fit, fit: Fit) -> Start:

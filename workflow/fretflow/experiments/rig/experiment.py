@@ -133,10 +133,17 @@ class RigExperiment(Experiment):
         """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail.
 
         Where that is seen in the recording the model has twice the samples: what is left out changes with the fit. On a
-        finer mesh what is left to chance is another draw, which tells nothing of the coarse one's errors.
+        finer mesh what is left to chance is another draw, so that it is put out of work for that.
         """
-        if self.checks is None or prediction.point.parameters.chances.any():
+        if self.checks is None:
             return None
+        point = prediction.point
+        drawn = frozenset(one.effect for one in point.parameters.coordinates if one.chance)
+        if drawn:
+            try:
+                prediction = self.predict(replace(point, neutral=point.neutral | drawn), prediction)
+            except NonConvergenceError:
+                return None
         (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
         observation, simulation = rig.observation, simulation_of(prediction)
         twice = rig.twice_as_dense() if 2 * rig.samples < dense.samples else None

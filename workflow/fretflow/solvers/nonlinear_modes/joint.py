@@ -24,6 +24,7 @@ Indices = NDArray[np.int64]
 TOLERANCE = 1e-10  # of the bolts' forces, residual of a node
 RIGID_SPRING = 1e-9  # compliance over the structure's own, below which a node counts as rigid
 PRESSED = 1e-8  # of the largest contact force: below it a point touches without holding anything
+FEW = 16  # points, up to which nothing is condensed: that costs 1.9 times as much at 7, 1.4 at 12, as much at 25
 GAP_STEPS = 8  # in which the bolts are tightened where faces have to close first
 
 
@@ -234,6 +235,8 @@ class BoltedJoint:
         """
         free, guess = np.int8(SLIP), None if guess is None or len(guess) != len(loads) else guess
         moved = self._moved if guess is None else ~_same(guess)
+        if len(moved) <= FEW:
+            moved = np.ones_like(moved)
         keeps = np.where(moved | (start is None), free, free if start is None else start.state[-1])
         histories: list[StaticHistory] = []
         made, count = 0, len(loads) if moved.any() or start is None else 1
