@@ -64,14 +64,6 @@ def test_a_resonance_of_the_force_path_is_found_wherever_it_is(recorded, frequen
     assert mode.frequency == pytest.approx(frequency, rel=0.08)  # half a step of the points is 4 %
 
 
-def test_effects_are_begun_at_the_weak_end_of_their_ranges_too(recorded):
-    """What an effect does in the middle of a wide range may have nothing to do with what it does at first."""
-    fitter, fit = recorded()
-    plays = [one.play for point in starting_points(fitter, fit, "backlash") for one in point.built()]
-    assert min(plays) == pytest.approx(Backlash.priors()["play"].low)
-    assert len(plays) > len(set(np.sign(plays))) + 1
-
-
 def test_what_sensors_alone_show_needs_no_simulation_and_is_exact(recorded):
     """The change to a resonance in the force path is that of another simulation; the contact's states are shared."""
     assert in_sensors_alone(ExtraMode)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,9 +12,11 @@ import pytest
 from fretflow.inference import strategy
 from fretflow.inference.beginnings import Beginning, beginnings_task, beside
 from fretflow.inference.experiment import Point, Prediction
+from fretflow.inference.least_squares import Fitter
+from fretflow.inference.parameters import Coordinate, Parameters
 from fretflow.inference.search import FAST, Search, Task
 from fretflow.inference.strategy import beginnings_beside, fit_pairs, run_search, start_search, to_rest
-from waves import Waves, cosine, judged, measurement, wave
+from waves import BASELINE, Waves, cosine, judged, measurement, wave
 
 
 def one_by_one(function: Any, arguments: Any) -> list[Any]:
@@ -125,3 +128,31 @@ def test_beginnings_of_nothing_that_first_order_tells_are_of_nothing() -> None:
     search = judged(cosine() + 0.6 * wave("viscous"))
     beginnings: dict[Any, Beginning] = beginnings_task((search.fitter, search.baseline, []))
     assert beginnings == {}
+
+
+@dataclass(frozen=True)
+class Strong(Waves):
+    """Waves of effects with one strength, or with two that do alike."""
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the size of the cosine, and the strengths of the effects."""
+        fields = {"initial-gap": ("crown", "cylinder"), "bending-gap": ("height",)}
+        own = [Coordinate(name, field, 2e-6, 1e-6, False, 0.0) for name in sorted(effects) for field in fields[name]]
+        return Parameters(tuple(sorted(effects)), (*BASELINE, *own))
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the cosine and a wave as strong as the effects."""
+        own = point.parameters.values(point.z)
+        strength = sum(value for name in point.effects for value in own[name].values())
+        return Prediction(point, np.asarray(own[""]["friction"] * cosine() + 1e5 * strength * wave("viscous")))
+
+
+def test_an_effect_of_several_strengths_is_begun_where_all_are_weak() -> None:
+    """Beside the middle along one of them the others do as much as there; of a single one that is weak enough."""
+    experiment: Any = Strong(measurement(cosine() + 0.07 * wave("viscous")))
+    fitter = Fitter(experiment, experiment.measurement.covariance())
+    origin = fitter.at(Point(experiment.parameters(()), np.zeros(1)), None)
+    begun = {name: [one.point.z[1:] for one in beginnings_task((fitter, origin, [name])).values()]
+             for name in ("initial-gap", "bending-gap")}
+    assert begun["initial-gap"] == [pytest.approx([-1.645, -1.645], abs=1e-3)]
+    assert begun["bending-gap"] == [pytest.approx([-1.349], abs=1e-3)]

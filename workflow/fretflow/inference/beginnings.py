@@ -154,7 +154,8 @@ def is_told(point: Point, origin: Fit) -> bool:
 def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterator[Point]:
     """Return points of the ranges of each further one of some effects: the middle, the weak end, and beside the middle.
 
-    Where ranges are wide, what an effect does at their middle may have nothing to do with what it does at first.
+    Of an effect with several strengths, such as heights of a gap, no point beside the middle is weak in all, and what
+    it does there may have nothing to do with what it does at first.
     """
     known = dict(zip((one.name for one in origin.parameters.coordinates), origin.z, strict=True))
     for name in effects:
@@ -167,7 +168,7 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
             middle = np.array([known.get(one.name, 0.0) for one in space.coordinates])
             yield Point(space, middle)
             weakest = _weakest(space, name)
-            if np.isfinite(weakest).any():
+            if np.sum(np.abs(np.nan_to_num(weakest)) > 0.0) > 1:  # of one strength a point beside the middle is weak
                 yield Point(space, np.where(np.isfinite(weakest), weakest, middle))
             if not catalogue()[name].first_order and in_sensors_alone(catalogue()[name]):  # a slope misses a resonance
                 first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
