@@ -84,7 +84,7 @@ def test_a_backbone_of_static_loads_is_compared_with_static_loads(structures, tm
     structures.write_backbone(tmp_path, beam, table, '"200 N", "2 kN"', "tip")
     experiment = StructureExperiment.of(read_structure_recording(tmp_path))
     search = start_search(experiment, experiment.first_prediction(), FAST, in_turn)
-    told, again = told_again(experiment, search)
+    told, again, _ = told_again(experiment, search)
     assert told.static
     assert told.corrected(again.baseline.prediction) is None
     assert again.leaves_noise(frozenset())

@@ -263,6 +263,17 @@ def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPa
     assert said.probability == pytest.approx(probability)
 
 
+def test_what_is_probable_is_a_mean_over_the_readings_of_a_recording() -> None:
+    """Nothing is missing on a finer mesh, something unlisted on the same one; which it is nobody knows."""
+    nothing, viscous = frozenset[str](), frozenset({"viscous"})
+    finer, same = Posterior({nothing: 0.96}, 0.04, {}), Posterior({nothing: 0.0, viscous: 0.2}, 0.8, {})
+    mean = posteriors.averaged(finer, [(0.25, same), (0.25, same)])
+    assert mean.none == pytest.approx(0.48)
+    assert mean.sets[viscous] == pytest.approx(0.1)
+    assert mean.unlisted == pytest.approx(0.42)
+    assert posteriors.averaged(finer, []) == finer
+
+
 @pytest.mark.parametrize(("before", "after", "share"), [
     (300.0, 150.0, 0.75), (95.0, 80.0, 1.0), (95.0, 95.0, 0.0), (95.0, 96.0, 0.0), (300.0, 90.0, 1.0)])
 def test_the_share_explained_is_of_what_no_set_shows_to_be_noise(before: float, after: float, share: float) -> None:

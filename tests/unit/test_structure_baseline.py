@@ -100,7 +100,7 @@ def test_sets_that_are_hopeless_under_errors_told_anew_are_not_fitted_on():
         point = Point(experiment.parameters((name,)), np.r_[here.z, 1.0])
         search.keep([search.fitter.at(point, None)])
     experiment.asked.clear()
-    _, again = told_again(experiment, search)
+    _, again, _ = told_again(experiment, search)
     seen = [sum(name in point.effects for point in experiment.asked) for name in ("joint-damping", "bending-gap")]
     assert seen[0] > 3
     assert seen[1] == 1  # told where it stands, and no more
@@ -132,7 +132,7 @@ def test_what_no_effect_does_is_no_error_of_another_mesh():
     experiment: Any = Bent(asked=[])
     here = Point(experiment.parameters(()), np.zeros(2))
     search = start_search(experiment, experiment.predict(here), FAST, lambda task, asked: [*map(task, asked)])
-    told, _ = told_again(experiment, search)
+    told, *_ = told_again(experiment, search)
     assert told.rough == experiment.rough
 
 
@@ -161,6 +161,6 @@ def test_what_a_finer_mesh_would_leave_nothing_of_is_said(rough: float, noise: b
     experiment: Any = Meshed(asked=[], rough=rough)
     here = Point(experiment.parameters(()), np.zeros(2))
     search = start_search(experiment, experiment.predict(here), FAST, lambda task, asked: [*map(task, asked)])
-    told, _ = told_again(experiment, search)
+    told, *_ = told_again(experiment, search)
     assert told.spacing == 1.0
     assert told.or_finer is noise

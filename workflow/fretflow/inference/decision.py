@@ -45,9 +45,12 @@ class Decision:
         return tuple(rivals)
 
 
-def decide(search: Search) -> Decision:
-    """Return the verdict on a finished search: what is most probable of none, the catalogue and something else."""
-    known = posterior(search)
+def decide(search: Search, known: Posterior | None = None) -> Decision:
+    """Return the verdict on a finished search: what is most probable of none, the catalogue and something else.
+
+    Where what is `known` to be probable is not given, the search tells it.
+    """
+    known = posterior(search) if known is None else known
     ranked = [names for names in known.sets if names]
     best = ranked[0] if ranked else frozenset()
     ranking = _ranking(search, known)

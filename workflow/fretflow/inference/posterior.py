@@ -54,6 +54,24 @@ class Posterior:
         return 1.0 - self.none - self.unlisted
 
 
+Weighed = tuple[float, Posterior]  # the probability of another reading of a recording, and what is probable under it
+
+
+def averaged(own: Posterior, others: Sequence[Weighed]) -> Posterior:
+    """Return the mean of posteriors under several readings of a recording, `own` that of what the others leave.
+
+    That is Bayesian model averaging (J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Stat. Sci. 14 (1999)
+    382-417).
+    """
+    every = [(1.0 - sum(share for share, _ in others), own), *others]
+    sets = {names: sum(share * one.sets.get(names, 0.0) for share, one in every)
+            for names in dict.fromkeys(names for _, one in every for names in one.sets)}
+    unlisted = sum(share * one.unlisted for share, one in every)
+    total = unlisted + sum(sets.values())
+    order = sorted(sets, key=lambda names: -sets[names])
+    return Posterior({names: sets[names] / total for names in order}, unlisted / total, own.shows)
+
+
 def freedom(search: Search, names: Names) -> int:
     """Return how many coordinates a set has, those of what it leaves to chance among them."""
     return len(search.fits[names].z) + search.by_chance(names).shape[1]

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from math import log
+from math import exp, log
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 from scipy.stats import chi2
 
 from fretflow.core.errors import NonConvergenceError
@@ -22,6 +23,7 @@ from fretflow.inference.decision import Decision, decide, detected, estimate, he
 from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
+from fretflow.inference.posterior import Posterior, Weighed, averaged, posterior
 from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
 from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
@@ -53,21 +55,21 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     said = backbone.outside_of_mode(experiment) if isinstance(experiment, StructureExperiment) else []
     progress(0.1, "; ".join(["refitting the baseline", *said]))
     pool, effort = in_turn if tools is None else tools.pool, QUICK if fast or experiment.many else FULL
-    search = start_search(experiment, experiment.first_prediction(), effort, pool)
+    search, others = start_search(experiment, experiment.first_prediction(), effort, pool), list[Weighed]()
     if isinstance(experiment, StructureExperiment):
         begin_baselines(experiment, search)
     detection = _search_where_detected(search, lambda share, text: progress(0.15 + 0.3 * share, text))
     if isinstance(experiment, StructureExperiment):
-        experiment, search = told_again(experiment, search)
+        experiment, search, others = told_again(experiment, search)
         detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.35 * share, text))
         free = None if detection.p_value >= FALSE_ALARMS else released(experiment, search)
         if free is not None:
-            experiment, search = free
+            (experiment, search), others = free, []
             detection = _search_where_detected(search, progress)
         for _ in range(AGAIN):
             search.settled.clear()
             correct(search, [0, 1, 2])
-    decision = detected(decide(search), detection)
+    decision = detected(decide(search, averaged(posterior(search), others)), detection)
     progress(0.85, "what is held out")
     unseen = room.held_out(experiment, search, decision.after)
     # what models leave is smooth over amplitudes or a scar: each channel and each profile is one error
@@ -116,35 +118,44 @@ def _settle(search: Search, starts: Sequence[Point]) -> None:
         Task(search.fitter, one.prediction.point, one.prediction, search.effort.last_steps) for one in best]))
 
 
-def told_again(experiment: StructureExperiment, search: Search) -> tuple[StructureExperiment, Search]:
+def told_again(experiment: StructureExperiment, search: Search
+               ) -> tuple[StructureExperiment, Search, list[Weighed]]:
     """Return an experiment with its numerical errors told where the best of some fits is, and a search from these on.
 
     In mid-range, where a search begins, they are those of a model that may have nothing to do with the recording. Of
     the meshes and loads that this may be of, those count that make it most probable, with something that the catalogue
-    lacks too: what that does, errors of another mesh would take up as well.
+    lacks too: what that does, errors of another mesh would take up as well. What is probable under the others comes
+    with them, as far as it is known of these fits.
     """
     best = max(search.fits, key=lambda names: search.log_evidence(names, frozenset()))
     told = experiment.told_at(search.fits[best].prediction)
     parts = [frozenset(own) for size in range(len(best) + 1) for own in combinations(sorted(best), size)]
     choice = log(len(experiment.candidates()))  # what that of an effect costs
 
-    def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search]:
+    def under(one: StructureExperiment) -> tuple[float, StructureExperiment, Search, Posterior]:
         again = gone_on(one, search, parts)
         if one.spacing != 1.0:  # whether the baseline leaves anything is asked under errors that are its own
             one = of_baseline(one, again)
             again = gone_on(one, again, parts)
         unlisted = again.evidence(frozenset()).averaged(again.beyond_codes())
-        probable = np.logaddexp.reduce([unlisted, *(again.log_evidence(names, frozenset()) - len(names) * choice
-                                                    for names in parts if names in again.fits)])
-        return float(probable) + again.discrepancy.covariance.log_density, one, again
+        sets = {names: again.log_evidence(names, frozenset()) - len(names) * choice
+                for names in parts if names in again.fits}
+        probable = float(np.logaddexp.reduce([unlisted, *sets.values()]))
+        known = Posterior({names: exp(own - probable) for names, own in sets.items()}, exp(unlisted - probable), {})
+        return probable + again.discrepancy.covariance.log_density, one, again, known
 
-    made = [under(one) for one in told.readings()]
-    _, told, again = max(made, key=lambda one: one[0])
-    if told.spacing == 1.0 and any(one.spacing != 1.0 and detect(own).p_value >= FALSE_ALARMS for _, one, own in made):
+    made = sorted((under(one) for one in told.readings()), key=lambda one: -one[0])
+    _, told, again, _ = made[0]
+    share = softmax([one[0] for one in made])
+    others = [(float(own), replace(known, sets={names: known.sets[names] for names in known.sets
+                                                if names in again.fits}))
+              for own, (*_, known) in zip(share[1:], made[1:], strict=True)]
+    if told.spacing == 1.0 and any(
+            one.spacing != 1.0 and detect(own).p_value >= FALSE_ALARMS for _, one, own, _ in made):
         told = replace(told, or_finer=True)
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
         -again.log_evidence(names, frozenset())))), search.effort.last_steps)
-    return told, again
+    return told, again, others
 
 
 def gone_on(experiment: StructureExperiment, search: Search, sets: Sequence[Names]) -> Search:
