@@ -150,6 +150,22 @@ def test_what_chance_decides_has_a_coordinate_for_each_place(rig):
     assert not experiment.parameters(()).chances.any()
 
 
+def test_errors_of_a_mesh_are_told_without_what_it_leaves_to_chance(rig):
+    """On a finer mesh the same law has another arrangement, which is no error of the coarse one."""
+    size = len(rig.observation.values)
+    finer = replace(rig, problem=replace(rig.problem, interface=replace(
+        rig.problem.interface, nodes=rig.problem.interface.nodes[::-1].copy())))  # other places for the same nodes
+    experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)), checks=(finer, rig.denser()))
+    space = experiment.parameters(["distributed-micro-slip"])
+    scattered, even = (experiment.predict(Point(space, np.zeros(space.size), neutral)) for neutral in (
+        frozenset(), frozenset({"distributed-micro-slip"})))
+    turned = finer.predict(finer.refine(scattered.state)) - scattered.values
+    missed = experiment.corrected(scattered).correction - experiment.corrected(even).correction
+    for channel in ("displacement", "friction_force"):
+        rows = np.hstack([np.arange(size)[one.place] for one in rig.observation.pieces if one.channel == channel])
+        assert np.abs(missed[rows]).max() < 0.01 * np.abs(turned[rows]).max(), channel  # wear steps begin elsewhere
+
+
 def test_what_sensors_alone_change_is_exact_of_a_prediction_with_finer_wear_steps(rig, monkeypatch):
     """What the steps change is not the sensor's, and no motion is sought for it."""
     size = len(rig.observation.values)

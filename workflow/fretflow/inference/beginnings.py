@@ -101,7 +101,7 @@ def beginnings_task(asked: tuple[Fitter, Fit, Sequence[str]]) -> dict[tuple[Hash
     beginnings: dict[tuple[Hashable, ...], Beginning] = dict(_best(fitter, origin, told)) if told else {}
     for point in laid:  # of the others nothing is known before they are simulated
         at = point.z[len(origin.z):]
-        if not is_told(point, origin) and (not origin.effects or np.sum(np.abs(at) > 0.0) < 2):
+        if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
             beginnings[*_signed(point), tuple(at)] = Beginning(origin, point)
     return beginnings
 
