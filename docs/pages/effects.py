@@ -28,7 +28,7 @@ def effect_page(name: str, kind: Any) -> str:
     from fretflow.inference.words import EVERYTHING
 
     known = catalogue()
-    where = "recordings of " + ", ".join(f"`{each}`" for each in sorted(kind.kinds))
+    where = "recordings of " + ", ".join(f"`{each}`" for each in sorted(kind.acts_in()))
     facts = [f"Changes the **{kind.block}**; known in {where}.",
              *(["Recordings that lack time tell nothing of it."] if kind.needs_time else [])]
     equation = f"$$\n{kind.formula}\n$$" if kind.formula else f"`{kind.equation}`"

@@ -46,7 +46,7 @@ def _sheet(kind: type[Effect]) -> dict[str, object]:
 
     priors = kind.priors()
     return {"id": kind.id, "title": kind.title, "block": str(kind.block), "equation": kind.equation,
-            "source": kind.source, "observables": kind.observables, "recordings": sorted(map(str, kind.kinds)),
+            "source": kind.source, "observables": kind.observables, "recordings": sorted(map(str, kind.acts_in())),
             "parameters": [{
                 "name": entry.key, "default": entry.value, "unit": entry.unit, "meaning": entry.meaning,
                 "plausible": [priors[entry.key].low, priors[entry.key].high] if entry.key in priors else None}
@@ -72,7 +72,8 @@ def _show(name: str, kind: type[Effect], out: Path) -> None:
         console.print(escape(" ".join(paragraph.replace("``", "").split())))
     sheet = Table.grid(padding=(0, 2))
     for heading, text in (("changes", kind.block), ("equation", kind.equation), ("source", kind.source),
-                          ("shows in", "; ".join(kind.observables)), ("recordings", _kinds(kind)),
+                          ("shows in", "; ".join(kind.observables)),
+                          ("recordings", ", ".join(sorted(map(str, kind.acts_in())))),
                           ("acts", _acts(kind)), ("not with", _excluded(kind))):
         for part in text.split("; "):  # each on a line of its own, where it has the room
             if part:
@@ -82,10 +83,6 @@ def _show(name: str, kind: type[Effect], out: Path) -> None:
     console.print(_parameters(kind))
     picture: Path = provided(FIGURES, "effect")(out / f"{name}.png", name, kind())
     show_files([picture], "picture")
-
-
-def _kinds(kind: type[Effect]) -> str:
-    return ", ".join(sorted(map(str, kind.kinds)))
 
 
 def _acts(kind: type[Effect]) -> str:

@@ -12,18 +12,7 @@ from numpy.typing import NDArray
 from fretflow.core import units as u
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import record
-from fretflow.effects.effect import (
-    OTHER_LOAD,
-    RIG_ONLY,
-    STRUCTURES,
-    Array,
-    Block,
-    Effect,
-    Prior,
-    RecordedSize,
-    Sketch,
-    parameter,
-)
+from fretflow.effects.effect import OTHER_LOAD, Array, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.solvers.quasi_static.march import press_frictionless
@@ -126,7 +115,6 @@ class ContactStiffness(Effect):
     formula = r"k_{c,t} = k_t \left(\frac{p}{p_0}\right)^m, \qquad k_{c,n} = r\,k_{c,t}"
     source = ("R. D. Mindlin, J. Appl. Mech. 16 (1949), ratio; R. Pohrt, V. L. Popov, Phys. Rev. Lett. "
               "108 (2012), power law; A. Fantetti et al., Tribol. Int. 138 (2019), measured slopes")
-    kinds = RIG_ONLY | STRUCTURES
     acts_at = 1
     told_from: ClassVar[Mapping[str, str]] = {
         "sensor-path-compliance": OTHER_LOAD + ", with which the contact stiffens and the sensor's path does not,",

@@ -10,7 +10,7 @@ import numpy as np
 
 from fretflow.core import units as u
 from fretflow.effects.contact_stiffness import ContactStiffness, with_asperities
-from fretflow.effects.effect import RIG_ONLY, Array, Sketch, parameter
+from fretflow.effects.effect import Array, Sketch, parameter
 from fretflow.effects.relaxation import order_of_relaxation, share_left
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -29,7 +29,6 @@ class ContactStiffnessEvolution(ContactStiffness):
     formula = (r"k_c = k_t \left(\frac{p}{p_0}\right)^m \left[1 + b \left(1 - y(E / E_0)\right)\right], \qquad "
                r"y' = -y^o,\ y(0) = 1")
     source = "A. Fantetti et al., Tribol. Int. 138 (2019) 111-124, contact stiffness against energy"
-    kinds = RIG_ONLY
     over_cycles = True
     observables = ("slope of the stick portion of a loop over cycles", "first resonance over cycles")
     told_from: ClassVar[Mapping[str, str]] = {

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import PrivateAttr
 
 from fretflow.contact.interface import Interface
-from fretflow.effects.effect import INTERFACES, STRUCTURES, Array, Block, Effect, parameter
+from fretflow.effects.effect import INTERFACES, Array, Block, Effect, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.driven import Sliders
@@ -38,7 +38,7 @@ class DistributedMicroSlip(Effect):
     formula = r"s(q) = s \left[1 - w + w (1 + b)\,q^b\right], \quad q \in [0, 1]"
     source = "W. D. Iwan, J. Appl. Mech. 33 (1966); power law of limits: D. J. Segalman, J. Appl. Mech. 72 (2005)"
     observables = ("knee of a loop between stick and plateau", "dissipated energy over amplitude below gross slip")
-    kinds = INTERFACES | STRUCTURES
+    kinds = INTERFACES
     chances: ClassVar[int] = SIDE**2
 
     spread: float = parameter(0.8, "w: width of the distribution", 0.2, 1.0, ge=0.0, le=1.0, neutral=0.0)

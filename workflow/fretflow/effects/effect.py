@@ -243,6 +243,11 @@ class Effect(Section):
         """Return the effect with each of the `chances` that it leaves so many standard deviations off."""
         return self
 
+    @classmethod
+    def acts_in(cls) -> frozenset[RecordingKind]:
+        """Return the kinds of recordings that it is looked for in: its `kinds`, and structures where it is `bolted`."""
+        return cls.kinds | STRUCTURES if "bolted" in vars(cls) else cls.kinds
+
     # In a bolted structure whose modes are recorded over their amplitude
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:

@@ -8,17 +8,7 @@ import numpy as np
 
 from fretflow.core import units as u
 from fretflow.effects.bending_gap import FORM
-from fretflow.effects.effect import (
-    RIG_ONLY,
-    STRUCTURES,
-    Array,
-    Block,
-    Effect,
-    Prior,
-    RecordedSize,
-    Sketch,
-    parameter,
-)
+from fretflow.effects.effect import Array, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -41,7 +31,6 @@ class InitialGap(Effect):
                r"+ z\,s_x^2, \quad s_x = \frac{(|x| - f)_+}{1 - f}")
     source = ("K. L. Johnson, Contact Mechanics (1985), section 4.1; flat with rounded edges: "
               "M. Ciavarella, D. A. Hills, G. Monno, Proc. Inst. Mech. Eng. C 212 (1998) 319-327")
-    kinds = RIG_ONLY | STRUCTURES
     told_by = "maps of both faces before the test"
     observables = ("wear map", "loops of the first cycles", "approach")
 

@@ -8,17 +8,7 @@ import numpy as np
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core import units as u
-from fretflow.effects.effect import (
-    OTHER_LOAD,
-    RIG_ONLY,
-    STRUCTURES,
-    Block,
-    Effect,
-    Prior,
-    RecordedSize,
-    Sketch,
-    parameter,
-)
+from fretflow.effects.effect import OTHER_LOAD, RIG_ONLY, Block, Effect, Prior, RecordedSize, Sketch, parameter
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.wear.slow import SlowState
@@ -40,7 +30,7 @@ class LoadDependentFriction(Effect):
               "J. F. Archard, Proc. R. Soc. A 243 (1957)")
     told_by = OTHER_LOAD
     observables = ("friction force at other normal loads", "wear map near the edges")
-    kinds = RIG_ONLY | STRUCTURES
+    kinds = RIG_ONLY
 
     exponent: float = parameter(0.15, "b: how fast friction falls with pressure", 0.06, 0.33, ge=0.0, lt=1.0,
                                 neutral=0.0)
