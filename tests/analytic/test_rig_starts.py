@@ -256,6 +256,23 @@ def test_a_finer_mesh_may_take_the_periods_of_its_nodes(monkeypatch):
     assert coarse.finer(fine.problem).simulate(deep).steps[-1].solves > most
 
 
+@pytest.mark.parametrize(("most", "wear", "found"), [(16, 0.05, False), (16, 0.2, True), (60, 0.05, True)])
+def test_a_neighbour_may_take_twice_the_periods(monkeypatch, most, wear, found):
+    """Trial steps that went far too far took six times as many, several in each fit; few are no reason to stop."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    rig = replace(small_rig.rig(small_rig.observed(SD, (0, 400_000), (), 1e-12, 1e-7)), most_periods=most)
+    near, deep = rig.simulate(Hypothesis(wear=wear)), Hypothesis(wear=4.0)
+    if found:
+        assert rig.simulate(deep, near).steps[-1].solves == rig.simulate(deep).steps[-1].solves
+    else:
+        twice = 2 * near.steps[-1].solves
+        assert rig.simulate(deep).steps[-1].solves > twice
+        with pytest.raises(NonConvergenceError, match=f"more than {twice} periods"):
+            rig.simulate(deep, near)
+
+
 def test_a_load_that_is_raised_is_never_tried_twice_from_the_same_start():
     """From a half on, a step of one and a step of a half both end at the whole load."""
     tried = []

@@ -63,6 +63,34 @@ def test_what_first_order_misses_is_begun_elsewhere_too() -> None:
 
 
 @dataclass(frozen=True)
+class TwoCrests(Waves):
+    """A wave as high as the coordinate's lower crest at -1 or higher one at 1; first order knows the lower alone."""
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the sum of the waves."""
+        values = point.parameters.values(point.z)[""]["friction"] * cosine()
+        for t in point.z[1:]:
+            values = values + (0.8 * np.exp(-2.0 * (t + 1.0)**2) + np.exp(-2.0 * (t - 1.0)**2)) * wave("viscous")
+        return Prediction(point, values)
+
+    def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
+        """Return differences, of a further effect none beyond the middle."""
+        changes = differences(self, prediction, points)
+        return np.where([point.effects > prediction.point.effects and point.z[-1] > -0.5 for point in points], 0.0,
+                        changes)
+
+
+@pytest.mark.parametrize(("effect", "crest"), [("backlash", 1.0), ("viscous", -1.0)])
+def test_a_play_that_leads_is_begun_everywhere(effect: str, crest: float) -> None:
+    """It has several minima, and came to rest in a wrong one; where first order tells, that would only take longer."""
+    experiment = TwoCrests(measurement(cosine() + wave("viscous")), (effect,))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    begin_all(search)
+    assert search.fits[frozenset({effect})].z[1] == pytest.approx(crest, abs=0.05)
+
+
+@dataclass(frozen=True)
 class Scattered(Waves):
     """Waves of which one comes with a ripple whose size is left to chance."""
 

@@ -25,13 +25,14 @@ FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: 
 class Beginning:
     """A point beside a fit at which an effect is begun.
 
-    Where first-order changes tell it, its whole `change` (M,) and its derivative `slopes` (M, k) by the effect's own
-    coordinates at the fit's motion, in SI, are known, and the point of its ranges at which it does `least`.
+    First-order changes tell what it makes of the fit's motion there, its whole `change` (M,) and, where they are known,
+    its derivative `slopes` (M, k) by the effect's own coordinates, in SI, and the point of its ranges at which it does
+    `least`.
     """
 
     origin: Fit
     point: Point
-    change: Array | None = None
+    change: Array
     slopes: Array | None = None
     least: Point | None = None
 
@@ -43,8 +44,8 @@ def is_worth(search: Search, beginning: Beginning, fit: Fit) -> bool:
 
 def is_untold(search: Search, beginning: Beginning, fit: Fit | None) -> bool:
     """Tell whether first order is off, where an effect was begun, by more than all that there is to explain."""
-    if beginning.change is None or fit is None:
-        return beginning.change is not None
+    if fit is None:
+        return True
     told = beginning.origin.residual - search.fitter.covariance.whiten(np.nan_to_num(beginning.change))
     return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
 
@@ -92,36 +93,26 @@ def begin_task(asked: tuple[Fitter, Beginning]) -> Fit | None:
 def beginnings_task(asked: tuple[Fitter, Fit, Sequence[str]]) -> dict[tuple[Hashable, ...], Beginning]:
     """Return where beside a fit each further one of some effects is begun, for either sign of what may have both.
 
-    Where first-order changes tell what an effect does, it is the best of several points of its ranges; else all those,
-    the middle and beside it along each coordinate.
+    It is the best of several points of its ranges by what first-order changes at the fit's motion tell.
     """
     fitter, origin, effects = asked
     laid = list(_laid(fitter.experiment, origin, effects))
-    told = [point for point in laid if is_told(point, origin)]
-    beginnings: dict[tuple[Hashable, ...], Beginning] = dict(_best(fitter, origin, told)) if told else {}
-    for point in laid:  # of the others nothing is known before they are simulated
-        at = point.z[len(origin.z):]
-        if not is_told(point, origin) and np.sum(np.abs(at) > 0.0) < 2:
-            beginnings[*_signed(point), tuple(at)] = Beginning(origin, point)
-    return beginnings
-
-
-def _best(fitter: Fitter, origin: Fit, told: Sequence[Point]) -> Iterator[tuple[tuple[Hashable, ...], Beginning]]:
-    """Return the best beginning of every effect and sign, of points at which first-order changes tell what it does."""
-    changes = np.nan_to_num(fitter.experiment.changes(origin.prediction, told))
+    if not laid:
+        return {}
+    changes = np.nan_to_num(fitter.experiment.changes(origin.prediction, laid))
     white = fitter.covariance.whiten(changes)
     rest = basis(origin.whitened_jacobian)
     left = origin.residual[:, None] - white
     reached = np.sum((left - rest @ (rest.T @ left))**2, axis=0)
     size = np.sum((white - rest @ (rest.T @ white))**2, axis=0)
     own: dict[tuple[Hashable, ...], list[int]] = {}
-    for place, point in enumerate(told):
+    for place, point in enumerate(laid):
         own.setdefault(_signed(point), []).append(place)
     best, least = ({key: min(places, key=lambda place: float(by[place])) for key, places in own.items()}
                    for by in (reached, size))
-    sloping = _sloping(fitter.experiment, origin, [(told[place], changes[:, place]) for place in best.values()])
-    for key, one in zip(best, sloping, strict=True):
-        yield key, one if least[key] == best[key] else replace(one, least=told[least[key]])
+    sloping = _sloping(fitter.experiment, origin, [(laid[place], changes[:, place]) for place in best.values()])
+    return {key: one if least[key] == best[key] else replace(one, least=laid[least[key]])
+            for key, one in zip(best, sloping, strict=True)}
 
 
 def _signed(point: Point) -> tuple[Hashable, ...]:
@@ -218,7 +209,7 @@ def beside(search: Search, names: Names, beginnings: Iterable[Beginning], beyond
 
     told = set(names)
     for one in beginnings:
-        if one.change is not None and one.slopes is not None:
+        if one.slopes is not None:
             (effect,) = one.point.effects - names
             weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point, one.least)
             told.add(effect)

@@ -1,13 +1,13 @@
 """Which effects could explain a measurement: every effect alone, then pairs, each fitted to rest.
 
-Every effect of the catalogue is begun at several points of its ranges, beside the fitted baseline, or beside the stated
-one before a bent one, and fitted. Work stops where it cannot matter: a set whose evidence, linear about where it
-stands, is below the best one's by `NEGLIGIBLE` holds no share of the posterior that would be told.
+Every effect of the catalogue is begun at the best of several points of its ranges, beside the fitted baseline, or
+beside the stated one before a bent one, and fitted. Work stops where it cannot matter: a set whose evidence, linear
+about where it stands, is below the best one's by `NEGLIGIBLE` holds no share of the posterior that would be told.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -245,10 +245,9 @@ def to_rest(search: Search, size: int) -> None:
             [*search.best(1)[:1], *search.promising(search.best(size))])[1:]
         return [names for names in sets[:2 * search.effort.bases] if not search.fits[names].converged]
 
-    for _ in range(2):
-        foremost = moving()[:search.effort.bases]
-        search.continue_fits(foremost, search.effort.last_steps // 2)
-        search.continue_fits([names for names in moving() if names not in foremost], search.effort.last_steps // 2)
+    for most in (search.effort.bases, 2 * search.effort.bases):
+        for _ in range(2):
+            search.continue_fits(moving()[:most], search.effort.last_steps // 2)
 
 
 def exchange_laws(search: Search, size: int) -> None:
@@ -344,11 +343,11 @@ def begin_beside(search: Search, origin: Fit) -> list[tuple[Beginning, Fit | Non
     """
     fitter = search.maker(origin)  # what the origin's model leaves out is no effect's change
     (beginnings,) = beginnings_beside(search, [(fitter, origin)])
-    # first what is simulated at many points, as it takes longest
-    laid = sorted(beginnings.values(), key=lambda one: one.change is not None)
+    laid = list(beginnings.values())
     first_fits = search.pool(begin_task, [(fitter, one) for one in laid])
     # an effect that does more than first order tells may be worth it where it does least
-    anew = {place: Beginning(origin, one.least) for place, (one, fit) in enumerate(zip(laid, first_fits, strict=True))
+    anew = {place: replace(one, point=one.least, slopes=None)
+            for place, (one, fit) in enumerate(zip(laid, first_fits, strict=True))
             if one.least is not None and (fit is None or not is_worth(search, one, fit))}
     weaker = dict(zip(anew, search.pool(begin_task, [(fitter, one) for one in anew.values()]), strict=True))
     going = []
@@ -357,11 +356,26 @@ def begin_beside(search: Search, origin: Fit) -> list[tuple[Beginning, Fit | Non
                   default=None)
         if fit is not None:
             search.starts.append(started(search, origin, fit))
-            if is_worth(search, one, fit) or not is_told(fit.prediction.point, search.baseline):
+            if is_worth(search, one, fit):
                 going.append(fit)
             search.keep([fit])
     go_on(search, sorted(going, key=lambda one: one.promise)[:search.effort.going], search.effort.last_steps)
+    begin_untold_leader(search, fitter, zip(laid, first_fits, strict=True))
     return [(one, fit) for one, fit in zip(laid, first_fits, strict=True) if is_untold(search, one, fit)]
+
+
+def begin_untold_leader(search: Search, fitter: Fitter, laid: Iterable[tuple[Beginning, Fit | None]]) -> None:
+    """Fit an effect that leads from the other points of its ranges too, where first order tells nothing of it.
+
+    Of a play, objectives have several minima. Where it does not lead from where it is weak, this would take long.
+    """
+    if is_explained(search):
+        return
+    leader = search.best(1)[:1]
+    fits = search.pool(fit_task, [task for one, fit in laid if [one.point.effects] == leader and not is_told(
+        one.point, one.origin) for task in elsewhere(fitter, one, fit)])
+    search.keep(fits)
+    go_on(search, [fit for fit in fits if fit is not None], search.effort.last_steps)
 
 
 def may_hold(search: Search, sets: Sequence[Names]) -> Sequence[Names]:

@@ -130,7 +130,7 @@ class RigModel:
         """March the wear through the recorded cycle counts and solve the other conditions at the end.
 
         What is not found near a simulation of the same effects is not sought from nothing, which costs as much as ten
-        simulations: a step half as long finds it.
+        simulations, nor where its wear takes twice the periods: a step half as long finds it.
 
         Raises
         ------
@@ -165,10 +165,11 @@ class RigModel:
                                       block="loops", cycles=min(counts))
         step, state = first.step, first.solution
         steps, kept = [step], {count: first for count in counts if count == step.cycles}
+        most = self._most(near if known else None)
         while step.cycles < last:
             step, state = scheme.advance(step, state)
-            if step.solves > self.most_periods:
-                raise NonConvergenceError(f"the wear needs more than {self.most_periods} periods for {last} cycles")
+            if step.solves > most:
+                raise NonConvergenceError(f"the wear needs more than {most} periods for {last} cycles")
             if step.cycles in counts:
                 def jumped(start: PeriodicSolution | None, now: WearStep = step) -> Period:
                     return period(*joint.settled(now.slow, start, now.solves, now.proposed_jump, anew=False))
@@ -184,6 +185,15 @@ class RigModel:
                       zip(self.observation.conditions, others, strict=True))
         return Simulation(hypothesis, cycle.model, coefficient, tuple(kept[count] for count in counts), sweep,
                           tuple(steps), self.resolution)
+
+    def _most(self, near: Simulation | None) -> int:
+        """Return how many periods the wear may take: beside one of the same effects and resolution, twice its own.
+
+        Few are no reason to stop: half of the most may be taken anyway.
+        """
+        if near is None or near.resolution != self.resolution:
+            return self.most_periods
+        return min(self.most_periods, 2 * max(near.steps[-1].solves, self.most_periods // 4))
 
     def refine(self, coarse: Simulation) -> Simulation:
         """Return a coarser model's simulation by this one: from its motion, or from nothing where that leads astray.
