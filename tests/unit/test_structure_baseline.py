@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pytest
-from fretflow.experiments.structure.run import begin_baselines, told_again
+from fretflow.experiments.structure.run import begin_baselines, either, told_again
 from fretflow.inference.experiment import Experiment, Measurement, Point, Prediction
 from fretflow.inference.parameters import Coordinate, Parameters
+from fretflow.inference.posterior import posterior
 from fretflow.inference.search import FAST
 from fretflow.inference.strategy import start_search
+from waves import Waves, cosine, measurement
 
 ROWS = 24
 PLACE = np.linspace(0.0, 1.0, ROWS)
@@ -164,3 +167,29 @@ def test_what_a_finer_mesh_would_leave_nothing_of_is_said(rough: float, noise: b
     told, *_ = told_again(experiment, search)
     assert told.spacing == 1.0
     assert told.or_finer is noise
+
+
+@dataclass(frozen=True)
+class Stated(Waves):
+    """Loops of a cosine whose size is stated so well."""
+
+    sd: float = 0.01
+
+    def parameters(self, effects: Sequence[str], signs: Mapping[str, float] | None = None) -> Parameters:
+        """Return the size of the cosine, and those of the effects."""
+        return Parameters((), (Coordinate("", "friction", 0.0, self.sd, True),))
+
+
+@pytest.mark.parametrize("sds", [(0.01, 1.0), (1.0, 0.01)])
+def test_what_is_stated_and_what_is_free_share_as_their_densities_tell(sds: tuple[float, float]) -> None:
+    """A value that was stated a hundred times as well, and is right, is a hundred times as probable."""
+    searches = []
+    for sd in sds:
+        experiment: Any = Stated(measurement(cosine(), 1e-4), ("viscous",), sd)
+        searches.append(start_search(experiment, experiment.predict(Point(experiment.parameters(()), np.zeros(1))),
+                                     FAST, lambda function, arguments: [function(one) for one in arguments]))
+    stated, free = ((one.experiment, one) for one in searches)
+    _, search, ((share, known),) = either((*stated, []), free)
+    assert search is searches[sds.index(0.01)]
+    assert share == pytest.approx(1.0 / 101.0, rel=0.05)
+    assert known.none == pytest.approx(posterior(search).none, abs=0.01)

@@ -38,6 +38,7 @@ class Posterior:
     sets: dict[Names, float]  # of the catalogue, none among them; the most probable first
     unlisted: float
     shows: dict[Names, dict[str, float]]  # standard deviations by which each effect of a set is away from doing nothing
+    log_evidence: float = 0.0  # of all hypotheses together, under the errors of their search
 
     @property
     def none(self) -> float:
@@ -115,7 +116,8 @@ def posterior(search: Search) -> Posterior:
     top = max(*weight.values(), unlisted)
     total = sum(exp(value - top) for value in weight.values()) + exp(unlisted - top)
     order = sorted(weight, key=lambda one: -weight[one])
-    return Posterior({names: exp(weight[names] - top) / total for names in order}, exp(unlisted - top) / total, shows)
+    return Posterior({names: exp(weight[names] - top) / total for names in order}, exp(unlisted - top) / total, shows,
+                     top + log(total))
 
 
 def faint(search: Search, names: Names, effect: str) -> float:

@@ -9,7 +9,7 @@ from math import exp, log
 from typing import Any
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import expit, softmax
 from scipy.stats import chi2
 
 from fretflow.core.errors import NonConvergenceError
@@ -64,8 +64,9 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.35 * share, text))
         free = None if detection.p_value >= FALSE_ALARMS else released(experiment, search)
         if free is not None:
-            (experiment, search), others = free, []
-            detection = _search_where_detected(search, progress)
+            found = _search_where_detected(free[1], progress)
+            experiment, search, others = either((experiment, search, others), free)
+            detection = found if search is free[1] else detection
         for _ in range(AGAIN):
             search.settled.clear()
             correct(search, [0, 1, 2])
@@ -147,15 +148,35 @@ def told_again(experiment: StructureExperiment, search: Search
     made = sorted((under(one) for one in told.readings()), key=lambda one: -one[0])
     _, told, again, _ = made[0]
     share = softmax([one[0] for one in made])
-    others = [(float(own), replace(known, sets={names: known.sets[names] for names in known.sets
-                                                if names in again.fits}))
-              for own, (*_, known) in zip(share[1:], made[1:], strict=True)]
+    others = [(float(own), fitted_by(again, known)) for own, (*_, known) in zip(share[1:], made[1:], strict=True)]
     if told.spacing == 1.0 and any(
             one.spacing != 1.0 and detect(own).p_value >= FALSE_ALARMS for _, one, own, _ in made):
         told = replace(told, or_finer=True)
     again.continue_fits(again.promising(sorted((names for names in again.fits if names), key=lambda names: (
         -again.log_evidence(names, frozenset())))), search.effort.last_steps)
     return told, again, others
+
+
+def fitted_by(search: Search, known: Posterior) -> Posterior:
+    """Return the probabilities of the sets that a search has fitted, and of something else."""
+    return replace(known, sets={names: own for names, own in known.sets.items() if names in search.fits})
+
+
+def either(stated: tuple[StructureExperiment, Search, list[Weighed]], free: tuple[StructureExperiment, Search]
+           ) -> tuple[StructureExperiment, Search, list[Weighed]]:
+    """Return the more probable of a structure of the stated values and of free ones, with what the other says.
+
+    That a stated value is wrong is as probable beforehand as that none is.
+    """
+    (experiment, search, others), (released_one, again) = stated, free
+    told, found = posterior(search), posterior(again)
+    totals = [known.log_evidence + own.discrepancy.covariance.log_density
+              for known, own in ((told, search), (found, again))]
+    share = float(expit(totals[1] - totals[0]))
+    if share >= 0.5:
+        return released_one, again, [(1.0 - share, fitted_by(again, averaged(told, others)))]
+    return experiment, search, [*(((1.0 - share) * own, known) for own, known in others),
+                                (share, fitted_by(search, found))]
 
 
 def gone_on(experiment: StructureExperiment, search: Search, sets: Sequence[Names]) -> Search:
