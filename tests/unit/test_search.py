@@ -90,6 +90,18 @@ def test_a_play_that_leads_is_begun_everywhere(effect: str, crest: float) -> Non
     assert search.fits[frozenset({effect})].z[1] == pytest.approx(crest, abs=0.05)
 
 
+def test_what_does_worse_than_nothing_and_promises_little_is_not_fitted_to_rest() -> None:
+    """Two effects that never did better than the baseline took longest, beside one that explained nine tenths."""
+    experiment = Waves(measurement(cosine() + wave("viscous") + 0.3 * wave("sensor-inertia")))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    point = {name: Point(experiment.parameters([name]), np.array([0.0, at])) for name, at in (
+        ("viscous", 5.0), ("parallel-stiffness", 6.0), ("sensor-inertia", 0.0))}
+    search.keep(search.fitter.at(one, first) for one in point.values())
+    strategy.to_rest(search, 1)
+    assert {name for name in point if search.fits[frozenset({name})].converged} == {"viscous", "sensor-inertia"}
+
+
 @dataclass(frozen=True)
 class Scattered(Waves):
     """Waves of which one comes with a ripple whose size is left to chance."""

@@ -238,12 +238,18 @@ def to_rest(search: Search, size: int) -> None:
     """Fit the leading sets of a size on until they have come to rest.
 
     Of single effects the first few whatever their distance, unless one explains all: how probable one is shows at rest
-    only, and the foremost are fitted first. Pairs that are worse than one effect alone are hopeless.
+    only, and the foremost are fitted first. What does no better than nothing, and promises less than the best has, is
+    hopeless, as are pairs that are worse than one effect alone.
     """
+    def is_hopeless(fit: Fit) -> bool:
+        return size == 1 and fit.objective >= search.baseline.objective and fit.promise > min(
+            search.fits[names].objective for names in search.best(1))
+
     def moving() -> list[Names]:
         sets = may_hold(search, search.best(1)) if size == 1 else search.promising(
             [*search.best(1)[:1], *search.promising(search.best(size))])[1:]
-        return [names for names in sets[:2 * search.effort.bases] if not search.fits[names].converged]
+        return [names for names in sets[:2 * search.effort.bases]
+                if not search.fits[names].converged and not is_hopeless(search.fits[names])]
 
     for most in (search.effort.bases, 2 * search.effort.bases):
         for _ in range(2):
