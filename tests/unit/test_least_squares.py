@@ -11,9 +11,10 @@ import pytest
 from fretflow.core.errors import NonConvergenceError
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter, _step
-from fretflow.inference.parameters import FARTHEST, HALF
-from fretflow.inference.search import Search
+from fretflow.inference.parameters import FARTHEST, HALF, Coordinate, Parameters
+from fretflow.inference.search import FAST, Search
 from fretflow.inference.strategy import to_rest
+from waves import BASELINE, Waves, cosine, measurement, wave
 
 TRUE = np.array([1.0, 1.0])
 SD = 0.05
@@ -58,7 +59,8 @@ class Valley:
 def fit_of(valley: Valley, secants: bool = False, start: tuple[float, float] = (-1.2, 1.0)) -> Fit:
     """Return the fit from a start, on the other side of the valley by default, by 60 steps at most."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
     experiment: Any = valley
     return Fitter(experiment, covariance, secants).fit(Point(plane, np.array(start)), None, 60)
 
@@ -95,6 +97,14 @@ def test_what_numerical_errors_make_rough_is_fitted_with_finer_ones() -> None:
     assert rough <= 24
 
 
+def stands(z: np.ndarray, slopes: np.ndarray, residual: np.ndarray) -> Any:
+    """Return what a step is told of where a fit stands, none of its coordinates at a limit."""
+    far = FARTHEST * np.ones(len(z))
+    return SimpleNamespace(z=z, whitened_jacobian=slopes, residual=residual, held=np.zeros(len(z), dtype=bool),
+                           information=np.eye(len(z)) + slopes.T @ slopes,
+                           parameters=SimpleNamespace(ends=np.array([-far, far])))
+
+
 def test_a_step_is_the_best_of_those_that_lead_nothing_too_far() -> None:
     """Where the quadratic model is least in a box, its slope is zero along what is free and points out of the box."""
     rng, held = np.random.default_rng(2), 0
@@ -102,8 +112,7 @@ def test_a_step_is_the_best_of_those_that_lead_nothing_too_far() -> None:
         size = rng.integers(1, 12)
         z = np.clip(3.0 * rng.standard_normal(size), -FARTHEST, FARTHEST)
         slopes, residual = rng.standard_normal((40, size)) * 10.0**rng.uniform(-2.0, 2.0, size), rng.standard_normal(40)
-        now: Any = SimpleNamespace(z=z, whitened_jacobian=slopes, residual=10.0 * residual,
-                                   information=np.eye(size) + slopes.T @ slopes)
+        now: Any = stands(z, slopes, 10.0 * residual)
         step = _step(now)
         least, most = (np.clip(z + way * HALF, -FARTHEST, FARTHEST) - z for way in (-1.0, 1.0))
         assert np.all((step >= least - 1e-9) & (step <= most + 1e-9))
@@ -133,7 +142,8 @@ class Bent(Valley):
 def test_a_step_that_brings_less_than_a_quarter_of_what_it_told_is_tried_shorter() -> None:
     """Newton's step on tanh tells a fall to nothing, and from 1.08 ends nearly as high on the other side."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
     fitter = Fitter(cast(Any, Bent()), covariance)
     start = fitter.at(Point(plane, np.array([0.36, 0.0])), None)
 
@@ -149,15 +159,15 @@ def test_a_step_along_slopes_that_are_alike_and_large_is_the_least_one() -> None
     """Products of slopes of 1e9 leave nothing of a prior of one: the difference of two alike stays where it is."""
     slopes = 1e9 * np.outer(np.random.default_rng(3).standard_normal(40), [1.0, 1.0])
     z = np.array([0.5, -0.5])
-    now: Any = SimpleNamespace(z=z, whitened_jacobian=slopes, residual=slopes @ [0.2, 0.2],
-                               information=np.eye(2) + slopes.T @ slopes)
+    now: Any = stands(z, slopes, slopes @ [0.2, 0.2])
     assert _step(now) == pytest.approx(np.array([0.2, 0.2]) - z, abs=1e-3)
 
 
 def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     """The Gauss-Newton step of a straight valley ends where its promise was."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
     experiment: Any = replace(Valley(), bend=0.0)
     fitter = Fitter(experiment, covariance)
     start = fitter.at(Point(plane, np.array([0.5, 0.5])), None)
@@ -176,7 +186,8 @@ def test_where_a_step_has_no_solution_half_of_it_is_tried_next() -> None:
             return super().predict(point, near)
 
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
     experiment: Any = Cliff(bend=0.0)
     fit = Fitter(experiment, covariance).fit(Point(plane, np.array([0.0, 0.0])), None, 1)
     assert tried[1] > 0.6
@@ -194,7 +205,8 @@ def test_a_fit_that_goes_on_makes_no_derivatives_anew_where_it_stands() -> None:
             return super().changes(prediction, points)
 
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
     experiment: Any = Counting()
     fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
     first, whole = fitter.fit(start, None, 1), fitter.fit(start, None, 2)
@@ -214,7 +226,8 @@ def test_a_fit_by_single_steps_goes_the_way_of_one_of_many() -> None:
             return super().predict(point, near)
 
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z))
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
     experiment: Any = Counting()
     fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
     whole = fitter.fit(start, None, 8)
@@ -284,10 +297,39 @@ def test_where_one_effect_explains_all_hopeless_ones_are_not_fitted_to_rest(left
     asked: list[str] = []
     names = [frozenset({"near"}), frozenset({"far"})]
     search: Any = SimpleNamespace(
-        fits={one: SimpleNamespace(converged=False, chi_squared=left) for one in names},
+        fits={one: SimpleNamespace(converged=False, chi_squared=left, objective=left, promise=left) for one in names},
+        baseline=SimpleNamespace(objective=np.inf),
         effort=SimpleNamespace(bases=2, last_steps=2), best=lambda size: names, promising=lambda sets: sets[:1],
         experiment=SimpleNamespace(measurement=SimpleNamespace(expected=10.0)),
         passes_for_noise=lambda own: Search.passes_for_noise(search, own),
         continue_fits=lambda sets, steps: asked.extend(one for own in sets for one in own))
     to_rest(search, 1)
     assert list(dict.fromkeys(asked)) == fitted
+
+
+@dataclass(frozen=True)
+class Limited(Waves):
+    """Loops of a cosine with a wave whose height is its coordinate, of a parameter that may not be less than -1."""
+
+    lowest: float = -1.0
+
+    def parameters(self, effects: Any, signs: Any = None) -> Parameters:
+        """Return the size of the cosine, and the wave's."""
+        return Parameters(tuple(effects), (*BASELINE, Coordinate("viscous", "size", 0.0, 1.0, False, self.lowest)))
+
+
+@pytest.mark.parametrize("height", [-2.0, -0.5])
+@pytest.mark.parametrize("start", [-1.0, 0.5])
+def test_a_parameter_ends_at_the_limit_of_what_it_may_be_and_leaves_it(height: float, start: float) -> None:
+    """Beyond it nothing changed any more, and it stayed there and was told as if nothing were known of it."""
+    experiment: Any = Limited(measurement(cosine() + 0.1 * cosine() + height * wave("viscous")), ("viscous",))
+    point = Point(experiment.parameters(["viscous"]), np.array([0.0, start]))
+    search = Search(experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
+    fit = search.fitter.fit(point, None)
+    assert fit.converged
+    assert fit.z[1] == pytest.approx(max(height, -1.0), abs=0.02)
+    evidence = search.discrepancy.evidence(fit)
+    mean, covariance = evidence.coordinates(np.full(evidence.table.shape, 1.0 / evidence.table.size))
+    assert list(fit.held) == [False, height < -1.0]
+    assert mean[1] == pytest.approx(fit.z[1], abs=0.05)
+    assert (covariance[1] == 0.0).all() == (height < -1.0)

@@ -106,7 +106,8 @@ class Discrepancy:
     def evidence(self, fit: Fit, formed: Array | None = None, chance: Array | None = None) -> Evidence:
         """Return the evidence of a fitted hypothesis; `formed` (M, any) in SI are what laws of other forms change.
 
-        What the hypothesis leaves to `chance` (M, any) in SI are coordinates too, which nobody asks for.
+        What the hypothesis leaves to `chance` (M, any) in SI are coordinates too, which nobody asks for. Coordinates
+        that are held at limits stay there.
         """
         common, left, size = self._modes
         blank = formed is None or not formed.shape[1]
@@ -136,6 +137,8 @@ class Discrepancy:
                     np.log(np.diag(root[0])).sum())
                 mean[i, j, k] = solved[:own, 0]
                 covariance[i, j, k] = solved[:own, 1:]
+        mean[..., fit.held] = fit.z[fit.held]
+        covariance[..., fit.held, :] = covariance[..., :, fit.held] = 0.0
         return Evidence(table=table, mean=mean, covariance=covariance)
 
 

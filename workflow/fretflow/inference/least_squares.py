@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from fretflow.core.errors import NonConvergenceError
@@ -58,6 +59,11 @@ class Fit:
     def effects(self) -> frozenset[str]:
         """Return the hypothesis's effects."""
         return self.prediction.point.effects
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Return which coordinates (P,) stand at a limit of what a parameter may be, which nothing draws them from."""
+        return np.asarray(_at_limits(self.prediction.point) & ~self.jacobian.any(axis=0))
 
     @property
     def predicted(self) -> Array:
@@ -132,10 +138,17 @@ class Fitter:
         return self.linearised(self.experiment.predict(point, near))
 
     def linearised(self, prediction: Prediction, slopes: Array | None = None) -> Fit:
-        """Return a prediction with its residual and derivatives, (M, P) in SI where they are known about."""
+        """Return a prediction with its residual and derivatives, (M, P) in SI where they are known about.
+
+        There is none by what stands at a limit and is drawn beyond.
+        """
         by_z = jacobian(self.experiment, prediction) if slopes is None else slopes
         residual = self.covariance.whiten(self.experiment.measurement.values - prediction.values)
-        return Fit(prediction, residual, by_z, self.covariance.whiten(by_z), False)
+        white, z = self.covariance.whiten(by_z), prediction.point.z
+        outward = _at_limits(prediction.point) & (np.sign(z) * (white.T @ residual - z) > 0.0)
+        if outward.any():
+            by_z, white = (np.where(outward, 0.0, one) for one in (by_z, white))
+        return Fit(prediction, residual, by_z, white, False)
 
     def _improved(self, now: Fit) -> tuple[Fit, int]:
         """Return a better fit by the dampings from its own on, and that one's place; `now` if none is.
@@ -145,7 +158,7 @@ class Fitter:
         place, best, least, taken = now.damping, None, now.objective, len(DAMPINGS)
         while place < len(DAMPINGS):
             step = _step(now, DAMPINGS[place])
-            z = np.clip(now.z + step, -FARTHEST, FARTHEST)
+            z = np.clip(now.z + step, *now.parameters.ends)
             try:
                 prediction = self.experiment.predict(Point(now.parameters, z), now.prediction)
             except NonConvergenceError:  # half of the way may have a solution, and nearly all of it has none either
@@ -186,11 +199,19 @@ def _step(now: Fit, damping: float = 0.0) -> Array:
     step shortened as a whole would wait for the one that goes farthest (P. B. Stark, R. L. Parker, Comput. Stat. 10
     (1995) 129-141).
     """
-    if not len(now.z):
-        return now.z
-    least, most = (np.clip(np.clip(now.z, -FARTHEST, FARTHEST) + way * HALF, -FARTHEST, FARTHEST) - now.z
-                   for way in (-1.0, 1.0))
-    damped = np.diag(np.sqrt(damping * np.diag(now.information)))
-    turned, root = np.linalg.qr(np.vstack([now.whitened_jacobian, np.eye(len(now.z)), damped]))
-    aimed = turned.T @ np.concatenate([now.residual, -now.z, np.zeros(len(now.z))])
-    return np.asarray(lsq_linear(root, aimed, (least, most), method="bvls").x)
+    step, free, ends = np.zeros(len(now.z)), ~now.held, now.parameters.ends
+    if not free.any():
+        return step
+    z = now.z[free]
+    least, most = (np.clip(np.clip(now.z, *ends) + way * HALF, *ends)[free] - z for way in (-1.0, 1.0))
+    damped = np.diag(np.sqrt(damping * np.diag(now.information)[free]))
+    turned, root = np.linalg.qr(np.vstack([now.whitened_jacobian[:, free], np.eye(len(z)), damped]))
+    aimed = turned.T @ np.concatenate([now.residual, -z, np.zeros(len(z))])
+    step[free] = lsq_linear(root, aimed, (least, most), method="bvls").x
+    return step
+
+
+def _at_limits(point: Point) -> NDArray[np.bool_]:
+    """Return which coordinates (P,) stand at limits of what their parameters may be, not of how far any may go."""
+    ends = point.parameters.ends
+    return np.asarray(np.any((point.z == ends) & (np.abs(ends) < FARTHEST), axis=0))

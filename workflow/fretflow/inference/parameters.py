@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +117,12 @@ class Parameters:
     def size(self) -> int:
         """Return the number of coordinates."""
         return len(self.coordinates)
+
+    @cached_property
+    def ends(self) -> Array:
+        """Return the least and the largest coordinates (2, size): beyond, values are what they are there."""
+        return np.array([[one.place(own) for own in ((one.lowest, one.highest)[::int(one.sign)])]
+                         for one in self.coordinates]).reshape(-1, 2).T
 
     def values(self, z: Array) -> dict[str, dict[str, float]]:
         """Return the parameters' values in SI by effect (none: the baseline) and field at coordinates z (size,)."""

@@ -127,7 +127,8 @@ def faint(search: Search, names: Names, effect: str) -> float:
     """
     kind, space = catalogue()[effect], search.fits[names].parameters
     mean, covariance = search.evidence(names).coordinates(search.prior(names))
-    told = list(zip(space.coordinates, mean, np.sqrt(np.diag(covariance)), strict=True))
+    deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))  # what is held at a limit has none
+    told = list(zip(space.coordinates, mean, deviations, strict=True))
     strong = 1.0
     for less in (kind.neutral(), kind.plainest()):
         sizes = [(own, at, sd, getattr(less, own.field)) for own, at, sd in told

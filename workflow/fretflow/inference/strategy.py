@@ -29,7 +29,7 @@ from fretflow.inference.beginnings import (
 )
 from fretflow.inference.experiment import Experiment, Prediction
 from fretflow.inference.least_squares import ENOUGH, Fit, Fitter
-from fretflow.inference.parameters import FARTHEST, Array, is_bent
+from fretflow.inference.parameters import Array, is_bent
 from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
 
 Progress = Callable[[float, str], None]
@@ -294,7 +294,7 @@ def carried_on(search: Search, part: Fit) -> list[Fit | None]:
     point, spread = part.prediction.point, np.linalg.cholesky(np.linalg.inv(part.information))
     drawn = np.random.default_rng(0).standard_normal((search.effort.draws, len(point.z)))
     fits = search.pool(fit_task, [Task(search.fitter, replace(point, z=np.clip(
-        point.z + spread @ one, -FARTHEST, FARTHEST)), None, 0) for one in drawn])
+        point.z + spread @ one, *point.parameters.ends)), None, 0) for one in drawn])
     best = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.objective)[:search.effort.starts]
     return search.pool(fit_task, [search.further(fit, 2 * search.effort.last_steps) for fit in best])
 
