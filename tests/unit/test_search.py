@@ -103,6 +103,41 @@ def test_what_does_worse_than_nothing_and_promises_little_is_not_fitted_to_rest(
 
 
 @dataclass(frozen=True)
+class Rough(Waves):
+    """Waves of a coarse model, whose error a finer one tells where it is asked."""
+
+    told: float = 0.0
+
+    def predict(self, point: Point, near: Prediction | None = None) -> Prediction:
+        """Return the waves with as much of the error as was put right."""
+        plain = super().predict(point, near)
+        return Prediction(point, plain.values + self.told * np.sin(16.0 * np.pi * self.measurement.phase + 0.3))
+
+    def corrected(self, prediction: Prediction) -> Rough:  # type: ignore[override]
+        """Return the same with the error put right."""
+        return replace(self, told=0.05)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_what_is_begun_beside_the_baseline_is_put_right_as_that_is(bent: bool) -> None:
+    """Errors that were told at a first baseline had made all effects six times e as probable as nothing."""
+    generator = np.random.default_rng(4)
+    noise = SD * generator.standard_normal(LOOPS * SAMPLES)
+    experiment = Rough(measurement((5.0 if bent else 1.0) * cosine() + noise))
+    first = experiment.predict(Point(experiment.parameters(()), np.zeros(1)))
+    search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
+    begin_all(search)
+    before = {names: search.log_evidence(names) for names in search.fits}
+    strategy.correct(search, [0])
+    put_right = [names for names in before if names and names in search.fitters]
+    assert bool(put_right) is not bent
+    moved = {names: search.log_evidence(names) - before[names] for names in search.fits}
+    assert abs(moved[frozenset()]) > 3.0
+    for names in put_right:
+        assert moved[names] == pytest.approx(moved[frozenset()], abs=1.0)
+
+
+@dataclass(frozen=True)
 class Scattered(Waves):
     """Waves of which one comes with a ripple whose size is left to chance."""
 

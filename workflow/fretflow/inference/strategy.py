@@ -207,6 +207,8 @@ def correct(search: Search, of: Sequence[int]) -> None:
                      if own is not None}
         for names, own in put_right.items():
             search.fitters[names], search.fits[names] = own
+        if frozenset() in put_right:
+            correct_beside_baseline(search)
         search.sign(put_right)
         again = [names for names in put_right if search.log_evidence(names) > -NEGLIGIBLE + max(
             search.log_evidence(one) for one in put_right if len(one) == len(names))]
@@ -217,6 +219,34 @@ def correct(search: Search, of: Sequence[int]) -> None:
         changed = max(changed, *(abs(search.log_evidence(names, frozenset()) - own) for names, own in before.items()))
 
 
+def correct_beside_baseline(search: Search) -> None:
+    """Put the numerical errors of single effects right as the baseline's are, as long as they are not at own fits.
+
+    Errors that were told elsewhere made all of them more probable than nothing, by what these do to a baseline. Beside
+    a bent one none was begun.
+    """
+    if is_bent(search.baseline.z).any():
+        return
+    experiment = search.fitter_of(frozenset()).experiment
+    sets = [names for names in search.best(1) if names not in search.settled
+            and experiment.has_made(search.fits[names].prediction)]
+    asked = [(replace(search.fitter_of(names), experiment=experiment), search.fits[names]) for names in sets]
+    for names, (fitter, _), fit in zip(sets, asked, search.pool(predict_anew_task, asked), strict=True):
+        if fit is not None:
+            search.fitters[names], search.fits[names] = fitter, fit
+
+
+def predict_anew_task(asked: tuple[Fitter, Fit]) -> Fit | None:
+    """Return a fit where it stands as another experiment of the same model predicts it; None without a solution."""
+    fitter, fit = asked
+    try:
+        anew = fitter.experiment.predict(fit.prediction.point, fit.prediction)
+    except NonConvergenceError:
+        return None
+    return replace(fitter.linearised(anew, fit.jacobian), converged=fit.converged, provisional=fit.provisional,
+                   secant=fit.secant)
+
+
 def correct_task(asked: tuple[Fitter, Fit]) -> tuple[Fitter, Fit] | None:
     """Return a fitter with the numerical errors put right at a fit, and that; None where nothing finer tells them."""
     fitter, fit = asked
@@ -224,14 +254,13 @@ def correct_task(asked: tuple[Fitter, Fit]) -> tuple[Fitter, Fit] | None:
     if experiment is None:
         return None
     own = replace(fitter, experiment=experiment)
-    try:
-        anew = experiment.predict(fit.prediction.point, fit.prediction)
+    if experiment.has_made(fit.prediction):
+        anew = predict_anew_task((own, fit))
+        return None if anew is None else (own, anew)
+    try:  # derivatives are of another model as well
+        return own, own.at(fit.prediction.point, fit.prediction)
     except NonConvergenceError:
         return None
-    if not experiment.has_made(fit.prediction):  # derivatives are of another model as well
-        return own, own.linearised(anew)
-    return own, replace(own.linearised(anew, fit.jacobian), converged=fit.converged, provisional=fit.provisional,
-                        secant=fit.secant)
 
 
 def to_rest(search: Search, size: int) -> None:
@@ -322,6 +351,7 @@ def begin_all(search: Search) -> list[Task]:
 
 def begin_elsewhere(search: Search, untold: Sequence[Task]) -> None:
     """Fit effects from the best of some points of their ranges."""
+    untold = [replace(task, fitter=search.fitter_of(task.point.effects)) for task in untold]
     best: dict[Names, list[tuple[float, Task]]] = {}
     for task, weighed in zip(untold, search.pool(weigh_task, untold), strict=True):
         if weighed is not None:
