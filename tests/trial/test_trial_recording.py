@@ -13,7 +13,8 @@ from fretflow.effects.catalogue import parse_effects
 from fretflow.recordings.recording import read_joint_recording
 from fretflow_trial import make
 from fretflow_trial.campaign import Plan, Test
-from fretflow_trial.case import LISTED, UNLISTED, Case, Simulated, compose, draw, key
+from fretflow_trial.case import LISTED, MOST_DRAWS, UNLISTED, Case, Simulated, compose, draw, key, simulate
+from fretflow_trial.contact import UnsettledContactError
 from fretflow_trial.hidden import CATALOGUE, Facts
 from fretflow_trial.joint import specimens
 from fretflow_trial.period import March
@@ -179,3 +180,20 @@ def test_make_writes_a_recording_and_its_key(short: Short, tmp_path: Path, monke
     assert json.loads((tmp_path / "key.json").read_text())["kind"] == "nothing"
     with pytest.raises(SystemExit):
         make.main(["--effect", "no-such-effect", "--out", str(tmp_path)])
+
+
+def test_draws_that_show_too_little_are_told_apart_from_those_that_do_not_repeat(
+        short: Short, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a weak effect it said that no motion repeats."""
+    draws, weak = iter(range(MOST_DRAWS)), next(iter(short.simulated.signals.values()))
+
+    def seen(drawn: Case, outcome: object) -> Simulated:
+        if next(draws) < 5:
+            raise UnsettledContactError("it runs wild")
+        return replace(short.simulated, signals={"viscous": weak})
+
+    monkeypatch.setattr(Test, "run", lambda *_: None)
+    monkeypatch.setattr("fretflow_trial.case._seen", seen)
+    with pytest.raises(RuntimeError, match=f"of {MOST_DRAWS} draws 5 have no motion that repeats, and "
+                                           f"{MOST_DRAWS - 5} show less than 1e\\+09 times the noise"):
+        simulate("single", ["viscous"], SeedSequence(4), 4, 1e9)

@@ -124,8 +124,9 @@ def simulate(kind: str, names: Sequence[str], seed: SeedSequence, world: int = 1
     Raises
     ------
     RuntimeError
-        If no draw gives a motion that can be recorded.
+        If no draw gives a motion that can be recorded, and shows enough.
     """
+    weak = 0
     for own in seed.spawn(MOST_DRAWS):
         case = draw(kind, names, own, world)
         try:
@@ -134,8 +135,9 @@ def simulate(kind: str, names: Sequence[str], seed: SeedSequence, world: int = 1
             continue
         if all(one.rms >= least for one in simulated.signals.values()):
             return simulated
-    raise RuntimeError(f"{', '.join(names) or 'nothing'}: no motion that repeats in {MOST_DRAWS} draws; take another "
-                       "seed")
+        weak += 1
+    raise RuntimeError(f"{', '.join(names) or 'nothing'}: of {MOST_DRAWS} draws {MOST_DRAWS - weak} have no motion "
+                       f"that repeats, and {weak} show less than {least:g} times the noise; take another seed")
 
 
 def _seen(case: Case, outcome: Outcome) -> Simulated:
