@@ -280,9 +280,10 @@ def to_rest(search: Search, size: int) -> None:
         return [names for names in sets[:2 * search.effort.bases]
                 if not search.fits[names].converged and not is_hopeless(search.fits[names])]
 
-    for most in (search.effort.bases, 2 * search.effort.bases):
-        for _ in range(2):
-            search.continue_fits(moving()[:most], search.effort.last_steps // 2)
+    for _ in range(2):
+        foremost = moving()[:search.effort.bases]
+        search.continue_fits(foremost, search.effort.last_steps // 2)
+        search.continue_fits([names for names in moving() if names not in foremost], search.effort.last_steps // 2)
 
 
 def exchange_laws(search: Search, size: int) -> None:
