@@ -335,10 +335,10 @@ def test_a_change_of_friction_acts_on_the_conditions_of_the_sweep(monkeypatch):
 
 @pytest.mark.parametrize(("exponent", "is_told"), [(1.0, True), (-1.5, False)])
 def test_of_faces_that_wear_makes_unstable_no_change_is_of_first_order(rig, exponent, is_told):
-    """What is pressed more wears less: any change of depth grows a thousand times, and is told as not known."""
+    """What is pressed more wears less: any change of depth grows two hundred times, and is told as not known."""
     space = Parameters.of(BASELINE, ["wear-power-law"])
     (place,) = (one.place(exponent) for one in space.coordinates if one.field == "pressure_exponent")
-    at = {"wear": 2.5, "pressure_exponent": place}
+    at = {"wear": 1.5, "pressure_exponent": place}
     point = Point(space, np.array([at.get(one.field, 0.0) for one in space.coordinates]))
     coarse = replace(rig, wear_tolerance=rig_model.WEAR_TOLERANCE)  # or it takes a step for every wobble
     changes = neighbours(coarse, coarse.simulate(hypothesis(point)), [hypothesis(one) for one in point.beside()[0]])
