@@ -192,6 +192,7 @@ def test_draws_that_show_too_little_are_told_apart_from_those_that_do_not_repeat
             raise UnsettledContactError("it runs wild")
         return replace(short.simulated, signals={"viscous": weak})
 
+    monkeypatch.setattr("fretflow_trial.case.draw", lambda *_: short.case)
     monkeypatch.setattr(Test, "run", lambda *_: None)
     monkeypatch.setattr("fretflow_trial.case._seen", seen)
     with pytest.raises(RuntimeError, match=f"of {MOST_DRAWS} draws 5 have no motion that repeats, and "
