@@ -10,6 +10,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from time import monotonic
@@ -85,7 +86,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
             raise UnsupportedRecordingError(f"{recorded.path}: test.kind {recorded.kind.id!r} has no diagnosis; there "
                                             f"is one of {', '.join(known)}")
         diagnosis: Diagnosis = resolve_name(recorded.kind.experiment)(
-            recorded, fast, tell, RigTools(lambda case: reduced_problem(case, models), pool))
+            recorded, fast, tell, RigTools(partial(reduced_problem, models=models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
     return replace(diagnosis, case_file=runnable(diagnosis, name), seconds=monotonic() - began, fast=fast,
                    stages=tell.ended(), memory=memory())

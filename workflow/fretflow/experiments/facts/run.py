@@ -46,8 +46,8 @@ def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, to
     """
     progress(0.01, "specimens on two meshes")
     case, first = case_of(recording.file), ELEMENTS if fast else ELEMENTS + 1
-    coarse, fine = (model_of(recording.file, tools.statics(case_of(recording.file, elements)))
-                    for elements in range(first, first + 2))
+    coarse, fine = (model_of(recording.file, problem) for problem in tools.statics(
+        case_of(recording.file, elements) for elements in range(first, first + 2)))
     progress(0.1, "refitting the baseline")
     search = refitted(FactsExperiment.of(recording.file, coarse), fine, fast, tools.pool)
     run_search(search, lambda share, text: progress(0.2 + 0.7 * share, text))

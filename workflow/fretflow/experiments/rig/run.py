@@ -6,7 +6,7 @@ the covariance; a full diagnosis confirms its answer on a mesh of the pipeline's
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,10 +71,19 @@ class RigTools:
     reduce: Reduce
     pool: Pool
 
-    def statics(self, case: Case) -> PeriodicProblem:
-        """Return the problem of a case by its statics: contacts follow these, and specimens' own modes count little."""
-        return self.reduce(case.model_copy(update={
-            "reduction": Reduction(fixed_interface_modes=1, checked_frequencies=1)}))
+    def statics(self, cases: Iterable[Case]) -> list[PeriodicProblem]:
+        """Return the problems of cases by their statics: contacts follow these, and specimens' own modes count little.
+
+        Where the pool has several processes they are reduced at once.
+        """
+        few = Reduction(fixed_interface_modes=1, checked_frequencies=1)
+        return self.pool(reduce_task, [(self.reduce, case.model_copy(update={"reduction": few})) for case in cases])
+
+
+def reduce_task(asked: tuple[Reduce, Case]) -> PeriodicProblem:
+    """Return the problem of a case, from meshes to reduction."""
+    reduce, case = asked
+    return reduce(case)
 
 
 @dataclass(frozen=True)
@@ -239,7 +248,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
                   ) -> tuple[RigExperiment, Prediction]:
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
-    coarse, fine = (tools.statics(case_of(recording, own, f"{own}-elements")) for own in elements)
+    coarse, fine = tools.statics(case_of(recording, own, f"{own}-elements") for own in elements)
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
