@@ -56,11 +56,17 @@ class Valley:
         """Return nothing."""
 
 
+def plane_of_coordinates() -> Any:
+    """Return two coordinates without effects, which may go as far as any."""
+    far = FARTHEST * np.ones(2)
+    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    return plane
+
+
 def fit_of(valley: Valley, secants: bool = False, start: tuple[float, float] = (-1.2, 1.0)) -> Fit:
     """Return the fit from a start, on the other side of the valley by default, by 60 steps at most."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    far = FARTHEST * np.ones(2)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    plane = plane_of_coordinates()
     experiment: Any = valley
     return Fitter(experiment, covariance, secants).fit(Point(plane, np.array(start)), None, 60)
 
@@ -142,8 +148,7 @@ class Bent(Valley):
 def test_a_step_that_brings_less_than_a_quarter_of_what_it_told_is_tried_shorter() -> None:
     """Newton's step on tanh tells a fall to nothing, and from 1.08 ends nearly as high on the other side."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    far = FARTHEST * np.ones(2)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    plane = plane_of_coordinates()
     fitter = Fitter(cast(Any, Bent()), covariance)
     start = fitter.at(Point(plane, np.array([0.36, 0.0])), None)
 
@@ -166,8 +171,7 @@ def test_a_step_along_slopes_that_are_alike_and_large_is_the_least_one() -> None
 def test_what_the_next_step_promises_is_reached_by_a_linear_model() -> None:
     """The Gauss-Newton step of a straight valley ends where its promise was."""
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    far = FARTHEST * np.ones(2)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    plane = plane_of_coordinates()
     experiment: Any = replace(Valley(), bend=0.0)
     fitter = Fitter(experiment, covariance)
     start = fitter.at(Point(plane, np.array([0.5, 0.5])), None)
@@ -186,8 +190,7 @@ def test_where_a_step_has_no_solution_half_of_it_is_tried_next() -> None:
             return super().predict(point, near)
 
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    far = FARTHEST * np.ones(2)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    plane = plane_of_coordinates()
     experiment: Any = Cliff(bend=0.0)
     fit = Fitter(experiment, covariance).fit(Point(plane, np.array([0.0, 0.0])), None, 1)
     assert tried[1] > 0.6
@@ -205,8 +208,7 @@ def test_a_fit_that_goes_on_makes_no_derivatives_anew_where_it_stands() -> None:
             return super().changes(prediction, points)
 
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    far = FARTHEST * np.ones(2)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    plane = plane_of_coordinates()
     experiment: Any = Counting()
     fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
     first, whole = fitter.fit(start, None, 1), fitter.fit(start, None, 2)
@@ -226,8 +228,7 @@ def test_a_fit_by_single_steps_goes_the_way_of_one_of_many() -> None:
             return super().predict(point, near)
 
     covariance: Any = SimpleNamespace(whiten=lambda values: values / SD)
-    far = FARTHEST * np.ones(2)
-    plane: Any = SimpleNamespace(effects=(), turned=lambda z: (plane, z), ends=np.array([-far, far]))
+    plane = plane_of_coordinates()
     experiment: Any = Counting()
     fitter, start = Fitter(experiment, covariance), Point(plane, np.array([-1.2, 1.0]))
     whole = fitter.fit(start, None, 8)

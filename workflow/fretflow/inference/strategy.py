@@ -222,8 +222,8 @@ def correct(search: Search, of: Sequence[int]) -> None:
 def correct_beside_baseline(search: Search) -> None:
     """Put the numerical errors of single effects right as the baseline's are, as long as they are not at own fits.
 
-    Errors that were told elsewhere made all of them more probable than nothing, by what these do to a baseline. Beside
-    a bent one none was begun.
+    Errors that were told elsewhere made all of them more probable than nothing, by what these do to a baseline. Where
+    that is bent they were begun beside the stated one first, and its errors are not theirs.
     """
     if is_bent(search.baseline.z).any():
         return
