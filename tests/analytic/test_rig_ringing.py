@@ -16,9 +16,9 @@ from fretflow.experiments.rig.experiment import RigExperiment, hypothesis
 from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.setup import is_seen
 from fretflow.experiments.rig.simulation import Hypothesis
+from fretflow.inference.corrections import correct_task
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
-from fretflow.inference.strategy import correct_task
 from fretflow.solvers.time_integration import settle
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig

@@ -22,10 +22,10 @@ from fretflow.experiments.rig.model import DENSER, SAMPLES, RigModel
 from fretflow.experiments.rig.setup import first_simulation
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.beginnings import beginnings_task
+from fretflow.inference.corrections import correct
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
 from fretflow.inference.search import Effort, Search
-from fretflow.inference.strategy import correct
 from fretflow.recordings.schema import SweepCondition
 from fretflow.solvers.quasi_static import solver as quasi_static
 from fretflow.solvers.time_integration import integrate

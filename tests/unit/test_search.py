@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from fretflow.inference import strategy
+from fretflow.inference import corrections, strategy
 from fretflow.inference.beginnings import beside
 from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point, Prediction, differences
@@ -128,7 +128,7 @@ def test_what_is_begun_beside_the_baseline_is_put_right_as_that_is(bent: bool) -
     search = start_search(experiment, first, FAST, lambda function, arguments: [function(one) for one in arguments])
     begin_all(search)
     before = {names: search.log_evidence(names) for names in search.fits}
-    strategy.correct(search, [0])
+    corrections.correct(search, [0])
     put_right = [names for names in before if names and names in search.fitters]
     assert bool(put_right) is not bent
     moved = {names: search.log_evidence(names) - before[names] for names in search.fits}
@@ -261,8 +261,8 @@ def test_a_fit_under_other_errors_is_kept_where_it_is_more_probable_alone(monkey
     best = search.fits[names]
     away = search.fitter_of(names).at(replace(best.prediction.point, z=best.z + np.array([0.0, 8.0])), None)
     search.settled.clear()
-    monkeypatch.setattr(strategy, "fit_task", lambda task: away)
-    strategy.correct(search, [1])
+    monkeypatch.setattr(corrections, "fit_task", lambda task: away)
+    corrections.correct(search, [1])
     assert search.fits[names].z == pytest.approx(best.z, abs=0.1)
     search.fits[names] = away
     search.keep_more_probable(best)

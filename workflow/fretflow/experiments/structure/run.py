@@ -19,13 +19,14 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.inference.corrections import correct
 from fretflow.inference.decision import Decision, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.evidence import drawn, groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Posterior, Weighed, averaged, posterior
 from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
-from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, correct, run_search, start_search
+from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import after_model, separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
