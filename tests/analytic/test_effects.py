@@ -6,7 +6,7 @@ period, in either order, or say why not.
 """
 
 import itertools
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +147,14 @@ def test_any_two_work_together_or_say_why_not(first):
         assert period.residual_history[-1] < 1e-12
         factor = one.wear_factor(respond(period, problem.interface), later(one))
         assert np.all(np.isfinite(factor))
+        if effects[0].acts_at != effects[1].acts_at:
+            continue
+        there, back = (reduce(lambda changed, effect: effect.period(changed, later(one)), order, baseline())
+                       for order in (effects, effects[::-1]))
+        assert np.broadcast_to(there.friction_coefficient, 9) == pytest.approx(
+            np.broadcast_to(back.friction_coefficient, 9), rel=1e-12)
+        assert there.interface.gap == pytest.approx(back.interface.gap, abs=1e-18)
+        assert there.law.asymmetry == pytest.approx(back.law.asymmetry)
 
 
 @pytest.mark.parametrize("name", IDS)

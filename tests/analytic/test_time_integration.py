@@ -107,6 +107,12 @@ def test_a_joint_that_sticks_follows_the_matrix_exponential_with_order_two():
     assert errors[-1] < 5e-3
 
 
+def test_whether_motion_repeats_takes_two_periods():
+    after = [settle(problem(60.0), None, (fewest, 40), 64, 1e-3) for fewest in (1, 2)]
+    assert len(after[0].change) == len(after[1].change) > 1
+    assert after[0].change[-1] <= 1e-3
+
+
 def test_a_joint_at_rest_stays_at_rest():
     history = integrate(problem(0.0), None, 1, 16)
     assert np.abs(history.outputs["arm"]).max() < 1e-16

@@ -15,8 +15,10 @@ from fretflow.pipeline.exported import export_recording
 from fretflow.pipeline.results import RunResults
 from fretflow.recordings.loop_sets import read_sets
 from fretflow.recordings.recording import read_joint_recording
+from fretflow.structure.sensors import Signals
 
 MU = {0: 0.4, 5000: 0.5}
+DISTORTED = 10.0  # N, third harmonic of the drive that acted
 
 
 @pytest.fixture
@@ -27,12 +29,19 @@ def run(spring_slider):
         place = np.outer(x, [1.0, 0.0, 0.0])
         return SimpleNamespace(upper_observation=0.75 * place, lower_observation=-0.25 * place, friction_force=force)
 
+    def signals(period):
+        phase = 2.0 * np.pi * np.arange(200) / 200
+        return Signals(step=5e-5, displacement=period.upper_observation[:, 0] - period.lower_observation[:, 0],
+                       friction_force=period.friction_force, arm=np.zeros(200), normal_force=np.full(200, 60.0),
+                       excitation=50.0 * np.cos(phase) + DISTORTED * np.cos(3.0 * phase))
+
     case = validate_case({"format": "fretflow-case/1", "name": "made", "title": 'of "mine"', "test": {
         "excitation_frequency": "100 Hz", "excitation_amplitude": "50 N", "normal_load": "60 N", "cycles": 5000}})
     history = SimpleNamespace(volume=np.array([0.0, 2e-12]), depth=np.array([[0.0] * 4, [0.0, 0.0, 0.0, 8e-6]]))
     nodes = np.array([[x, y] for x in (-1e-3, 1e-3) for y in (-1e-3, 1e-3)])
-    return SimpleNamespace(case=case, periods={cycles: period(mu) for cycles, mu in MU.items()}, nodes=nodes,
-                           history=history, has=lambda stage: stage == "wear")
+    periods = {cycles: period(mu) for cycles, mu in MU.items()}
+    return SimpleNamespace(case=case, periods=periods, nodes=nodes, history=history, has=lambda stage: stage == "wear",
+                           channels={cycles: signals(own) for cycles, own in periods.items()})
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005])
@@ -52,6 +61,8 @@ def test_what_is_read_is_what_was_run(run, exact, tmp_path, noise):
     for name in ("friction_coefficient", "tangential_stiffness", "dissipated_energy", "peak_to_peak"):
         reading, wanted = getattr(loop_set.readings, name), [exact(mu)[name] for mu in MU.values()]
         assert np.all(np.abs(reading.value - wanted) < 4.0 * reading.sd + 5e-3 * np.array(wanted)), name
+    thirds = np.fft.rfft(loop_set.loops.mean("excitation"), axis=1)[:, 3].real / 100
+    assert thirds == pytest.approx(np.full(2, DISTORTED), rel=1e-6)
     force = loop_set.loops.force
     scatter = np.std(force - force.mean(axis=1, keepdims=True), axis=(1, 2)) * np.sqrt(3 / 2)
     assert scatter == pytest.approx([noise * mu * 60.0 for mu in MU.values()], rel=0.1)
@@ -80,7 +91,7 @@ def test_a_run_that_cannot_be_one_is_refused(run, tmp_path, capsys, monkeypatch)
     assert "holds no run" in capsys.readouterr().err
     results = RunResults({}, run.case, tmp_path)
     monkeypatch.setattr(RunResults, "of", lambda home: results)
-    monkeypatch.setattr(RunResults, "periods", run.periods)
+    monkeypatch.setattr(RunResults, "channels", run.channels)
     assert cli.execute(["export", "run", "--to", "given"]) == 0
     assert "`fretflow diagnose given` explains it" in capsys.readouterr().out
     assert not (tmp_path / "given" / "wear_depth.csv").exists()

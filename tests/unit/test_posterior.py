@@ -106,6 +106,7 @@ def test_effects_that_predict_worse_or_explain_nothing_are_not_named() -> None:
     assert (worse.verdict, worse.effects) == (Verdict.UNKNOWN, ())
     assert 0.75 < worse.probability < 0.8
     assert held_to(decision_of(Verdict.NONE), error(9.0), 1000).verdict is Verdict.NONE
+    assert held_to(decision_of(Verdict.NAMED), error(np.nan), 1000).verdict is Verdict.NAMED  # nothing was compared
 
 
 def test_few_rows_that_are_predicted_worse_rule_little_out() -> None:
@@ -261,6 +262,16 @@ def test_what_acts_whatever_acts_beside_it_is_named(monkeypatch: pytest.MonkeyPa
     said = decide(cast(Search, SimpleNamespace(explained=lambda _: 1.0)))
     assert (said.verdict, said.effects) == (verdict, named)
     assert said.probability == pytest.approx(probability)
+
+
+def test_of_many_sets_those_that_hold_next_to_nothing_are_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all together hold less than half, no number of them would."""
+    shares = {"viscous": 0.3, "backlash": 0.15, "scar-edge": 0.01, "extra-mode": 0.001}
+    known = {frozenset({name}): share for name, share in shares.items()} | {frozenset(): 0.25}
+    monkeypatch.setattr(decision, "posterior", lambda _: Posterior(known, 1.0 - sum(known.values()), {}))
+    monkeypatch.setattr(decision, "_ranking", lambda *_: ())
+    said = decide(cast(Search, SimpleNamespace(explained=lambda _: 1.0)))
+    assert (said.verdict, said.effects) == (Verdict.AMBIGUOUS, ("backlash", "viscous"))
 
 
 def test_what_is_probable_is_a_mean_over_the_readings_of_a_recording() -> None:

@@ -233,7 +233,7 @@ class Effect(Section):
     # Within the period
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
-        """Return `problem` with the effect in it; changes of different effects commute.
+        """Return `problem` with the effect in it; changes of effects that act at the same commute.
 
         The gap of `problem` includes the wear of `slow`.
         """

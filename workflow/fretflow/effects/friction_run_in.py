@@ -43,9 +43,11 @@ class FrictionRunIn(Effect):
     order: float = order_of_relaxation()
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
-        """Put the coefficient at this energy in."""
-        final = problem.friction_coefficient if self.final is None else self.final
-        return problem.vary(friction_coefficient=self.coefficient(np.asarray(final), slow.energy))
+        """Put the coefficient at this energy in, of faces whose limits are scattered their mean."""
+        areas, nodal = problem.interface.areas, problem.friction_coefficient
+        mean = np.sum(nodal * areas) / areas.sum()
+        settled = self.coefficient(mean if self.final is None else np.asarray(self.final), slow.energy)
+        return problem.vary(friction_coefficient=nodal / mean * settled)
 
     def coefficient(self, final: Array, energy: Array | float) -> Array:
         """Return mu after `energy` in J, between the initial and the `final` one."""

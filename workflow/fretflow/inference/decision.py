@@ -60,7 +60,7 @@ def decide(search: Search, known: Posterior | None = None) -> Decision:
         return Decision(Verdict.UNKNOWN, (), best, search.explained(best), known.unlisted, ranking, known)
     sets, total = [best], known.sets[best]
     for names in ranked[1:]:
-        if total > known.listed / 2.0 and total > 0.5:
+        if total > min(0.5, (1.0 - FALSE_ALARMS) * known.listed):
             break
         sets.append(names)
         total += known.sets[names]
@@ -138,7 +138,7 @@ def held_to(decision: Decision, error: HeldOut | None, rows: int) -> Decision:
     if decision.explained <= 0.0:
         return ruled_out(decision, "explains nothing")
     count = max(rows, 1)
-    if error is None or error.after**2 <= error.before**2 * (1.0 + sqrt(2.0 / count)):
+    if error is None or not error.after**2 > error.before**2 * (1.0 + sqrt(2.0 / count)):
         return decision
     p = float(f.sf((error.after / error.before)**2, count, count)) if error.before > 0.0 else 0.0
     return ruled_out(decision, "predicts what was held out worse than the baseline", p)

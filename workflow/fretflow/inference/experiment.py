@@ -14,7 +14,7 @@ of B (gains, offsets, solver error, each of unit variance). With ``U = D^-1/2 B 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -91,7 +91,7 @@ class Point:
     def beside(self, step: float = STEP) -> tuple[list[Point], Array]:
         """Return the points a step away along each coordinate, toward the middle, and the steps (size,) taken."""
         steps = np.where(self.z <= 0.0, step, -step)
-        return [Point(self.parameters, self.z + own) for own in np.diag(steps)], steps
+        return [replace(self, z=self.z + own) for own in np.diag(steps)], steps
 
 
 def put_out(effect: Effect) -> Effect:

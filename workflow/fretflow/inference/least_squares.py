@@ -160,7 +160,7 @@ class Fitter:
             step = _step(now, DAMPINGS[place])
             z = np.clip(now.z + step, *now.parameters.ends)
             try:
-                prediction = self.experiment.predict(Point(now.parameters, z), now.prediction)
+                prediction = self.experiment.predict(replace(now.prediction.point, z=z), now.prediction)
             except NonConvergenceError:  # half of the way may have a solution, and nearly all of it has none either
                 place = max(place + 1, DAMPINGS.index(1.0))
                 continue

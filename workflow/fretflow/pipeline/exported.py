@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from fretflow.case.config import Mesh
 from fretflow.core.errors import InputError
 from fretflow.core.store import write_csv, write_whole
 from fretflow.core.units import exact_quantity
+
+if TYPE_CHECKING:
+    from fretflow.pipeline.results import RunResults
 from fretflow.recordings.schema import FILE
 
 REPEATS = 3  # drawn where there is noise: the fewest whose scatter has a scatter of its own
@@ -21,7 +24,7 @@ CHANNELS = {"excitation": ("excitation_N", "N"), "displacement": ("displacement_
             "friction_force": ("friction_force_N", "N")}
 
 
-def export_recording(run: Any, folder: Path, noise: float = 0.0) -> list[Path]:
+def export_recording(run: RunResults, folder: Path, noise: float = 0.0) -> list[Path]:
     """Write a run's loops, and where there is wear the worn volume and depth, as a recording of its rig.
 
     Parameters
@@ -83,18 +86,17 @@ def stiffness_told(mesh: Mesh) -> str:
     return f"specimens are as stiff as {of}, which a diagnosis tells as a Young's modulus above the case's"
 
 
-def _loops(run: Any, noise: float) -> dict[str, Any]:
+def _loops(run: RunResults, noise: float) -> dict[str, Any]:
     """Return the columns of all periods, one after the other."""
     rng, parts = np.random.default_rng(SEED), []
-    amplitude, frequency = run.case.test.excitation_amplitude, run.case.test.excitation_frequency
-    for cycles, period in run.periods.items():
-        turns = np.arange(len(period.friction_force)) / len(period.friction_force)
-        x, force = (period.upper_observation - period.lower_observation)[:, 0], period.friction_force
+    for cycles, seen in run.channels.items():
+        x, force = seen.displacement, seen.friction_force
         for repeat in range(REPEATS if noise else 1):
             x_noise, force_noise = (0.5 * noise * np.ptp(one) * rng.standard_normal(len(one)) for one in (x, force))
             parts.append(np.column_stack([
-                np.full(len(turns), cycles), np.full(len(turns), repeat), turns / frequency,
-                amplitude * np.cos(2.0 * np.pi * turns), 1e6 * (x + x_noise), force + force_noise]))
+                np.full(len(x), cycles), np.full(len(x), repeat), seen.step * np.arange(len(x)),
+                np.asarray(seen.excitation),
+                1e6 * (x + x_noise), force + force_noise]))
     rows = np.concatenate(parts)
     names = ("cycle", "repeat", "time_s", *(heading for heading, _ in CHANNELS.values()))
     return {name: rows[:, k].astype(int) if k < 2 else rows[:, k] for k, name in enumerate(names)}

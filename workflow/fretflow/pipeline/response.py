@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from fretflow.case.config import Case, PeriodicMethod, SlidingRegime
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.store import read_record, write_csv, write_record
-from fretflow.effects.cycle import true_signals
 from fretflow.effects.model import EffectModel
 from fretflow.pipeline.problem import make_model
 from fretflow.pipeline.response_curves import sweep_of
@@ -203,11 +202,7 @@ def _write_loops(folder: Path, run: RunRecords, problem: PeriodicProblem) -> Non
 
 def _write_measured(context: StageContext, model: EffectModel, run: RunRecords) -> None:
     """Write ``measured_loops.csv``: what the sensors of the rig would record at each kept cycle count."""
-    total, rows = max(context.case.test.total_cycles, 1), []
-    for cycles, period in run.periods.items():
-        problem = model.problem(run.history.slow(int(np.searchsorted(run.history.cycles, cycles))))
-        observed = (period.upper_observation - period.lower_observation)[:, 0]
-        rows.append((cycles, model.sense(true_signals(problem, period, observed, cycles / total))))
+    rows = [(cycles, model.sense(seen)) for cycles, seen in run.signals(model, context.case.test.total_cycles).items()]
     write_csv(context.folder / "measured_loops.csv", {
         "cycle": np.concatenate([np.full(len(seen.displacement), cycles) for cycles, seen in rows]),
         "time_s": np.concatenate([seen.step * np.arange(len(seen.displacement)) for _, seen in rows]),

@@ -23,6 +23,8 @@ from fretflow.pipeline.trends import Trend
 if TYPE_CHECKING:
     import xarray as xr
 
+    from fretflow.structure.sensors import Signals
+
 
 @dataclass(frozen=True)
 class RunResults(RunRecords):
@@ -140,6 +142,13 @@ class RunResults(RunRecords):
     def _places(self) -> dict[str, Labelled]:
         return {"x": (("node",), self.nodes[:, 0], "m"), "y": (("node",), self.nodes[:, 1], "m"),
                 "area": (("node",), self.areas, "m^2")}
+
+    @cached_property
+    def channels(self) -> dict[int, Signals]:
+        """Return what acted and moved in the kept periods, by cycle count, before any sensor."""
+        from fretflow.pipeline.problem import make_model
+
+        return self.signals(make_model(self.case, self.folders["reduce"]), self.case.test.total_cycles)
 
     # In short
 

@@ -15,9 +15,12 @@ from fretflow.core.errors import InputError
 from fretflow.core.records import Array, quantity, record
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record
+from fretflow.effects.cycle import true_signals
+from fretflow.effects.model import EffectModel
 from fretflow.pipeline.stage import CHECKPOINTS
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
+from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.lumped import RigModes
 from fretflow.wear.checkpoint import kept_states
 from fretflow.wear.history import WearHistory
@@ -153,6 +156,16 @@ class RunRecords:
         if self.has("wear"):
             return dict(sorted(kept_states(self.folders["wear"] / CHECKPOINTS, PeriodicSolution).items()))
         return {0: self.unworn}
+
+    def signals(self, model: EffectModel, total_cycles: int) -> dict[int, Signals]:
+        """Return the channels of the kept periods by cycle count, before any sensor; `model` has the run's effects."""
+        made = {}
+        for cycles, period in self.periods.items():
+            worn = int(np.searchsorted(self.history.cycles, cycles)) if self.has("wear") else None
+            problem = model.problem(model.initial() if worn is None else self.history.slow(worn))
+            observed = (period.upper_observation - period.lower_observation)[:, 0]
+            made[cycles] = true_signals(problem, period, observed, cycles / max(total_cycles, 1))
+        return made
 
     @cached_property
     def responses(self) -> list[ForcedResponse]:

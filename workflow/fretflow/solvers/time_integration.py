@@ -122,7 +122,7 @@ def settle(problem: PeriodicProblem, start: PeriodicSolution | None, periods: tu
     while True:
         marched.append(march.period())
         history = _history(problem, steps_per_period, marched)
-        if len(marched) >= most or (len(marched) >= fewest and history.change[-1:].max(initial=0.0) <= drift):
+        if len(marched) >= most or (len(marched) >= max(fewest, 2) and history.change[-1].max() <= drift):
             return history
 
 

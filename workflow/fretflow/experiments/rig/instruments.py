@@ -13,6 +13,8 @@ and what is off by less than a unit or a sign are told by the same equations at 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import stats
 
@@ -56,22 +58,25 @@ def faults(recording: Recording, case: Case) -> tuple[str, ...]:
     saturated = [text for loops in known for text in _saturated(loops)]
     if saturated or not known:
         return tuple(saturated[:1])
-    try:
-        implausible = [*_gains(recording, case), *_friction(recording)] or _wear(recording)
-        return tuple(implausible or _late(recording, case) or _humming(recording, case) or _drifting(recording, case)
-                     or _small_gains(recording, case)[0] or _drifting_zero(recording, case))
-    except (FretflowError, np.linalg.LinAlgError):
-        return ()
+    implausible = [*_unless_singular(_gains, recording, case), *_friction(recording)] or _wear(recording)
+    checks = (_late, _humming, _drifting, lambda *asked: _small_gains(*asked)[0], _drifting_zero)
+    told = (_unless_singular(check, recording, case) for check in checks)
+    return tuple(implausible or next(filter(None, told), []))
 
 
 def doubts(recording: Recording, case: Case) -> tuple[str, ...]:
     """Return what may be a fault of the displacement or of what the file states of the rig: both explain the same."""
     if recording.loops is None:
         return ()
+    return tuple(_unless_singular(lambda *asked: _small_gains(*asked)[1], recording, case))
+
+
+def _unless_singular(check: Callable[[Recording, Case], list[str]], recording: Recording, case: Case) -> list[str]:
+    """Return what a check tells; nothing where the recording is too little for its equations."""
     try:
-        return tuple(_small_gains(recording, case)[1])
+        return check(recording, case)
     except (FretflowError, np.linalg.LinAlgError):
-        return ()
+        return []
 
 
 def _saturated(loops: LoopSet) -> list[str]:
@@ -312,7 +317,7 @@ def _gain(name: str, gain: float, sd: float) -> str:
 def _fundamentals(recording: Recording) -> Array:
     """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4).
 
-    None without a record of the drive: a stated amplitude has no phase.
+    None are left without a record of the drive: a stated amplitude has no phase.
     """
     tables = [np.zeros((0, 4), dtype=complex)]
     for loops, frequency in blocks_of(recording):

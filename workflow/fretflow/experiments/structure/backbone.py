@@ -31,7 +31,8 @@ def told(experiment: StructureExperiment, search: Search, decision: Decision, le
     location, after = _locate(experiment, search, decision), search.fits[decision.after]
     return {"location": location, "sentence": _sentence(decision, search, left, location.text, experiment.or_finer),
             "curves": curves(experiment, search.baseline.prediction, after.prediction),
-            "notes": (*map(str, experiment.recording.notes), *_notes(experiment), _checked(search, decision.after))}
+            "notes": (*map(str, experiment.recording.notes), *_notes(experiment, after.prediction),
+                      _checked(search, decision.after))}
 
 
 def held_out(experiment: StructureExperiment, search: Search, names: Names) -> HeldOut | None:
@@ -67,7 +68,7 @@ def _locate(experiment: StructureExperiment, search: Search, decision: Decision)
     if decision.verdict is Verdict.NONE:
         return Location(block="", channel="", phase="", cycles=(0, 0), zone="")
     own, fit = search.experiment.measurement, search.baseline
-    square = np.square(own.values - fit.predicted) / own.variance
+    square = np.square(own.values - experiment.as_recorded(fit.prediction)) / own.variance
     total = max(float(square.sum()), 1e-300)
     third = np.tile(experiment.third, len(own.channels))
     places = []
@@ -84,8 +85,8 @@ def _locate(experiment: StructureExperiment, search: Search, decision: Decision)
                     text=_parted(channel, zone))
 
 
-def _notes(experiment: StructureExperiment) -> list[str]:
-    own = experiment.structure
+def _notes(experiment: StructureExperiment, fitted: Prediction) -> list[str]:
+    own, off = experiment.structure, float(experiment.as_recorded(fitted)[0] / fitted.values[0]) - 1.0
     notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
              f"motions that strain nothing; mode {experiment.mode + 1} is compared", *outside_of_mode(experiment)]
     if experiment.spacing != 1.0:
@@ -94,6 +95,10 @@ def _notes(experiment: StructureExperiment) -> list[str]:
     if experiment.static:
         notes.append("the backbone is most probable as of static loads in the shape of the mode, as quasi-static "
                      "simulators predict it, and is compared with these")
+    if not experiment.matched:
+        notes.append(f"the backbone is most probable as of parts that the matrices are not matched to: its frequencies "
+                     f"are {100.0 * abs(off):.2g} % {'above' if off > 0.0 else 'below'} theirs, which counts as their "
+                     "error; check modulus, density and thickness of the parts")
     if own.error > 0.0:
         notes.append(f"the reduction changes the first frequencies by {100.0 * own.error:.2g} %")
     if experiment.recording.responses:
@@ -135,7 +140,7 @@ def _checked(search: Search, names: Names) -> str:
 def curves(experiment: StructureExperiment, *fits: Prediction) -> tuple[MeasuredCurve, ...]:
     """Return backbone and responses as measured and as two predictions, before and after, have them."""
     own, told = experiment.measurement, experiment.recorded
-    before, after = (one.values for one in fits)
+    before, after = (experiment.as_recorded(one) for one in fits)
     models = [(one.state, experiment.joint(one.point).linear_modes(experiment.mode + 1)[experiment.mode])
               for one in fits]
     name, unit = "modal amplitude", MODAL_UNIT

@@ -19,7 +19,7 @@ from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
-from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
+from fretflow.experiments.structure.observation import MATRICES, NOMINAL, BackboneObservation, moves_alike
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, shrunk, with_backbone
 from fretflow.experiments.structure.responses import POWERS
 from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Point, Prediction, differences
@@ -45,7 +45,6 @@ STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that th
 FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute
 MANY = 40  # contact points, from which on predictions take their time
 DRAWS = 16  # of what chance decides: their sd is known to a sixth
-LAID = 7  # baselines begun over a range of bolt loads or frictions: neighbours are half of its sd apart
 THIRDS = ("small amplitudes", "middle amplitudes", "large amplitudes")  # of the points; the last are held out
 
 
@@ -65,6 +64,7 @@ class StructureExperiment(Experiment):
     truncation: Array | None = None  # what twice the harmonics and samples add to that
     coarse: ReducedStructure | None = None  # the structure with points twice as far apart
     spacing: float = 1.0  # of contact points in what was recorded, over that of the matrices
+    matched: bool = True  # whether the matrices are to the parts that were recorded, or of a drawing
     or_finer: bool = False  # whether nothing would be missing if those of a finer mesh had been recorded
 
     @classmethod
@@ -128,7 +128,7 @@ class StructureExperiment(Experiment):
         values = np.concatenate([values for values, _ in blocks])
         place = np.log(own.amplitude)
         share = np.tile(0.5 * (place - place[0]) / max(float(np.ptp(place)), 1e-12), parts)
-        matrices = np.r_[MATRICES * own.frequency, np.zeros(rows - count)]
+        matrices = np.r_[(MATRICES if self.matched else NOMINAL) * own.frequency, np.zeros(rows - count)]
         gain = np.concatenate([np.gradient(values, place) for values, _ in blocks]) * self.recorded.calibration_sd
         noise = np.concatenate([sd**2 for _, sd in blocks])
         rough = np.concatenate([averaging(place, values) for values, _ in blocks])
@@ -187,6 +187,12 @@ class StructureExperiment(Experiment):
             other = prediction
         return mesh_errors(np.log(self.points.amplitude), other.values - prediction.values, self.spacing)
 
+    def as_recorded(self, prediction: Prediction) -> Array:
+        """Return predicted values (M,) with the error of the matrices' frequencies that the recording tells."""
+        known = self.measurement.covariance()
+        share = float(known.shared(self.measurement.values - prediction.values)[0])
+        return np.asarray(prediction.values + share * known.modes[:, 0])
+
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a bolted structure; on damping alone, where it was recorded."""
         return tuple(name for name, kind in catalogue().items() if "bolted" in vars(kind))
@@ -208,7 +214,8 @@ class StructureExperiment(Experiment):
         """
         space = self.parameters(())
         size = [one.size * (one.field != "modal_damping") for one in space.coordinates]
-        return [Point(space, at * np.eye(space.size)[int(np.argmax(size))]) for at in np.linspace(-HALF, HALF, LAID)]
+        laid = np.linspace(-HALF, HALF, 1 + int(2.0 * HALF / 0.5))  # half of a sd apart
+        return [Point(space, at * np.eye(space.size)[int(np.argmax(size))]) for at in laid]
 
     def released(self, point: Point) -> tuple[StructureExperiment, Point]:
         """Return the same as if nothing were said of the stated values, and a baseline point in it."""

@@ -146,7 +146,9 @@ def told_again(experiment: StructureExperiment, search: Search
         known = Posterior({names: exp(own - probable) for names, own in sets.items()}, exp(unlisted - probable), {})
         return probable + again.discrepancy.covariance.log_density, one, again, known
 
-    made = sorted((under(one) for one in told.readings()), key=lambda one: -one[0])
+    made = [under(one) for one in told.readings()]
+    likeliest = max(made, key=lambda one: one[0])
+    made = sorted([*made, under(replace(likeliest[1], matched=False))], key=lambda one: -one[0])
     _, told, again, _ = made[0]
     share = softmax([one[0] for one in made])
     others = [(float(own), fitted_by(again, known)) for own, (*_, known) in zip(share[1:], made[1:], strict=True)]
@@ -273,7 +275,9 @@ def beyond_stated(recording: StructureRecording | WornRecording, made: Iterable[
 def remainder(search: Search, decision: Decision) -> Remainder:
     """Return what the model of the verdict leaves, and the channel where it leaves most."""
     own = search.experiment.measurement
-    square = np.square(own.values - search.fits[decision.after].predicted) / own.variance
+    fit, made = search.fits[decision.after], search.experiment
+    values = made.as_recorded(fit.prediction) if isinstance(made, StructureExperiment) else fit.predicted
+    square = np.square(own.values - values) / own.variance
     shares = [float(square[own.channel == k].sum()) for k in range(len(own.channels))]
     return Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
                      times_noise=float(np.sqrt(square.mean())), where=own.channels[int(np.argmax(shares))])
