@@ -135,9 +135,15 @@ def test_nothing_is_lost_where_nothing_slides_wherever_between_the_points_that_b
         assert damping[:6] == pytest.approx(np.full(6, DAMPING), rel=1e-3)
 
 
-def test_nothing_is_missing_and_of_load_and_friction_the_product_alone_is_told(seen, tmp_path):
-    diagnosis = diagnose_structure(written(tmp_path, seen, (300.0, 3000.0)), True, lambda share, text: None)
+@pytest.mark.parametrize("off", [0.0, -0.015])
+def test_nothing_is_missing_and_of_load_and_friction_the_product_alone_is_told(seen, tmp_path, off):
+    """Also of parts that sound otherwise than their matrices, as those of a drawing do."""
+    parts = seen[0], (1.0 + off) * seen[1], seen[2]
+    diagnosis = diagnose_structure(written(tmp_path, parts, (300.0, 3000.0)), True, lambda share, text: None)
     assert diagnosis.verdict is Verdict.NONE
+    assert any("are 1.5 % below theirs" in note for note in diagnosis.notes) == (off < 0.0)
+    curve = diagnosis.curves[0]  # what is drawn has that error in it
+    assert curve.before == pytest.approx(curve.measured, rel=1e-3)
     values = {one.name.removeprefix("structure."): one for one in diagnosis.parameters}
     for name, truth in (("bolt_load", LOAD), ("friction_coefficient", FRICTION)):
         assert values[name].low < truth < values[name].high

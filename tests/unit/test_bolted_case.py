@@ -12,7 +12,7 @@ from fretflow.case.bolted import Elasticity, load_bolted_case
 from fretflow.case.config import load_case
 from fretflow.case.plausibility import implausible
 from fretflow.cli.run import _figure
-from fretflow.core.errors import ConfigError, MeshError
+from fretflow.core.errors import ConfigError, MeshError, StoreError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 EXAMPLE = (EXAMPLES / "bolted_beam.toml").read_text(encoding="utf-8")
@@ -92,6 +92,14 @@ def test_a_run_keeps_figures_curves_and_pictures(tmp_path):
     assert {file.name for file in own} >= {"summary.json", "backbone.csv", "curves.png"}
     # the facets that are drawn are the interface's own
     assert len(study.states) == study.joint.structure.contacts
+
+
+def test_a_folder_that_cannot_be_is_refused(tmp_path):
+    from fretflow.pipeline.bolted import run_bolted
+
+    (tmp_path / "case.toml").write_text(EXAMPLE, encoding="utf-8")
+    with pytest.raises(StoreError, match="cannot be written"):
+        run_bolted(load_bolted_case(tmp_path / "case.toml"), Path("/proc/nothing"))
 
 
 @pytest.mark.filterwarnings("error")

@@ -8,13 +8,17 @@ import pytest
 import report_cases
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import validate_case
+from fretflow.effects.friction_run_in import FrictionRunIn
 from fretflow.experiments.rig import run
+from fretflow.experiments.rig.simulation import Hypothesis
+from fretflow.experiments.rig.words import case_text
 from fretflow.inference.verdict import Estimate
 from fretflow.inference.words import cost
 from fretflow.pipeline.diagnose import Stages, memory, runnable
 
 CASE = dump_case(validate_case({
-    "format": "fretflow-case/1", "name": "recorded", "test": {"excitation_amplitude": "53 N", "cycles": 100000},
+    "format": "fretflow-case/1", "name": "recorded", "title": "serial 20240117.12345 again",
+    "test": {"excitation_amplitude": "53 N", "cycles": 100000},
     "specimen": {"youngs_modulus": "201226162482.7956 Pa"}, "wear": {"coefficient": "1.1049382716e-14 m^2/N"},
     "effects": {"friction-run-in": {"energy": "118782.44332862782 mJ"}}}))
 
@@ -30,11 +34,20 @@ def test_it_bears_the_recording_s_name_and_tells_what_was_fitted(diagnosis):
     case = validate_case(tomllib.loads(text))
     assert case.name == "my-recording-of-May"
     assert "# contact.friction_coefficient = 0.8345 (0.8321 to 0.8370)" in text
-    assert case.specimen.upper.youngs_modulus == pytest.approx(201226162482.7956, rel=1e-5)
-    assert 'youngs_modulus = "201.226 GPa"' in text
-    assert 'energy = "118.782 J"' in text
-    assert case.wear.coefficient == pytest.approx(1.1049382716e-14, rel=1e-5, abs=0.0)
+    assert case.title == "serial 20240117.12345 again"
     assert case.test.cycles == 100000
+
+
+def test_what_is_fitted_has_six_figures_and_what_is_stated_all():
+    stated = validate_case(tomllib.loads(CASE))
+    effects = (FrictionRunIn().changed(energy=118.78244332862782),)
+    text = case_text(stated, Hypothesis(effects, friction=1.0123456789), 0.8, 1.1049382716e-14)
+    case = validate_case(tomllib.loads(text))
+    assert case.specimen.upper.youngs_modulus == 201.226e9
+    assert case.contact.friction_coefficient == pytest.approx(0.8 * 1.0123456789, rel=1e-5)
+    assert 'energy = "118.782 J"' in text
+    assert case.wear.coefficient == 1.10494e-14
+    assert case.title == stated.title
 
 
 @pytest.mark.parametrize("text", ["", "[effects.viscous]\ndamping = \"300 N*s/m\"\n", "# only = words\n", "= 5"])

@@ -31,7 +31,6 @@ from fretflow_post.report.wear import wear_views
 
 PAGE = Path(__file__).parent / "page"
 MOST_RANKED, MOST_PLACES = 8, 10  # shown at once; the rest unfolds
-INSTRUMENTS = "instruments"  # what detected that they are at fault, which is no test of a model
 AS_GOOD_AS_REPEATED = 1.1  # times the repeatability floor
 
 
@@ -150,7 +149,7 @@ def _tiles(d: Diagnosis) -> Iterator[Tile]:
     if best is not None and d.verdict is not Verdict.NONE:
         what = "by the best of the catalogue" if d.verdict is Verdict.UNKNOWN else "of what the baseline leaves"
         yield Tile("Explained", words.percent(best.explained), what)
-    if d.detection.statistic != INSTRUMENTS:
+    if not d.faults:
         yield Tile("Errors of measurement alone", f"p = {words.p_value(d.detection.p_value)}".replace("= <", "<"),
                    "of a difference this large by them")
     if d.held_out is not None and math.isfinite(d.held_out.before):
@@ -182,7 +181,7 @@ def _physics(d: Diagnosis) -> Iterator[Physics]:
 
 def _how_sure(d: Diagnosis) -> tuple[str, ...]:
     """Return why something, or nothing, is taken to be missing, and why it is or is not named."""
-    if d.detection.statistic == INSTRUMENTS:
+    if d.faults:
         return ("Before any model was fitted, the channels were held to the rig's equations of motion, which hold "
                 "whatever the contact does. Once they are put right, diagnose the recording again.",)
     p, rate = words.p_value(d.detection.p_value), words.percent(d.detection.false_alarm_rate)

@@ -237,6 +237,7 @@ class Diagnosis:
     held_out: HeldOut | None
     separating_measurement: str
     smallest_visible: Mapping[str, float]  # effect: share of its plausible range that would have been seen
+    faults: tuple[str, ...] = ()  # of the instruments, before any model is fitted: no physics is told then
     comparisons: tuple[Comparison, ...] = ()
     evolution: Evolution | None = None
     residual_maps: tuple[ResidualMap, ...] = ()

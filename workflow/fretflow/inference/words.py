@@ -38,16 +38,12 @@ PROBABILITY_OF = {
 
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in a few words; faults of instruments are none about physics."""
-    return "Instruments at fault" if _at_fault(diagnosis) else VERDICT_WORDS[diagnosis.verdict]
+    return "Instruments at fault" if diagnosis.faults else VERDICT_WORDS[diagnosis.verdict]
 
 
 def probability_of(diagnosis: Diagnosis) -> str:
     """Return what the probability of a verdict is of."""
-    return "that an instrument is at fault" if _at_fault(diagnosis) else PROBABILITY_OF[diagnosis.verdict]
-
-
-def _at_fault(diagnosis: Diagnosis) -> bool:
-    return diagnosis.detection.statistic == "instruments"
+    return "that an instrument is at fault" if diagnosis.faults else PROBABILITY_OF[diagnosis.verdict]
 
 
 def number(value: float, resolution: float | None = None) -> str:

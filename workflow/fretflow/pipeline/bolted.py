@@ -19,6 +19,7 @@ from fretflow.core.records import Array
 from fretflow.core.store import write_csv
 from fretflow.effects.bolted_cycle import BoltedCycle, numbered_mode
 from fretflow.effects.cycle import march_wear
+from fretflow.pipeline.run_folder import holding
 from fretflow.pipeline.stage import SUMMARY_FILE, write_json
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
 from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode, follow_mode
@@ -208,10 +209,18 @@ def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], Non
     StoreError
         If the folder cannot be written.
     """
+    home = out / case.name
+    with holding(home):
+        study = _study_case(case, home, progress)
+        study.write(home)
+    return study
+
+
+def _study_case(case: BoltedCase, home: Path, progress: Callable[[float, str], None] | None) -> JointStudy:
+    """Return the study of a case, the mesh of a lap beam made in `home`."""
     from fretflow.recordings.readers.tables import read_table
 
-    own, home = case.structure, out / case.name
-    home.mkdir(parents=True, exist_ok=True)
+    own = case.structure
     mesh = own.mesh or home / "mesh.msh"
     tables = list(own.bolts)
     if own.lap_beam is not None:
@@ -232,13 +241,11 @@ def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], Non
     if line.measured is not None:
         table = read_table(line.measured, MEASURED)
         measured = np.array([table.column(name)[1] for name in MEASURED])
-    study = study_joint(
+    return study_joint(
         joint, np.geomspace(line.smallest, line.largest, line.points) / shape, mode=line.mode, periodic=line.periodic,
         forces=case.response.forces if case.response else (), drive=case.response.at if case.response else "",
         wear=wear, measured=measured, mesh=mesh, mesh_unit=own.mesh_unit, bolts=bolts, title=case.title or case.name,
         progress=progress)
-    study.write(home)
-    return study
 
 
 def output_shape(joint: BoltedJoint, mode: int = 1) -> float:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from fretflow.solvers.periodic import PeriodicProblem
 
 MOST_LETTERS = 100  # of a case's name
-_MANY_FIGURES = re.compile(r"(?<![\w.-])-?(?=[\d.]{9})\d+\.\d+(?:e[+-]?\d+)?(?![\w.])")
 MODELS = "models"  # folder of the reduced specimens, in the user's cache
 
 
@@ -124,17 +123,13 @@ def memory() -> tuple[float, float]:
 
 
 def runnable(diagnosis: Diagnosis, name: str) -> str:
-    """Return the case of a diagnosis under the recording's `name`, its parameters told; none where `run` refuses it.
-
-    Fitted values are rounded to six figures, far within their intervals.
-    """
+    """Return the case of a diagnosis under the recording's `name`, its parameters told; none where `run` refuses it."""
     from fretflow.effects.catalogue import parse_effects, tables
     from fretflow.inference import words
 
     own = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("._-")[:MOST_LETTERS] or "recorded"
-    text = _MANY_FIGURES.sub(lambda number: f"{float(number[0]):.6g}", diagnosis.case_file)
     try:
-        case = validate_case(tomllib.loads(text))
+        case = validate_case(tomllib.loads(diagnosis.case_file))
         effects = tables(parse_effects(case.effects))
     except (ConfigError, tomllib.TOMLDecodeError):
         return ""
@@ -142,7 +137,6 @@ def runnable(diagnosis: Diagnosis, name: str) -> str:
     for one in diagnosis.parameters:
         shown = words.interval(one)
         lines.append(f"# {one.name} = {shown.value} ({shown.ends}) {shown.unit}".rstrip())
-    # Written anew: a rounded number has another unit in which it is shortest.
     return "\n".join([*lines, dump_case(case.model_copy(update={"name": own, "effects": effects}))])
 
 

@@ -7,28 +7,25 @@ checkpoints again.
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import shutil
-import stat
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol, TextIO
+from typing import Protocol
 
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case, slice_hash
-from fretflow.core.errors import NO_SPACE, InputError, NonConvergenceError, StoreError, did_you_mean
+from fretflow.core.errors import InputError, NonConvergenceError, StoreError, did_you_mean
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.provenance import CostMeter, commit, versions
 from fretflow.core.store import write_csv, write_whole
 from fretflow.pipeline.estimate import check_memory
 from fretflow.pipeline.problem import check_effects
 from fretflow.pipeline.ranks import Ranks
+from fretflow.pipeline.run_folder import holding
 from fretflow.pipeline.stage import (
     CASE_FILE,
     RUN_FILE,
@@ -145,7 +142,7 @@ class Runner:
             provided(FIGURES, "names")(case.output)
         home = self._root / case.name
         results: dict[str, StageResult] = {}
-        with _writing(home), _locked(home):
+        with holding(home):
             keys = self.keys(case)
             _drop_summary(home, case)
             for stage in stages:
@@ -274,54 +271,3 @@ def _drop_summary(home: Path, case: Case) -> None:
         same = False
     if not same:
         path.unlink()
-
-
-@contextmanager
-def _writing(home: Path) -> Iterator[None]:
-    """Turn a full disk or a folder that cannot be made or written into one clear line."""
-    made = False
-    try:
-        home.mkdir(parents=True, exist_ok=True)
-        made = True
-        yield
-    except OSError as error:
-        if made and error.errno not in NO_SPACE:
-            raise
-        raise StoreError(
-            f"{error.filename or home}: cannot be written ({error.strerror}); complete stages are "
-            "kept: free some space or choose another --out, then run again"
-        ) from error
-
-
-def _own_file(path: Path) -> TextIO:
-    """Open the file `path`, made if it is not there, but nothing that stands elsewhere under that name."""
-    try:
-        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
-        handle = os.fdopen(number, "r+", encoding="utf-8")
-    except OSError as error:
-        if path.is_file() and not path.is_symlink():
-            raise
-        raise StoreError(f"{path}: is no ordinary file; remove it and run again") from error
-    state = os.fstat(number)
-    if stat.S_ISREG(state.st_mode) and state.st_nlink == 1:
-        return handle
-    handle.close()
-    raise StoreError(f"{path}: is a link or no ordinary file; remove it and run again")
-
-
-@contextmanager
-def _locked(home: Path) -> Iterator[None]:
-    """Hold the run folder for this process; the system lets go of it however the process ends."""
-    with _own_file(home / ".lock") as handle:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            handle.seek(0)
-            holder = handle.read().strip() or "unknown"
-            raise InputError(f"{home}: in use by another run (process {holder}); wait for it, "
-                             "or choose another --out") from error
-        handle.seek(0)
-        handle.write(str(os.getpid()))
-        handle.truncate()
-        handle.flush()
-        yield

@@ -116,10 +116,13 @@ def driven_data(recording: Recording) -> DrivenData:
         If it has neither loops nor a series with displacement and force, or too little that moves.
     """
     kind = recording.kind
-    if recording.series is not None:
-        return _of_series(kind, recording.series)
-    if recording.loops is not None:
-        return _of_loops(kind, recording.loops)
+    try:
+        if recording.series is not None:
+            return _of_series(kind, recording.series)
+        if recording.loops is not None:
+            return _of_loops(kind, recording.loops)
+    except UnreliableRecordingError as error:
+        raise UnreliableRecordingError(f"{recording.path}: {error}") from error
     raise UnreliableRecordingError(f"{recording.path}: has neither [series] nor [loops]; a diagnosis needs the "
                                    "displacement and the force of one of them")
 
@@ -216,7 +219,8 @@ def _closed(kind: RecordingKind, loops: Sequence[tuple[int, Array, Array]], step
         n = len(x)
         measured = measure(np.tile(x, 3), step) if 3 * n >= FEWEST else None
         if measured is None:
-            raise UnreliableRecordingError(f"loops: one of {n} samples is too short to be diagnosed")
+            raise UnreliableRecordingError(f"a loop of {n} samples is too short to be diagnosed; record more samples "
+                                           "a cycle")
         smooth = measured.motion
         columns = (smooth.displacement[n:2 * n] if timed else x, smooth.velocity[n:2 * n],
                    smooth.acceleration[n:2 * n], force, x)
@@ -282,8 +286,8 @@ def _split(data: DrivenData, usable: Mask) -> DrivenData:
         words += " and what follows"
     fitted, held_out = fitted & usable[:n], held_out & usable[:n]
     if min(fitted.sum(), held_out.sum()) < STRETCHES:
-        raise UnreliableRecordingError("series: too little is usable to fit one part and test on another; record more "
-                                       "cycles without gaps")
+        raise UnreliableRecordingError("too little is usable to fit one part and test on another; record more cycles "
+                                       "without gaps")
     return replace(data, fitted=fitted, held_out=held_out, held_out_words=words, notes=(*data.notes, *_noticed(data)))
 
 

@@ -145,7 +145,8 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
         effects=(), probability=1.0 - FALSE_ALARMS, ranking=(), sentence=words.of_instruments(wrong),
         detection=Detection(p_value=FALSE_ALARMS, statistic="instruments", tests={}, false_alarm_rate=FALSE_ALARMS),
         location=Location(block="sensor", channel="", phase="", cycles=(0, 0), zone="", text=""), parameters=(),
-        held_out=None, separating_measurement="The channels again, calibrated against each other at rest and unloaded.",
+        held_out=None, faults=tuple(wrong),
+        separating_measurement="The channels again, calibrated against each other at rest and unloaded.",
         smallest_visible={}, remainder=whole, warnings=told, notes=told)
 
 

@@ -190,12 +190,19 @@ def case_text(case: Case, fitted: Hypothesis, friction: float, wear: float) -> s
     """Return `case` with fitted parameters and effects, as a file that `fretflow run` takes.
 
     The hypothesis is one by factors on a coefficient of `friction` and of `wear` (m^2/N), and on values of the case.
+    What is fitted is rounded to six figures, far within its interval.
     """
-    sides = {side: own.model_copy(update={"youngs_modulus": own.youngs_modulus / fitted.compliance})
+    sides = {side: own.model_copy(update={"youngs_modulus": _rounded(own.youngs_modulus / fitted.compliance)})
              for side in SIDES for own in (getattr(case.specimen, side),)}
+    effects = [one.changed(**{name: _rounded(getattr(one, name)) for name in type(one).priors()})
+               for one in fitted.effects]
     return dump_case(case.model_copy(update={
-        "contact": case.contact.model_copy(update={"friction_coefficient": fitted.friction * friction}),
-        "wear": case.wear.model_copy(update={"coefficient": fitted.wear * wear}),
-        "rig": case.rig.model_copy(update={"moving_mass": case.rig.moving_mass * fitted.mass,
-                                           "hinge_damping_ratio": hinge_ratio(case) * fitted.damping}),
-        "specimen": case.specimen.model_copy(update=sides), "effects": tables(fitted.effects)}))
+        "contact": case.contact.model_copy(update={"friction_coefficient": _rounded(fitted.friction * friction)}),
+        "wear": case.wear.model_copy(update={"coefficient": _rounded(fitted.wear * wear)}),
+        "rig": case.rig.model_copy(update={"moving_mass": _rounded(case.rig.moving_mass * fitted.mass),
+                                           "hinge_damping_ratio": _rounded(hinge_ratio(case) * fitted.damping)}),
+        "specimen": case.specimen.model_copy(update=sides), "effects": tables(effects)}))
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.6g}")
