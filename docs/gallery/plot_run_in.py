@@ -28,5 +28,5 @@ left.set(xlabel="displacement in µm", ylabel="friction force in N")
 left.legend(fontsize=8, loc="center")
 right.plot(cycles, friction, "o-")
 right.set(xlabel="cycles", xticks=[0, 10_000, 20_000], xticklabels=["0", "10,000", "20,000"],
-          ylabel="friction coefficient off the loop")
+          ylabel="friction coefficient from the loop")
 plt.show()

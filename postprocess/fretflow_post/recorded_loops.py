@@ -72,7 +72,7 @@ def plot_recorded_loops(path: Path, title: str, loops_read: LoopsRead) -> list[P
 
 def _subtitle(drawn: int, kept: int, repeats: int, index: str) -> str:
     what = f"{drawn} of {kept}" if drawn < kept else f"{kept}"
-    what += f" {index.rstrip('s')} counts" if repeats > 1 and index == "cycles" else f" {index}"
+    what += " cycle counts" if index == "cycles" else f" {index}"
     over = f", mean of up to {repeats} repeats (thin: each)" if repeats > 1 else ""
     return f"loops of {what}{over}; bars or band: one standard deviation"
 

@@ -41,10 +41,10 @@ def test_the_summary_holds_what_went_in_and_what_must_follow(home):
     assert values["static load"] == pytest.approx(60.0, rel=1e-10)
     assert values["mesh quality"] == pytest.approx(1.0, rel=1e-9)  # bricks
     assert 0.0 < values["Craig-Bampton error"] < 1e-3
-    assert values["friction coefficient off the loop"] == pytest.approx(0.88, rel=0.01)
+    assert values["friction coefficient from the loop"] == pytest.approx(0.88, rel=0.01)
     assert 0.0 < values["mean wear depth"] <= values["largest wear depth"]
     assert values["wear volume"] == pytest.approx(values["mean wear depth"] * 1e-6, rel=1e-6)  # over 1 mm^2
-    assert values["tangential stiffness off the loop"] is None  # the faces slide before the loop could show it
+    assert values["tangential stiffness from the loop"] is None  # the faces slide before the loop could show it
     assert [trend["met"] for trend in summary["trends"]] == [None]  # 20,000 cycles are too few for the sliding
     assert 0.0 < values["stick share"] < 0.3  # it slides as a whole for most of the period
     texts = {figure["name"]: figure["text"] for figure in summary["figures"]}

@@ -93,5 +93,7 @@ def test_a_run_that_cannot_be_one_is_refused(run, tmp_path, capsys, monkeypatch)
     monkeypatch.setattr(RunResults, "of", lambda home: results)
     monkeypatch.setattr(RunResults, "channels", run.channels)
     assert cli.execute(["export", "run", "--to", "given"]) == 0
-    assert "`fretflow diagnose given` explains it" in capsys.readouterr().out
+    assert "of one with --noise, diagnose explains it" in capsys.readouterr().out
+    assert cli.execute(["export", "run", "--to", "noisy", "--noise", "0.01"]) == 0
+    assert "`fretflow diagnose noisy` explains it" in capsys.readouterr().out
     assert not (tmp_path / "given" / "wear_depth.csv").exists()

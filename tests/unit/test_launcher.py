@@ -131,6 +131,7 @@ def kinds(journal: list[str]) -> list[str]:
 
 
 def test_first_call_sets_up_and_hands_over(world):
+    (world.root / "elsewhere" / "my case.toml").touch()
     code, out, err = world.run("run", "my case.toml")
     assert code == 0
     assert out.splitlines() == [f"fretflow in {world.root}/elsewhere", "run", "my case.toml"]
@@ -176,6 +177,18 @@ def test_an_unknown_command_sets_nothing_up(world, arguments):
     assert (code, out, world.journal()) == (2, "", [])
     assert err == f'fretflow: Unknown command "{arguments[0]}"; `fretflow --help` tells what there is\n'
     assert not (world.clone / ".venv").exists()
+
+
+def test_a_file_that_is_not_there_sets_nothing_up(world):
+    code, out, err = world.run("run", "examples/quick.tom.toml")
+    assert (code, out, world.journal()) == (2, "", [])
+    assert err == "fretflow: examples/quick.tom.toml: there is no such file\n"
+
+
+def test_help_on_the_site_makes_none(world):
+    world.run("docs")
+    code, out, err = world.run("docs", "--help")
+    assert (code, out, err) == (0, "others may set up\n", "")  # what the stand-in for sphinx says
 
 
 def test_later_calls_do_nothing_but_hand_over(world):

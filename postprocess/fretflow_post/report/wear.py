@@ -43,7 +43,8 @@ def wear_views(wear: WearMap | None, after: bool) -> WearViews | None:
     high = max(largest / size, low + 1e-12) if largest > 0.0 else low + 1.0
 
     def told(values: Array, second: str, most: float) -> str:
-        return f"mean {number(float(np.nanmean(values)) / size)} {unit}, {second} {number(most / size)} {unit}"
+        mean = number(float(np.nanmean(values)) / size)
+        return f"mean of the points {mean} {unit}, {second} {number(most / size)} {unit}"
 
     panels = tuple((name, _wear_map(wear, values / size, f"wear depth {name}", style.DEPTH_MAP, (low, high),
                                     f"wear depth ({unit})"),

@@ -303,5 +303,5 @@ def export(run: Path, /, *, to: Path | None = None, noise: float = 0.0, json: Js
     found = RunResults.of(run)
     files = found.to_recording(folder, noise)
     show_files([*files, *keep_json(json, {"recording": str(folder), "files": list(map(str, files))})], "recording")
-    say_line(f"`fretflow loops {folder}` reads it, and `fretflow diagnose {folder}` explains it; "
-             f"{stiffness_told(found.case.mesh)}")
+    explains = f"`fretflow diagnose {folder}` explains it" if noise else "of one with --noise, diagnose explains it"
+    say_line(f"`fretflow loops {folder}` reads it, and {explains}; {stiffness_told(found.case.mesh)}")

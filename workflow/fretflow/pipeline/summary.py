@@ -123,13 +123,14 @@ def _loops(series: LoopSeries) -> list[Figure]:
     figures = []
     for name, unit in (("friction_coefficient", "1"), ("tangential_stiffness", "N/m")):
         first, last = (float(getattr(series, name)[k]) for k in (0, -1))
-        figures.append(Figure(f"{name.replace('_', ' ')} off the loop", last, unit,
-                              f"{_readable(first, unit)} unworn, {_readable(last, unit)} worn"))
+        shown = f"{_readable(first, unit)} unworn, {_readable(last, unit)} worn"
+        figures.append(Figure(f"{name.replace('_', ' ')} from the loop", last, unit,
+                              "not shown by the loops" if np.isnan([first, last]).all() else shown))
     return figures
 
 
 def _readable(value: float, unit: str) -> str:
-    return "not shown by the loop" if np.isnan(value) else pretty_quantity(value, unit, 4).removesuffix(" 1")
+    return "not shown" if np.isnan(value) else pretty_quantity(value, unit, 4).removesuffix(" 1")
 
 
 def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
