@@ -102,6 +102,7 @@ def _show(console: Terminal, diagnosis: Diagnosis) -> None:
         for one in diagnosis.ranking[:MOST_RANKED]:
             view.add_row(escape(words.together(one.effects)), words.probability(one.probability),
                          words.explained(diagnosis, one), words.fitted(one))
+        view.add_row(words.UNLISTED, words.probability(words.unlisted(diagnosis)), "", "")
         console.print(view)
     if diagnosis.location.text:
         console.print(f"where: {escape(diagnosis.location.text)}", soft_wrap=True)

@@ -36,6 +36,9 @@ PROBABILITY_OF = {
 }
 
 
+UNLISTED = "something that the catalogue lacks"
+
+
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in a few words; faults of instruments are none about physics."""
     return "Instruments at fault" if diagnosis.faults else VERDICT_WORDS[diagnosis.verdict]
@@ -145,6 +148,11 @@ def equation(text: str) -> Markup:
 def together(effects: tuple[str, ...]) -> str:
     """Return a set of effects in one phrase."""
     return " + ".join(effects) if effects else "nothing added (baseline)"
+
+
+def unlisted(diagnosis: Diagnosis) -> float:
+    """Return the probability that something acts which is not in the catalogue: what all sets leave."""
+    return max(0.0, 1.0 - sum(one.probability for one in diagnosis.ranking))
 
 
 def leading(diagnosis: Diagnosis) -> Candidate | None:
