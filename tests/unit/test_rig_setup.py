@@ -241,7 +241,7 @@ def test_levels_are_those_of_the_approach_and_of_the_normal_force() -> None:
     channels = {**plain.loops.channels, "excitation": 2.0 * force, "normal_force": LOAD + 1e-2 * force,
                 "approach": 1e-8 * force}
     seen = observe(replace(plain, loops=replace(plain.loops, channels=channels)))
-    measurement = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], frozenset(), None)
+    measurement = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], None)
     assert measurement.levels == {"approach", "normal_force"}
     assert measurement.inputs == {"excitation"}
 

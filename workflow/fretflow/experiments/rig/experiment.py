@@ -39,14 +39,13 @@ class RigExperiment(Experiment):
     rig: RigModel
     correction: Array
     code_error: Array  # (M, any), modes of what is not known of the correction
-    held_out: frozenset[str] = frozenset()  # labels of loops
     checks: tuple[RigModel, RigModel] | None = None  # on a finer mesh, and with more samples
     embedded: Array | None = None  # (M, any), see `Measurement`
 
     @cached_property
     def measurement(self) -> Measurement:
         """Return what was measured."""
-        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.held_out, self.embedded)
+        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.embedded)
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a rig."""
@@ -186,8 +185,7 @@ def rig_effects() -> tuple[str, ...]:
     return tuple(name for name, kind in catalogue().items() if FRETTING_RIG in kind.kinds)
 
 
-def measured(observation: Observation, code_error: Array, total_cycles: int, held_out: frozenset[str],
-             embedded: Array | None) -> Measurement:
+def measured(observation: Observation, code_error: Array, total_cycles: int, embedded: Array | None) -> Measurement:
     """Return an observation as the engine takes it."""
     size = len(observation.values)
     labels = tuple(dict.fromkeys(piece.label for piece in observation.pieces))
@@ -213,7 +211,7 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
         values=observation.values, variance=observation.variance, channel=rows["channel"], group=rows["group"],
         condition=rows["condition"],
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
-        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded, held_out=np.isin(
-            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)),
+        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded,
+        held_out=np.zeros(size, dtype=bool), inputs=frozenset({"excitation"} & set(channels)),
         levels=frozenset(name for name in channels if name in CHANNELS and (
             CHANNELS[name].absolute or CHANNELS[name].growing)))
