@@ -63,7 +63,7 @@ def line() -> Line:
     return Line(Measurement(
         values=zero, variance=zero + 1.0, modes=np.zeros((3, 0)), code_error=np.zeros((3, 0)),
         repeatable=zero + 1.0, channel=rows, channels=("a",),
-        phase=zero, group=rows, groups=("b",), cycles=zero, condition=rows, held_out=np.zeros(3, dtype=bool)))
+        phase=zero, group=rows, groups=("b",), cycles=zero, condition=rows))
 
 
 def test_a_range_is_the_90_percent_interval_of_its_parameter() -> None:

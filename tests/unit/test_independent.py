@@ -85,8 +85,7 @@ def linear(weight: float = 1.0, cost: float = 0.0, modes: int = 0) -> Linear:
     return Linear(Measurement(
         values=values, variance=np.full(COUNT, 0.01 / weight), modes=0.05 * rng.standard_normal((COUNT, modes)),
         code_error=np.zeros((COUNT, 0)), repeatable=np.full(COUNT, weight), channel=rows, channels=("a",),
-        phase=zero + np.nan, group=rows, groups=("b",), cycles=zero + np.nan, condition=rows,
-        held_out=np.zeros(COUNT, dtype=bool)), cost)
+        phase=zero + np.nan, group=rows, groups=("b",), cycles=zero + np.nan, condition=rows), cost)
 
 
 def search_of(experiment: Linear, effects: Sequence[str]) -> IndependentSearch:

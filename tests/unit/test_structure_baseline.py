@@ -33,7 +33,7 @@ class Ridge(Experiment):
         return Measurement(
             values=self._values(np.array([0.5, -0.5]) * APART), variance=np.ones(ROWS), modes=np.zeros((ROWS, 0)),
             code_error=np.full((ROWS, 1), 1e-6), repeatable=np.ones(ROWS), channel=none, channels=("values",),
-            phase=0.5 * PLACE, group=none, groups=("all",), cycles=some, condition=none, held_out=none == 1)
+            phase=0.5 * PLACE, group=none, groups=("all",), cycles=some, condition=none)
 
     def parameters(self, effects: Any, signs: Any = None) -> Parameters:
         """Return both coordinates, in units of what is known of them beforehand."""

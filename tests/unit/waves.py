@@ -25,8 +25,7 @@ def measurement(values: Array | None = None, sd: float = SD) -> Measurement:
         values=own, variance=np.full(size, sd**2), modes=np.zeros((size, 0)),
         code_error=0.01 * np.sin(16.0 * np.pi * phase + 0.3)[:, None], repeatable=np.ones(size),
         channel=np.zeros(size, dtype=int), channels=("force",), phase=phase, group=loop,
-        groups=tuple(map(str, range(LOOPS))), cycles=loop / (LOOPS - 1.0), condition=np.zeros(size, dtype=int),
-        held_out=np.zeros(size, dtype=bool))
+        groups=tuple(map(str, range(LOOPS))), cycles=loop / (LOOPS - 1.0), condition=np.zeros(size, dtype=int))
 
 
 SHAPES = {"viscous": lambda phase, share: np.sin(2.0 * np.pi * phase),

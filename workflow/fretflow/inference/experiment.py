@@ -49,7 +49,6 @@ class Measurement:
     groups: tuple[str, ...]
     cycles: Array = quantity("1", "(M,), share of the test that had passed; nan where that says nothing")
     condition: NDArray[np.int64] = quantity("1", "(M,), 0 as in the test, others at other conditions")
-    held_out: NDArray[np.bool_] = quantity("1", "(M,), rows that judge a prediction; fits for it leave them out")
     inputs: frozenset[str] = frozenset()  # channels of what drives the joint, which no code and no law gets wrong
     levels: frozenset[str] = frozenset()  # channels whose means over a loop are measured, beside a zero of all loops
     embedded: Array | None = quantity("SI", "(M, K), what relative errors of one in the model's own forces, masses, "

@@ -124,7 +124,7 @@ class DrivenExperiment(IndependentExperiment):
             modes=np.stack(modes, axis=1) if modes else np.zeros((count, 0)), code_error=np.zeros((count, 0)),
             repeatable=np.full(count, 1.0 / alike), channel=np.zeros(count, np.int64), channels=("force",),
             phase=2.0 * data.phase[rows] % 1.0, group=group, groups=tuple(f"stretch {k + 1}" for k in groups),
-            cycles=np.full(count, np.nan), condition=np.zeros(count, np.int64), held_out=data.held_out[rows])
+            cycles=np.full(count, np.nan), condition=np.zeros(count, np.int64))
 
     @property
     def modulations(self) -> Array:

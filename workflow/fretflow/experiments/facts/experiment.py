@@ -80,7 +80,7 @@ class FactsExperiment(IndependentExperiment):
             values=np.array([_level(fact) for fact in facts]), variance=np.ones(size), modes=np.zeros((size, 0)),
             code_error=self.code_error, repeatable=np.ones(size), channel=every, channels=labels,
             phase=np.full(size, np.nan), group=every, groups=labels, cycles=np.full(size, np.nan),
-            condition=np.zeros(size, np.int64), held_out=np.zeros(size, bool))
+            condition=np.zeros(size, np.int64))
 
     @property
     def modulations(self) -> Array:

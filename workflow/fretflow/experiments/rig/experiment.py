@@ -212,6 +212,6 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, emb
         condition=rows["condition"],
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
         channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded,
-        held_out=np.zeros(size, dtype=bool), inputs=frozenset({"excitation"} & set(channels)),
+        inputs=frozenset({"excitation"} & set(channels)),
         levels=frozenset(name for name in channels if name in CHANNELS and (
             CHANNELS[name].absolute or CHANNELS[name].growing)))

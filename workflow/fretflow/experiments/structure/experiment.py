@@ -133,7 +133,6 @@ class StructureExperiment(Experiment):
         noise = np.concatenate([sd**2 for _, sd in blocks])
         rough = np.concatenate([averaging(place, values) for values, _ in blocks])
         decrement = np.r_[np.zeros(count), own.of_decay][:rows]  # or a ratio of energies: nothing says which was taken
-        last = self.third == len(THIRDS) - 1
         # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
         about = np.concatenate([values - values.mean() for values, _ in blocks])
         return Measurement(
@@ -141,7 +140,12 @@ class StructureExperiment(Experiment):
             code_error=np.column_stack([self._code_error, MATRICES * about]), repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
             group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
-            condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
+            condition=np.zeros(rows, dtype=np.int64))
+
+    @property
+    def held_out(self) -> NDArray[np.bool_]:
+        """Return the rows (M,) that judge a prediction: the largest amplitudes of each channel."""
+        return np.tile(self.third == len(THIRDS) - 1, len(self.measurement.channels))
 
     @property
     def third(self) -> NDArray[np.int64]:

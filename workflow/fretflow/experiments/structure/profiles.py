@@ -62,7 +62,7 @@ class ProfileExperiment(Experiment):
             repeatable=np.ones(len(values)), channel=alone.astype(np.int64),
             channels=("worn depth", "worn volume")[:2 if areas else 1], phase=phase, group=group,
             groups=(*(one.name for one in profiles), *(f"test {k + 1}" for k in range(len(areas)))),
-            cycles=np.full(len(values), np.nan), condition=group, held_out=group == len(profiles) - 1)
+            cycles=np.full(len(values), np.nan), condition=group)
 
     @cached_property
     def _width(self) -> float:

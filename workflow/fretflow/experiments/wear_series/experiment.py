@@ -40,8 +40,7 @@ class WearSeriesExperiment(IndependentExperiment):
             values=self._shown(tests.volume), variance=(self.data.sd / tests.scale)**2 / tests.weight,
             modes=np.zeros((count, 0)), code_error=np.zeros((count, 0)), repeatable=tests.weight, channel=nothing,
             channels=("worn volume",), phase=np.full(count, np.nan), group=group,
-            groups=tuple(f"condition {k + 1}" for k in conditions), cycles=np.full(count, np.nan), condition=nothing,
-            held_out=np.zeros(count, bool))
+            groups=tuple(f"condition {k + 1}" for k in conditions), cycles=np.full(count, np.nan), condition=nothing)
 
     def _shown(self, volume: Array) -> Array:
         tests = self.data.tests
