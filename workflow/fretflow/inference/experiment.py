@@ -56,6 +56,20 @@ class Measurement:
     place: Array | None = quantity("1", "(M, 2), shares of the extent of a map; nan where a row is of no place",
                                    default=None)
 
+    @classmethod
+    def of(cls, values: Array, variance: Array, *, channels: tuple[str, ...], groups: tuple[str, ...], **told: Any
+           ) -> Measurement:
+        """Return a measurement of fields as told; the others are those of rows of one kind.
+
+        All rows are then of the first channel, of the first group and as in the test, at no phase and no cycle count,
+        with errors that repeats show in full and that no rows share.
+        """
+        size = len(values)
+        first, nowhere, unshared = np.zeros(size, dtype=np.int64), np.full(size, np.nan), np.zeros((size, 0))
+        of_one_kind = {"modes": unshared, "code_error": unshared, "repeatable": np.ones(size), "channel": first,
+                       "phase": nowhere, "group": first, "cycles": nowhere, "condition": first}
+        return cls(values=values, variance=variance, channels=channels, groups=groups, **{**of_one_kind, **told})
+
     @property
     def expected(self) -> float:
         """Return the chi-squared that repeats explain."""

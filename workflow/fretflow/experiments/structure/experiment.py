@@ -135,12 +135,11 @@ class StructureExperiment(Experiment):
         decrement = np.r_[np.zeros(count), own.of_decay][:rows]  # or a ratio of energies: nothing says which was taken
         # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
         about = np.concatenate([values - values.mean() for values, _ in blocks])
-        return Measurement(
-            values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain, decrement]),
+        return Measurement.of(
+            values, noise + rough**2, modes=np.column_stack([matrices, gain, decrement]),
             code_error=np.column_stack([self._code_error, MATRICES * about]), repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
-            group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
-            condition=np.zeros(rows, dtype=np.int64))
+            groups=("backbone",))
 
     @property
     def held_out(self) -> NDArray[np.bool_]:
