@@ -38,7 +38,6 @@ class ModalBackbone:
     friction_damping: Array = quantity("1", "(A,), that of the joint")
     outputs: Array = quantity("m", "(A, outputs), amplitude of each named output, with its sign")
     output_names: tuple[str, ...] = ()
-    linear_frequency: float = quantity("Hz")
     dissipated: Array = quantity("J", "(A,), by friction in a cycle")
     sliding: NDArray[np.int64] = quantity("1", "(A,), contact points that slide")
     open: NDArray[np.int64] = quantity("1", "(A,), contact points that open")
@@ -114,7 +113,7 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     damping = work / (2.0 * np.pi * square * x**2)
     return ModalBackbone(
         amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi), damping=damping, friction_damping=damping,
-        outputs=outputs, output_names=tuple(joint.structure.outputs), linear_frequency=mode.frequency, dissipated=work,
+        outputs=outputs, output_names=tuple(joint.structure.outputs), dissipated=work,
         sliding=busy[0][back], open=busy[1][back], states=states).of(joint)
 
 

@@ -91,7 +91,6 @@ class Identification:
     data: Data
     value: Array = quantity("SI", "(P,)")
     predicted: Array = quantity("SI", "(D,)")
-    sensitivity: Array = quantity("1", "(D, P), d ln y / d ln p")
     covariance: Array = quantity("1", "(P, P), of ln p")
     strength: Array = quantity("1", "(min(D, P),), singular values g, descending")
     directions: Array = quantity("1", "(min(D, P), P), exponents of ln p, largest 1")
@@ -210,6 +209,5 @@ def _judge(z: Array, scaled: Array, forward: Callable[[Array], Array], prior: Lo
     covariance: Array = np.asarray(np.linalg.inv(np.eye(len(z)) + scaled.T @ scaled), dtype=float)
     return Identification(
         prior=prior, data=data, value=prior.parameters(z), predicted=forward(prior.parameters(z)),
-        sensitivity=scaled * data.relative_sd[:, None] / spread, covariance=covariance * np.outer(spread, spread),
-        strength=strength, directions=exponents / largest[:, None],
+        covariance=covariance * np.outer(spread, spread), strength=strength, directions=exponents / largest[:, None],
         direction_sd=1.0 / (np.sqrt(1.0 + strength**2) * np.abs(largest)))
