@@ -97,6 +97,6 @@ def spaces(experiment: RigExperiment, base: Fit) -> list[Space]:
     loops = [Loop.of(experiment.rig, base, period) for period in (*solved.loops, *solved.sweep)]
     by_block = []
     for block, make in MAKERS:
-        shared, single = (projected(base, covariance.whiten(part)) for part in make(experiment.rig, base, loops))
+        shared, single = (projected(base, covariance.whiten(part)) for part in make(experiment.rig, loops))
         by_block.append(Space(block=block, shared=shared, single=single))
     return by_block
