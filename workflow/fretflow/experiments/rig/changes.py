@@ -1,6 +1,6 @@
 """Changes of a recording that one block of the rig's model may make, with the equations of all others as they are.
 
-Each maker returns the columns of one block, see `rig_blocks`: those that all loops share, and those of one loop each.
+Each maker returns the columns of one block, see `blocks`: those that all loops share, and those of one loop each.
 """
 
 from __future__ import annotations

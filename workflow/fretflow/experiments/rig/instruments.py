@@ -312,7 +312,7 @@ def _gain(name: str, gain: float, sd: float) -> str:
 def _fundamentals(recording: Recording) -> Array:
     """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4).
 
-    None without a record of the drive: a stated amplitude has no phase.
+    K is zero without a record of the drive: a stated amplitude has no phase.
     """
     tables = [np.zeros((0, 4), dtype=complex)]
     for loops, frequency in blocks_of(recording):

@@ -50,8 +50,7 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
     experiment, base
         The model with its covariance, and the baseline fitted.
     block
-        The block of the named effects, in words; where it is empty it is decided from cuts of the model (see
-        `rig_blocks`).
+        The block of the named effects, in words; where it is empty it is decided from cuts of the model (see `blocks`).
     cut
         Whether that is to be decided at all.
     """
