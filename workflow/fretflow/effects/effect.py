@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
-from numpy.typing import NDArray
 from pydantic import Field
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array as Array
 from fretflow.effects.sketches import Sketch as Sketch
 from fretflow.effects.sketches import loop_sketch
 from fretflow.recordings.kinds import RecordingKind as RecordingKind
@@ -50,8 +50,6 @@ if TYPE_CHECKING:
     from fretflow.structure.driven import Sliders
     from fretflow.wear.cycle import CycleResponse
     from fretflow.wear.slow import SlowState
-
-Array = NDArray[np.float64]
 
 
 class Block(StrEnum):

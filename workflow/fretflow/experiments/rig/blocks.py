@@ -22,10 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.experiments.rig.changes import MAKERS, Loop
 from fretflow.experiments.rig.experiment import RigExperiment, simulation_of
-from fretflow.experiments.rig.observation import Array
 from fretflow.inference.evidence import SIZES
 from fretflow.inference.least_squares import Fit
 

@@ -19,6 +19,7 @@ from scipy import stats
 from fretflow.case.config import Case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import FretflowError
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.sensor_drift import SensorDrift
@@ -34,7 +35,7 @@ from fretflow.experiments.rig.equations import (
     is_periodic,
 )
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
-from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED, Array
+from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED
 from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear, friction_from_energy
 from fretflow.inference.parameters import HALF
 from fretflow.recordings.loopset import LoopSet, plateau

@@ -8,7 +8,8 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.experiments.rig.observation import Array, Observation, Piece
+from fretflow.core.records import Array
+from fretflow.experiments.rig.observation import Observation, Piece
 from fretflow.experiments.rig.phases import Strokes, smoothed
 from fretflow.experiments.rig.views import level, loop_pieces
 from fretflow.inference.verdict import ResidualLaw

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fretflow.core.records import Array
 from fretflow.experiments.rig.blocks import Cut, cuts
 from fretflow.experiments.rig.experiment import RigExperiment
-from fretflow.experiments.rig.observation import Array, Observation, count_label
+from fretflow.experiments.rig.observation import Observation, count_label
 from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.evidence import LOOP_HARMONICS

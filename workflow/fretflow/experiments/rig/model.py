@@ -18,9 +18,10 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from fretflow.case.config import Solver, WearScheme
 from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.model import EffectModel
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece, is_other_motion
+from fretflow.experiments.rig.observation import CHANNELS, Observation, Piece, is_other_motion
 from fretflow.experiments.rig.simulation import (
     Hypothesis,
     Period,

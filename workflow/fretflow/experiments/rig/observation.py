@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd
@@ -23,8 +23,6 @@ from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_waves
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

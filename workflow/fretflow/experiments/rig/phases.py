@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.records import quantity, record
-from fretflow.experiments.rig.observation import HARMONICS, Array
+from fretflow.core.records import Array, quantity, record
+from fretflow.experiments.rig.observation import HARMONICS
 
 PHASES = ("reversal", "stick slope", "knee", "plateau", "plateau end")
 

@@ -14,6 +14,7 @@ from scipy.stats import norm
 
 from fretflow.case.config import Case, Reduction
 from fretflow.core.errors import FretflowError
+from fretflow.core.records import Array
 from fretflow.experiments.rig import words
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, simulation_of
 from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_out
@@ -21,7 +22,7 @@ from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import RigModel
-from fretflow.experiments.rig.observation import Array, measured_loops, observe
+from fretflow.experiments.rig.observation import measured_loops, observe
 from fretflow.experiments.rig.setup import (
     ELEMENTS,
     FRICTION,

@@ -11,9 +11,10 @@ from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.case.sections import ContactSection
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.rig.model import SAMPLES, RigModel
-from fretflow.experiments.rig.observation import Array, Observation, check_blocks
+from fretflow.experiments.rig.observation import Observation, check_blocks
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import plateau

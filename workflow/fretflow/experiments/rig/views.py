@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array
 from fretflow.experiments.rig.model import SAMPLES
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
+from fretflow.experiments.rig.observation import CHANNELS, Observation, Piece
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.verdict import Comparison, Evolution, ResidualMap, WearMap
 from fretflow.recordings.readings import read_noisy_loop

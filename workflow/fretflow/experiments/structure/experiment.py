@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Prior, RecordedSize
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
@@ -38,8 +39,6 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import (
 )
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import COMPARED, RIGID_MOTIONS, ReducedStructure, reduce_structure
-
-Array = NDArray[np.float64]
 
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute

@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 
 from fretflow.contact.kernels.static import SEPARATION, SLIP, States
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
-
-Array = NDArray[np.float64]
 
 STEPS = 12  # of load in half a cycle; chords lose 1 / STEPS^2 of a branch that is a parabola, which is given back
 APPROACH = 4  # of load from one amplitude to the next, and from end to end of a first cycle

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 
-Array = NDArray[np.float64]
 DIFFERENCE = 0.01  # of ln p: above the noise of a sampled period, below its curvature
 TOLERANCE = 1e-6  # relative change of objective or coordinates at which to stop
 TRUST = 3.0  # prior standard deviations that a parameter may move
