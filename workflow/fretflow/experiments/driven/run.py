@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from fretflow.core.progress import Progress
 from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.driven.data import DrivenData, driven_data
 from fretflow.experiments.driven.experiment import DrivenExperiment
@@ -31,7 +32,7 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
 from fretflow.inference.search import FAST, FULL
-from fretflow.inference.strategy import Progress, begin_all, run_search
+from fretflow.inference.strategy import begin_all, run_search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED

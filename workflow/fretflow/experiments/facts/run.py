@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from fretflow.case.config import Case, Wear
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.progress import Progress
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.facts.experiment import FactsExperiment, shown
 from fretflow.experiments.independent import IndependentSearch, estimates
@@ -22,7 +23,7 @@ from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
-from fretflow.inference.strategy import Progress, run_search
+from fretflow.inference.strategy import run_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.kinds.facts import QUANTITIES, FactsFile, FactsRecording

@@ -14,6 +14,7 @@ from scipy.stats import norm
 
 from fretflow.case.config import Case, Reduction
 from fretflow.core.errors import FretflowError
+from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.experiments.rig import words
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, simulation_of
@@ -56,7 +57,7 @@ from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, Pool, Search
-from fretflow.inference.strategy import Progress, run_search, start_search
+from fretflow.inference.strategy import run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed
 from fretflow.recordings.periods import LEVEL

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
@@ -26,7 +27,7 @@ from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
-from fretflow.inference.strategy import Progress, run_search
+from fretflow.inference.strategy import run_search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
     Detection,
