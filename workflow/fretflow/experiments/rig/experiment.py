@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -92,10 +93,14 @@ class RigExperiment(Experiment):
         if last is None or not self._is_other_motion(leading):
             return None
         kept, seen = self.rig.observation.until(last)
-        rig, *checks = (replace(one, observation=seen) for one in (self.rig, *(self.checks or ())))
-        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None,
-                       correction=self.correction[kept], code_error=self.code_error[kept],
+        return replace(self._with_models(observation=seen), correction=self.correction[kept],
+                       code_error=self.code_error[kept],
                        embedded=None if self.embedded is None else self.embedded[kept])
+
+    def _with_models(self, **changes: Any) -> RigExperiment:
+        """Return the same with fields of its model, and of those that check it, changed."""
+        rig, *checks = (replace(one, **changes) for one in (self.rig, *(self.checks or ())))
+        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)
 
     def _is_other_motion(self, prediction: Prediction) -> bool:
         """Tell whether a prediction is of another motion than the measured one anywhere."""
@@ -126,8 +131,7 @@ class RigExperiment(Experiment):
         jumps = last is not None and last < max(self.rig.observation.counts)
         if self.rig.wear_tolerance <= WearSettings.tolerance or jumps:
             return None
-        rig, *checks = (replace(one, wear_tolerance=WearSettings.tolerance) for one in (self.rig, *(self.checks or ())))
-        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)
+        return self._with_models(wear_tolerance=WearSettings.tolerance)
 
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail.
