@@ -84,6 +84,7 @@ class Prior:
     rig_only: bool = False
     held: bool = False
     neutral: float | None = None  # the value with which, all neutral ones alike, nothing changes
+    periodic: bool = False  # whether values a range apart are the same, as angles a turn apart are
 
 
 # What would show an effect, in words that every kind of recording shares.
@@ -96,14 +97,15 @@ ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm², 100 Hz"
 
 def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = "",
               neutral: float | None = None, logarithmic: bool | None = None, rig_only: bool = False,
-              held: bool = False, **limits: Any) -> Any:
+              held: bool = False, periodic: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
     A `source` of the range that is not given is the catalogue's estimate, or for users' effects the file they are in.
     With the `neutral` values of all parameters that have one, the effect changes nothing.
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
     One that acts in the fretting rig only is not fitted where a measured motion drives the joint, nor is one that is
-    `held` there, as the force tells only its ratio to another one.
+    `held` there, as the force tells only its ratio to another one. Values of a `periodic` one that lie a range apart
+    are the same.
 
     Examples
     --------
@@ -116,7 +118,8 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     if not low < high:
         raise InputError(f"parameter {meaning!r}: its range, {low} to {high}, must rise")
     decades = low > 0.0 and high / low >= 10.0
-    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held, neutral)
+    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held, neutral,
+                  periodic)
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 

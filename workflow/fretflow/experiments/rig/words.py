@@ -162,9 +162,9 @@ def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half:
     if coordinate.effect:
         of_effect = estimate(coordinate, z, half, draws, described(coordinate.effect, coordinate.field))
         prior = catalogue()[coordinate.effect].priors()[coordinate.field]
-        turn = 2.0 * np.pi  # width of the range of an angle
-        if prior.high - prior.low != turn:
+        if not prior.periodic:
             return of_effect
+        turn = prior.high - prior.low
         turns = turn * np.round(of_effect.value / turn)
         return replace(of_effect, value=of_effect.value - turns, low=of_effect.low - turns, high=of_effect.high - turns,
                        draws=of_effect.draws - turns)
