@@ -17,7 +17,7 @@ Derivatives by parameters need not be written: `model` differentiates the data o
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
@@ -342,6 +342,11 @@ class Effect(Section):
     def force(self, motion: Motion) -> Array | float:
         """Return the force that is added to the friction, () or (N,) in N, positive against positive motion."""
         return 0.0
+
+
+def in_acting_order(effects: Iterable[Effect]) -> list[Effect]:
+    """Return `effects` as they change a problem or a bolted joint one after the other, then by id."""
+    return sorted(effects, key=lambda effect: (effect.acts_at, effect.id))
 
 
 def in_sensors_alone(kind: type[Effect]) -> bool:

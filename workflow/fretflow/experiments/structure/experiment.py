@@ -18,7 +18,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import Array
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Prior, RecordedSize
+from fretflow.effects.effect import Prior, RecordedSize, in_acting_order
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
 from fretflow.experiments.structure.observation import MATRICES, BackboneObservation, moves_alike
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, shrunk, with_backbone
@@ -247,7 +247,7 @@ class StructureExperiment(Experiment):
         joint = BoltedJoint(structure=self.structure, bolt_load=own["bolt_load"],
                             law=Coulomb(friction_coefficient=np.array(own["friction_coefficient"])),
                             modal_damping=own.get("modal_damping", 0.0))  # stated as none
-        for effect in sorted(point.built(), key=lambda effect: (effect.acts_at, effect.id)):
+        for effect in in_acting_order(point.built()):
             joint = effect.bolted_anew(joint, self.draw) if self.draw else effect.bolted(joint)
         return joint
 
