@@ -18,7 +18,7 @@ import pytest
 from fretflow.case.config import Rig
 from fretflow.core.units import parse_quantity
 from fretflow.experiments.rig.equations import DELAYS, Equations
-from fretflow.experiments.rig.instruments import _rig, faults
+from fretflow.experiments.rig.instruments import faults
 from fretflow.experiments.rig.run import RigTools, diagnose_rig
 from fretflow.experiments.rig.setup import case_of
 from fretflow.inference.words import headline
@@ -285,7 +285,7 @@ def test_delays_are_solved_to_the_end_from_any_guess(name: str, known: bool, gue
                                                      recordings: Path) -> None:
     """Where the second step was longer than the first, what had been reached by then was told: none of a rig's play."""
     recording = read_recording(recordings / name)
-    equations = Equations.of(recording, _rig(case_of(recording)))
+    equations = Equations.of(recording, LumpedRig.of(case_of(recording).rig))
     assert equations is not None
     synchronised = equations.synchronised(np.array(guess))
     assert synchronised is not None or not known
