@@ -54,3 +54,12 @@ class Interface:
     def size(self) -> int:
         """Return the number of node pairs."""
         return len(self.areas)
+
+    def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the area mean (...) of values (..., nodes)."""
+        return area_mean(values, self.areas)
+
+
+def area_mean(values: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean (...) of values (..., nodes) over areas (nodes,)."""
+    return np.asarray(values @ areas / areas.sum())

@@ -371,8 +371,7 @@ class RigModel:
         """Return the displacement (N,) where the recording measured it, m."""
         solution = period.solution
         if self.displacement_of.place is MeasuredAt.CONTACT_FACES:
-            areas = self.problem.interface.areas
-            slid = solution.displacement[:, :, 0] @ areas / areas.sum()
+            slid = self.problem.interface.mean(solution.displacement[:, :, 0])
             return np.asarray(slid - asperity_motion(period, period.problem, period.condition))
         if self.displacement_of.place is MeasuredAt.BACK_FACES:
             return solution.rig_displacement[:, 1]
